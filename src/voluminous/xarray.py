@@ -1,4 +1,4 @@
-"""``import voluminous.xarray`` gives xarray's arrays and data sets ``.voluminous``."""
+"""``import voluminous.xarray`` adds the accessor ``.voluminous`` to xarray's classes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     from .image import Image
     from .volume import Volume
 
-# Options of `to_volume` that `render` takes too; all others are those of `voluminous.render`.
+# Options of `render` that go to `to_volume`; all others go to `voluminous.render`.
 _PLACES = ("fields", "dims", "isel", "sel", "bounds", "spacing", "aspect", "unit")
 
 
 class Accessor:
-    """What ``.voluminous`` is on an xarray.DataArray or Dataset."""
+    """The accessor ``.voluminous`` of an xarray.DataArray or Dataset."""
 
     def __init__(self, data: Any) -> None:
         self._data = data
@@ -32,10 +32,10 @@ class Accessor:
         Parameters
         ----------
         medium : Medium or str, optional
-            By default `voluminous.suggest_medium` finds one, for the field or
-            expression if that is given.
+            A text is a field or expression, for which `voluminous.suggest_medium` chooses the
+            medium. Default: its choice for the whole volume.
         camera : camera, optional
-            By default all is seen, from obliquely above.
+            Default: the whole volume in the frame, seen obliquely from above.
         **options
             ``fields, dims, isel, sel, bounds, spacing, aspect, unit`` as in
             `voluminous.Volume.from_xarray`; all others as in `voluminous.render`.

@@ -1,4 +1,4 @@
-"""The only door to Dr.Jit: device, precision, finding LLVM, and the arithmetic kernels need."""
+"""All access to Dr.Jit: device, precision, locating LLVM, and the arithmetic that kernels need."""
 
 from ..llvm import ensure_llvm
 from .arrays import aligned, clone_inputs, copy_into, from_host

@@ -1,4 +1,4 @@
-"""Arrays in memory that kernels read: from NumPy, and copies whose numbers can be changed."""
+"""Kernel input arrays: from NumPy, and copies that can be overwritten."""
 
 from __future__ import annotations
 

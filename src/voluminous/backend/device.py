@@ -1,4 +1,4 @@
-"""Devices and precisions: the array types a kernel is traced with, and the LLVM behind them."""
+"""Devices and precisions: the array types of kernels, and the LLVM version they need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Functions of optical depth that keep all their digits, for arrays of any device and precision."""
+"""Accurate functions of optical depth, for arrays of any device and precision."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ _EXP2 = (1.0000001, 0.69314694, 0.2402212, 0.055507131, 0.009675541, 0.001327647
 
 
 def decay(x: Any) -> Any:
-    """Return exp(-x) for x >= 0; approximate below 1e-37.
+    """Return exp(-x) for x >= 0, but about 1e-37 where it is smaller.
 
     The single-precision error is 1e-7 (1 + x), with half of the instructions of Dr.Jit's.
     """
@@ -219,7 +219,7 @@ def sharp_angle(y: Any, x: Any, length: Any) -> Any:
     """
     both = x + length
     q = y / dr.select(both > 0.0, both, 1.0)
-    q = dr.clip(q, -1.0, 1.0)  # what rounding puts far off its cell
+    q = dr.clip(q, -1.0, 1.0)  # rounding may place a point far outside its cell
     return 2.0 * q * horner(q * q, _ATAN[precision_of(type(q))])
 
 

@@ -1,11 +1,11 @@
-"""Import Dr.Jit, once LLVM is found: importing it loads LLVM."""
+"""Imports Dr.Jit after locating LLVM, which the import loads."""
 
 from __future__ import annotations
 
 from ..errors import DeviceError
 from ..llvm import ensure_llvm
 
-# Why the CPU cannot be used, if it cannot; a GPU may do without LLVM.
+# The reason why the CPU cannot be used, if any; a GPU may not need LLVM.
 missing_llvm: DeviceError | None = None
 try:
     ensure_llvm()

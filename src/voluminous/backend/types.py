@@ -1,8 +1,8 @@
-"""Names for what traced functions take and give.
+"""Type names for the arguments and results of traced functions.
 
 Dr.Jit's types depend on device, precision and derivatives, and the same function may get NumPy
-arrays or plain numbers: to a type checker these are anything. A reader sees which kind of number
-is meant.
+arrays or plain numbers. Type checkers therefore treat these names as Any; they tell a reader which
+kind of number is expected.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The command ``voluminous``: one file per subcommand, each with `add_arguments` and `run`.
+"""The command ``voluminous``: one module per subcommand, each with `add_arguments` and `run`.
 
-Nothing heavy is imported until a command runs, so that ``--help`` is there at once.
+Heavy modules are imported only when a command runs, so that ``--help`` is fast.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if all went well, 1 if `doctor` found something, 2 after an error, 130 after Ctrl-C.
+        0 on success, 1 if `doctor` reports a problem, 2 after an error, 130 after Ctrl-C.
     """
     for stream in (sys.stdout, sys.stderr):
-        # A terminal without the characters shows question marks instead of failing.
+        # A terminal that lacks a character shows a question mark instead of failing.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     args = parser().parse_args(argv)
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("voluminous: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # Who read our output (head, less) has gone: nothing more to say, also not on exit.
+        # The reader of the output (head, less) has closed the pipe: stay silent, also on exit.
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED

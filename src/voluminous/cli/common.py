@@ -1,4 +1,4 @@
-"""What several commands share: options of rendering, and messages about results."""
+"""Render options and messages shared by several commands."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def add_render_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that replace those of ``[render]`` in a scene.
+    """Add the options that override ``[render]`` in a scene.
 
-    They are not checked here, so that asking for help imports no renderer.
+    They are not validated here, so that ``--help`` does not import the renderer.
     """
     parser.add_argument(
         "--scheme",
@@ -30,7 +30,7 @@ def add_render_options(parser: argparse.ArgumentParser) -> None:
 
 
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the changes to a scene that the options ask for."""
+    """Return the changes to a scene that the options request."""
     from ..scene.sections import render_options
 
     names = ("scheme", "precision", "device")
@@ -49,7 +49,7 @@ def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
 
 
 def check_output(path: Path) -> Path:
-    """Refuse, before any work, a file that cannot be written in the end."""
+    """Raise before any work if the output file cannot be written."""
     from ..image.formats import format_of
 
     format_of(path)
@@ -61,7 +61,7 @@ def check_output(path: Path) -> Path:
 
 
 def told(image: Image, seconds: float) -> str:
-    """Return size, scheme, precision, device, time and automatic exposure of a picture in words."""
+    """Return a line with size, scheme, precision, device, time and automatic exposure."""
     ny, nx, channels = image.shape
     how = image.provenance or {}
     return (

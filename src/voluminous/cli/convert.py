@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, change and write; tell what was left out."""
+    """Read, convert and write the file; list what the output format cannot hold."""
     from ..io.saving import writer_for
 
     start = time.perf_counter()
@@ -105,7 +105,7 @@ def _changed(data: DataFile, args: argparse.Namespace) -> Volume:
 
 
 def _with_expressions(data: DataFile, expressions: list[str]) -> Volume:
-    """Return the fields asked for and those computed; these may be made of any in the file."""
+    """Return the requested and the computed fields; expressions may use any field of the file."""
     if isinstance(data.fields, list):
         volume = replace(data, fields=None).open()
         asked = [name for name in data.fields if name not in _names(expressions)]
@@ -137,7 +137,7 @@ def _counts(text: str) -> tuple[int, ...]:
 
 
 def losses(volume: Volume, path: Path, writer: Reader) -> Iterator[str]:
-    """Yield a line for each thing that is in the volume and not in the file written of it."""
+    """Yield a line for each item of the volume that the written file does not contain."""
     from ..io.registry import open_lazily
 
     try:
@@ -171,7 +171,7 @@ def _fields(volume: Volume, again: Volume) -> Iterator[str]:
     lost = [name for name in mine if name not in theirs]
     new = [name for name in theirs if name not in mine]
     pairs = {name: name for name in mine if name in theirs}
-    if len(lost) == len(new) == 1:  # formats of one field know no names
+    if len(lost) == len(new) == 1:  # formats with a single field store no names
         yield f"  {lost[0]} is called {new[0]} there"
         pairs[lost[0]] = new[0]
     elif lost:

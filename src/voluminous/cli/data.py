@@ -1,4 +1,4 @@
-"""Data files on the command line: the options that say how they are read, for all commands."""
+"""Data files on the command line: reading options shared by all commands."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DataFile:
-    """A data file, and how it is read.
+    """A data file with its reading options.
 
     Attributes
     ----------
     path : Path
         The file or directory.
     format : str or None
-        Name of the reader, if the file does not tell.
+        Name of the reader, if the file does not determine it.
     options : dict
         The reader's options, as plain values.
     fields : None, list or dict
@@ -46,7 +46,7 @@ class DataFile:
     def given(
         cls, path: Path, format: str | None, options: Mapping[str, Any], fields: FieldChoice = None
     ) -> DataFile:
-        """Return a data file; ``--set`` may give format and fields, with or without ``volume.``."""
+        """Return a data file; `options` may hold format and fields, with or without ``volume.``."""
         rest = {key.removeprefix("volume."): value for key, value in options.items()}
         own: dict[str, Any] = {"format": format, "fields": fields}
         for key, value in own.items():
@@ -63,14 +63,14 @@ class DataFile:
         return cls(path, own["format"], rest, own["fields"])
 
     def open(self, fields: FieldChoice = None) -> Volume:
-        """Return the volume, with fields that are read when they are first used."""
+        """Return the volume; its fields are read on first use."""
         from ..io.registry import open_lazily
 
         chosen = self.fields if fields is None else fields
         return open_lazily(self.path, chosen, format=self.format, **self.typed())
 
     def typed(self) -> dict[str, Any]:
-        """Return the options as readers take them: texts such as "0.1 pc" are quantities."""
+        """Return the options as readers expect them: texts such as "0.1 pc" become quantities."""
         from ..scene.source import typed_options
 
         return typed_options(self.options)
@@ -82,13 +82,13 @@ class DataFile:
         return {"path": path or str(self.path), **told, **self.options}
 
     def call(self, fields: FieldChoice = None) -> str:
-        """Return the line of Python that opens it."""
+        """Return the Python expression that opens the file."""
         options = {key: value for key, value in self.section(fields).items() if key != "path"}
         listed = [f"{key}={value!r}" for key, value in options.items()]
         return f"vm.open({', '.join([repr(str(self.path)), *listed])})"
 
     def words(self) -> str:
-        """Return file and options for a command line."""
+        """Return file and options as command line arguments."""
         parts = [str(self.path)]
         parts += ["--format", self.format] if self.format else []
         for key, value in self.options.items():
@@ -97,7 +97,7 @@ class DataFile:
 
 
 def add_reading_options(parser: argparse._ActionsContainer) -> None:
-    """Add the options that say how a data file is read."""
+    """Add the reading options of data files."""
     parser.add_argument("--format", metavar="NAME", help="format, if the file itself does not tell")
     parser.add_argument(
         "--set",
@@ -119,7 +119,7 @@ def add_fields_option(parser: argparse._ActionsContainer, what: str) -> None:
 
 
 def data_file(path: Path, args: argparse.Namespace) -> DataFile:
-    """Return the file that arguments speak of, read with ``--format``, ``--set``, ``--fields``."""
+    """Return the data file with the options ``--format``, ``--set`` and ``--fields``."""
     options = dict(assignment(text, "unit=pc") for text in args.set)
     return DataFile.given(path, args.format, options, chosen_fields(getattr(args, "fields", None)))
 
@@ -135,7 +135,7 @@ def assignment(text: str, example: str) -> tuple[str, Any]:
 
 
 def chosen_fields(given: list[str] | None) -> Any:
-    """Return the fields that ``--fields`` names: None, a list, or a table name → place."""
+    """Return the fields of ``--fields``: None, a list, or a mapping name → path in the file."""
     names = [name.strip() for text in given or [] for name in text.split(",") if name.strip()]
     if not names:
         if given:
@@ -147,15 +147,15 @@ def chosen_fields(given: list[str] | None) -> Any:
     return {name.strip(): (place or name).strip() for name, _, place in pairs}
 
 
-# Usual names of the field of most interest …
+# Usual names of the density …
 _FIRST = re.compile(r"(gas_|mass_)?density|rho|dens|(number_)?density|n|nh|n_h", re.I)
-# … and what sounds like it.
+# … and similar names.
 _LIKE = re.compile(r".*densit(y|ies).*|.*numdens.*|rho.*|.*_rho|intensity|brightness.*|data", re.I)
-# Parts of vectors say less than a scalar.
+# Vector components rank below scalars.
 _COMPONENT = re.compile(
     r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
 )
-# Where a cell is, and how it is counted.
+# Coordinates and cell indices.
 _PLACE = re.compile(
     r"([xyzr]|radius|distance|theta|phi|ra|dec|lon|lat|longitude|latitude|height|altitude|"
     r"velocity|frequency|wavelength|time|level|refinement_level|grid_level|index|"
@@ -166,7 +166,7 @@ _PIECE = 1 << 20
 
 
 def rank(name: str) -> int:
-    """Return the rank of a field by its name: 0 for those of most interest."""
+    """Return the rank of a field by its name; 0 is the most interesting."""
     for number, names in enumerate((_FIRST, _LIKE)):
         if names.fullmatch(name):
             return number
@@ -174,11 +174,10 @@ def rank(name: str) -> int:
 
 
 def first_field(volume: Volume) -> str | None:
-    """Return the field to look at first; None if there is none.
+    """Return the most interesting field; None if there is no field.
 
-    It is called density, or something like it; else it is the first that is neither part of a
-    vector nor a coordinate. Constant fields come last. Of fields that are not in memory yet only
-    those are read that come before.
+    A density is preferred, then the first field that is neither a vector component nor a
+    coordinate. Constant fields come last. Fields are read in this order, until one is not constant.
     """
     ranked = sorted(volume.fields, key=rank)
     found = next((name for name in ranked if varies(volume.array(name))), None)
@@ -186,7 +185,7 @@ def first_field(volume: Volume) -> str | None:
 
 
 def varies(array: np.ndarray) -> bool:
-    """Return True if there are two different finite values."""
+    """Return True if an array has at least two different finite values."""
     import numpy as np
 
     flat, seen = array.reshape(-1), None
@@ -202,13 +201,13 @@ def varies(array: np.ndarray) -> bool:
 
 @dataclass
 class Opened:
-    """A volume with fields that are not read yet; their places, if it matters where they are."""
+    """A volume with unread fields, and their paths in the file if these are needed."""
 
     volume: Volume
     places: dict[str, str] | None = None
 
     def keep(self, used: set[str]) -> Any:
-        """Forget what is not used, and return how a scene names the other fields."""
+        """Drop unused fields; return the scene's entry ``fields`` for the others."""
         for name in self.volume.fields:
             if name not in used:
                 del self.volume[name]
@@ -217,7 +216,7 @@ class Opened:
 
 
 def opened(data: DataFile, expr: str | None) -> Opened:
-    """Return all fields; where they do not fit together, those of the expression, or the first."""
+    """Open all fields; if they do not fit together, those of the expression, or the first."""
     try:
         return Opened(data.open())
     except VoluminousError:
@@ -251,7 +250,7 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 def is_image(path: Path) -> bool:
-    """Return True for an image file; content decides where volumes have the same suffix."""
+    """Return True for an image file; the content decides if volumes share the suffix."""
     from ..image.formats import FORMATS
     from ..io import find_reader
 
@@ -259,14 +258,14 @@ def is_image(path: Path) -> bool:
         return False
     try:
         return find_reader(path).holds_image(path)
-    except VoluminousError:  # no volume has it, or there is no such file
+    except VoluminousError:  # no volume format fits, or the file does not exist
         return True
 
 
 def is_volume(path: Path, format: str | None = None, given: Mapping[str, Any] = _NONE) -> bool:
-    """Return True for a file with data; False for a scene, or an image with one in it.
+    """Return True for a data file; False for a scene, or an image that contains one.
 
-    The format may be among what ``--set`` gives, too.
+    `given` (from ``--set``) may contain the format.
     """
     from ..io import find_reader
     from ..io.registry import reader_for_suffix
@@ -277,7 +276,7 @@ def is_volume(path: Path, format: str | None = None, given: Mapping[str, Any] = 
     try:
         find_reader(path, format or (told if isinstance(told, str) else None))
     except FileFormatError:
-        if _is_text(path) and reader_for_suffix(path) is None:  # a scene by another name
+        if _is_text(path) and reader_for_suffix(path) is None:  # a scene with another suffix
             return False
         raise
     return True
@@ -294,13 +293,13 @@ def _is_text(path: Path) -> bool:
 
 
 def bytes_of(path: Path) -> int:
-    """Return the size of a file, or of all files in a directory."""
+    """Return the size in bytes of a file, or of all files in a directory."""
     files = path.rglob("*") if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def in_bytes(size: float) -> str:
-    """Return a number of bytes in words.
+    """Return a number of bytes as text with a unit.
 
     Examples
     --------

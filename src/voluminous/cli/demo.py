@@ -23,7 +23,7 @@ _IN_A_ROW = 3
 
 
 def _shells(kind: str, width: str, inside: float) -> list[dict[str, Any]]:
-    """Return both shells; `width` is what a kind calls its width, `inside` the inner opacity."""
+    """Return both shells; `width` is the name of the width key, `inside` the inner opacity."""
     return [
         {
             "type": kind,
@@ -43,7 +43,7 @@ def _surfaces(**changes: Any) -> dict[str, Any]:
 
 
 class DemoPanel(NamedTuple):
-    """A picture of the core: its scheme and media; `title` starts with a scheme where it can."""
+    """A picture of the core: its title, scheme and media."""
 
     scheme: str
     title: str
@@ -166,7 +166,7 @@ def _output(path: Path) -> Path:
 
 
 def _check_scheme(scheme: str | None, all: bool) -> None:
-    """Refuse, before anything is drawn, a scheme that a panel cannot be drawn with."""
+    """Raise before any work if a panel does not support the scheme."""
     from ..schemes import SCHEMES
 
     if all and scheme is not None and SCHEMES[scheme].coefficients_at != "field":
@@ -204,7 +204,7 @@ def _draw(
         image, seconds = render_scene(scene, name, quiet)
         images.append(image)
         if output is not None:
-            # The panels of the note's figure are as bright as the first of them.
+            # All panels of the paper's figure share the exposure of the first.
             like = images[0] if number <= len(PANELS) else image
             image.save(output.with_name(name), exposure=like.exposure)
             if report is not None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..errors import DeviceError, MissingPackageError, VoluminousError
 
-# A slab of constant coefficients is exact in every scheme: what is left is rounding.
+# Every scheme is exact for a slab of constant coefficients, so only rounding errors remain.
 _TOLERANCE = {"single": 1e-6, "double": 1e-13}
 _EMISSIVITY, _EXTINCTION, _THICKNESS = 2.0, 0.7, 1.5
 _CACHE_VARIABLE = "DRJIT_CACHE_DIR"
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings; return 1 if something is wrong."""
+    """Print the results of the checks; return 1 if one fails."""
     failed = [name for name, check in CHECKS.items() if not _examine(name, check)]
     if failed:
         print(f"\nWrong: {', '.join(failed)}. The lines above say what to do.")
@@ -40,7 +40,7 @@ def _examine(name: str, check: Callable[[], Iterator[str]]) -> bool:
         for line in check():
             print(f"{title:9} {line}", flush=True)
             title = ""
-    except Exception as error:  # whatever is broken, the other checks go on
+    except Exception as error:  # a failure must not stop the other checks
         kind = "" if isinstance(error, VoluminousError) else f"{type(error).__name__}: "
         print(f"{title:9} WRONG: {kind}{error}", flush=True)
         return False
@@ -121,7 +121,7 @@ def _cache_folder() -> Path:
 
 
 def _rays() -> Iterator[str]:
-    """Yield how far rays through a slab are from j/α (1 - exp(-α L)), on all devices."""
+    """Yield the deviation of rays through a slab from j/α (1 - exp(-α L)), for all devices."""
     from ..backend import available_devices
     from ..schemes import SCHEMES
 

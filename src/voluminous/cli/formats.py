@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..io import Reader
 
 _WIDTH = 100
-# So many endings of names are listed in the table.
+# Maximum number of suffixes per format in the table.
 _MOST = 5
 
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the table, or what there is to know of one format."""
+    """Print the table of formats, or the details of one format."""
     from ..io import readers
 
     known = {reader.name: reader for reader in readers()}

@@ -20,14 +20,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what there is to know, and what to type next."""
+    """Print a description of the file, and commands to try next."""
     for line in lines(args):
         print(line, flush=True)
     return 0
 
 
 def lines(args: argparse.Namespace) -> Iterator[str]:
-    """Return the lines about a file: a scene or an image by its name and content, or a volume."""
+    """Return the lines about a file; name and content decide: scene, image or volume."""
     path: Path = args.file
     is_scene = path.suffix.lower() == ".toml"
     if args.format is None and (is_scene or is_image(path)):

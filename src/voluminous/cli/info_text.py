@@ -1,4 +1,4 @@
-"""What `voluminous info` prints of a scene, an image or a volume."""
+"""Text of `voluminous info` for a scene, an image or a volume."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 
-# Fields whose greatest value is more than this times the least get a logarithmic histogram.
+# A histogram is logarithmic if maximum / smallest positive value exceeds this.
 _WIDE = 1e2
 
 
 @dataclass
 class Look:
-    """What was seen of a field.
+    """Summary of a field.
 
     Attributes
     ----------
     field : FieldInfo
-        Its name, place, shape, type and unit in the file.
+        Its name, path, shape, type and unit in the file.
     found : ValueSummary or VoluminousError
-        What its values are, or why they cannot be read.
+        Statistics of its values, or the error that prevents reading them.
     bytes : int
-        Memory that it takes.
+        Its size in memory.
     volume : Volume
-        From which it can be read again.
+        Volume to read it from again.
     """
 
     field: FieldInfo
@@ -59,13 +59,13 @@ class Look:
 
     @property
     def order(self) -> tuple[int, int]:
-        """How late one would look at it: by its name, and by what cannot be shown."""
+        """Sort key: interesting fields first; fields that cannot be shown last."""
         bad = 0 if isinstance(self.found, VoluminousError) else self.found.size - self.found.finite
         return rank(self.field.name), bad
 
     @property
     def varies(self) -> bool:
-        """True if there is anything to see."""
+        """True if the values are readable and not constant."""
         return isinstance(self.found, ValueSummary) and self.found.least < self.found.greatest
 
 
@@ -77,8 +77,8 @@ def title(field: FieldInfo) -> str:
 
 
 def look(field: FieldInfo, volume: Volume) -> Look:
-    """Return what there is in a field, which is read for it."""
-    again = volume.with_arrays({})  # knows nothing of what is read here
+    """Read a field and return its summary."""
+    again = volume.with_arrays({})  # does not share the arrays read below
     try:
         array = volume.array(field.name)
     except VoluminousError as error:
@@ -87,7 +87,7 @@ def look(field: FieldInfo, volume: Volume) -> Look:
 
 
 def values(volume: Volume, seen: Look, bars: bool) -> Iterator[str]:
-    """Yield range, histogram and what is not finite of a field."""
+    """Yield range, histogram and non-finite values of a field."""
     found = seen.found
     if isinstance(found, VoluminousError):
         yield f"  cannot be read: {found}"
@@ -113,7 +113,7 @@ def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
     ----------
     grid : grid
     particles : int, optional
-        Around how many particles it was made: cells and levels are not those of a file then.
+        Number of particles that the grid was built around; its cells are not from the file then.
     """
     told = grid.describe()
     refined = not grid.is_structured and "base" in told
@@ -143,7 +143,7 @@ def _extent(grid: Any, unit: str) -> Iterator[str]:
 
 
 def _levels(grid: Any, told: dict[str, Any]) -> Iterator[str]:
-    """Yield the number of cells of each level, their widths, and what they amount to."""
+    """Yield the number of cells of each level, their widths, and the effective resolution."""
     levels = np.reshape(grid.levels, -1)
     for level, count in enumerate(np.bincount(levels).tolist()):
         if count:
@@ -157,12 +157,12 @@ def _levels(grid: Any, told: dict[str, Any]) -> Iterator[str]:
 
 
 def _finest_across(grid: Any, base: Any, levels: np.ndarray) -> np.ndarray:
-    """Return how many cells of the finest level fit along each of the grid's own axes.
+    """Return the number of finest-level cells along each coordinate axis of the grid.
 
-    They are counted, not measured: base cells and angles need not be evenly wide.
+    They are counted, not computed from lengths: base cells and angles may be non-uniform.
     """
     first = int(np.argmax(levels == levels.max()))
-    _, size = grid.boxes(first, first + 1)  # in the units that `divisions` counts
+    _, size = grid.boxes(first, first + 1)  # in the units of `divisions`
     return np.asarray(base) * grid.divisions // size[:, 0]
 
 
@@ -216,7 +216,7 @@ def _next(path: Path, image: Image) -> Iterator[str]:
 
 
 _LONGEST, _UNIT = 100, "_unit"
-# Shown with the grid.
+# Metadata shown with the grid.
 _TOLD_BY = ("particles",)
 
 
@@ -231,7 +231,7 @@ def describe_meta(volume: Volume) -> Iterator[str]:
 
 
 def _is_unit(key: str, meta: Mapping[str, Any]) -> bool:
-    """Return True for ``time_unit`` where there is a ``time``, which shows it."""
+    """Return True for keys such as ``time_unit`` that are shown with their value ``time``."""
     return key.endswith(_UNIT) and key.removesuffix(_UNIT) in meta
 
 
@@ -250,14 +250,14 @@ def _sky(wcs: WCS) -> Iterator[str]:
 
 
 _DIGITS = 4
-# More digits where a shell is thin: its place is rounded to 10 to the minus this of its width.
+# The centre of a shell is rounded to 10**-_FINE of its width: thin shells get more digits.
 _FINE = 2
-# What is in the unit of the expression, beside the place of a shell.
+# Keys of a shell, other than its centre, in the unit of the expression.
 _WIDTHS = ("sigma", "half_width")
 
 
 def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
-    """Yield what to type next to see the fields."""
+    """Yield suggested commands that show the fields."""
     shown = sorted((seen for seen in looks if seen.varies), key=lambda seen: seen.order)
     if not shown:
         return
@@ -269,7 +269,7 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
     yield f"  volume = {data.call()}"
     try:
         sections = _sections(shown[0].volume, field.name)
-    except VoluminousError:  # it says so when it is rendered
+    except VoluminousError:  # rendering reports the error
         return
     from ..scene.settings import dumps
 
@@ -279,7 +279,7 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
 
 
 def _sections(volume: Volume, name: str) -> dict[str, Any]:
-    """Return all of a scene but its volume: what `voluminous render` chooses, in short numbers."""
+    """Return medium, camera and render sections as `voluminous render` chooses them, rounded."""
     from ..calibration import suggest_medium
     from ..cameras.views import view_angles
 
@@ -292,13 +292,13 @@ def _sections(volume: Volume, name: str) -> dict[str, Any]:
 
 
 def _told(part: Any, volume: Volume) -> dict[str, Any]:
-    """Return a shell as plain values with few digits, lengths and places with their unit."""
+    """Return a shell as plain values with few digits; widths and centres include their unit."""
     from ..expressions import is_dex
 
     told = {key: value for key, value in part.describe().items() if value is not None}
     width = next(told[key] for key in _WIDTHS if key in told)
     unit = volume.expression_unit(part.expr)
-    unit = None if is_dex(unit) else unit  # plain numbers of dex are short
+    unit = None if is_dex(unit) else unit  # dex values are written as plain numbers
     told["center"] = _with_unit(told["center"], unit, _digits(told["center"], width))
     told |= {key: _with_unit(told[key], unit) for key in _WIDTHS if key in told}
     told["path_length"] = _with_unit(told["path_length"], volume.unit)
@@ -348,7 +348,7 @@ def _lines(table: Mapping[str, Any], inline: Any) -> Iterator[str]:
         yield f"  {key:{width}}  {inline(value)}"
 
 
-# A field, and the volume that it can be read from; or why it cannot.
+# A field, and the volume to read it from, or the error that prevents it.
 Readable = tuple["FieldInfo", "Volume | VoluminousError"]
 
 
@@ -378,7 +378,7 @@ def describe_volume(data: DataFile, *, histogram: bool = True) -> Iterator[str]:
         found = look(field, volume)
         yield from values(volume, found, histogram)
         looks.append(found)
-        del volume[field.name]  # what was read is given back
+        del volume[field.name]  # free its memory
     yield from _rest(known, looks)
     yield from next_steps(data, looks)
 
@@ -402,9 +402,9 @@ def _about(volume: Volume, told: Any) -> Iterator[str]:
 
 
 def _readable(data: DataFile, known: Iterable[FieldInfo]) -> Iterator[Readable]:
-    """Yield the fields to describe: those asked for, or all that are read by default.
+    """Yield the fields to describe: the requested ones, or the reader's default.
 
-    The file is opened once; where its fields do not fit together, once for each.
+    The file is opened once, or once per field if the fields do not fit together.
     """
     try:
         volume = data.open()
@@ -427,7 +427,7 @@ def _alone(data: DataFile, field: FieldInfo) -> Volume | VoluminousError:
 
 
 def _told_by(volume: Volume, name: str) -> FieldInfo:
-    """Return the description of a field by the volume, for names that the user chose."""
+    """Return the volume's description of a field, for user-chosen names."""
     from ..io import FieldInfo
 
     dtype = str(volume.describe()["fields"][name]["dtype"])
@@ -435,7 +435,7 @@ def _told_by(volume: Volume, name: str) -> FieldInfo:
 
 
 def _rest(known: Iterable[FieldInfo], looks: list[Look]) -> Iterator[str]:
-    """Yield what the fields take, and the names of the remaining ones."""
+    """Yield the memory use of the fields, and the names of the other fields."""
     if looks:
         sizes = [found.bytes for found in looks]
         total = f"{in_bytes(sum(sizes))} for all, " if len(sizes) > 1 else ""

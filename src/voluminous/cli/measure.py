@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 
-# A name and its value: not a comparison, which is an expression without a name.
+# "name = value", but not a comparison (==), which is an expression without a name.
 _NAMED = re.compile(r"\s*([A-Za-z_]\w*)\s*=(?!=)(.*)", re.DOTALL)
 
 
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _quantities(given: Iterable[str]) -> dict[str, str]:
-    """Return name → expression; an expression without a name is called what it is."""
+    """Return name → expression; an unnamed expression is its own name."""
     found: dict[str, str] = {}
     for text in given:
         match = _NAMED.fullmatch(text)
@@ -186,7 +186,7 @@ def _measured(
     cameras: list[Camera],
     region: Region | None,
 ) -> Any:
-    """Return a table with a row for each camera; without one, one measurement."""
+    """Return a table with one row per camera; without cameras, a single measurement."""
     from ..measuring import measure
 
     texts = [*asked.values(), args.where or ""]
@@ -202,7 +202,7 @@ _FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits"}
 
 
 def check_table(path: Path) -> None:
-    """Refuse, before any work, a table that cannot be written in the end."""
+    """Raise before any work if the table cannot be written."""
     if path.suffix.lower() not in _FORMATS:
         raise InputError(f"a table is written as {', '.join(_FORMATS)}, got {path}")
     if not path.resolve().parent.is_dir():
@@ -221,7 +221,7 @@ def one_row(found: Measurement) -> QTable:
 
 
 def with_units(table: QTable, units: Mapping[str, str], totals: Sequence[str]) -> QTable:
-    """Convert columns to the units asked for."""
+    """Convert columns to the requested units."""
     from ..units import parse_unit, unit_name
 
     known = [*totals, "volume"]
@@ -246,7 +246,7 @@ def text_of(table: QTable) -> str:
 
 
 def write_table(table: QTable, path: Path) -> None:
-    """Write a table; a .csv knows no units, so these follow the names."""
+    """Write a table; CSV has no units, so they are appended to the column names."""
     from ..units import unit_name
 
     form = _FORMATS[path.suffix.lower()]

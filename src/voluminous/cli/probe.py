@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..measuring import Probe
     from ..scene import Scene
 
-# What of a scene's [render] concerns a single ray.
+# Options in a scene's [render] that apply to a single ray.
 _OPTIONS = ("scheme", "tolerance", "background", "precision", "device", "order", "cutoff")
 
 
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Follow the ray, and tell what it saw."""
+    """Trace the ray and print its cells."""
     for path in args.output:
         _check(path)
     given = dict(assignment(text, "camera.incl=40") for text in args.set)

@@ -23,7 +23,7 @@ from .data import assignment, is_volume
 if TYPE_CHECKING:
     from ..scene import Scene
 
-# Values that are paths: on the command line they are relative to the working directory.
+# Values that are paths; on the command line they are relative to the working directory.
 _PATHS = ("volume.path", "render.background")
 _PACKED = (".gz", ".bz2", ".xz")
 
@@ -82,15 +82,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def scene_from(args: argparse.Namespace, given: dict[str, Any], of_data: bool) -> Scene:
-    """Return the scene in a file, or one made for the data in it, changed as arguments say.
+    """Return the scene in a file, or one generated for a data file, with the arguments applied.
 
     Parameters
     ----------
     args : Namespace
     given : dict
-        Places and values of ``--set``; for data also options of their format.
+        Keys and values of ``--set``; for data files also the reader's options.
     of_data : bool
-        Whether the file holds data.
+        True for a data file.
     """
     from ..scene import Scene
 
@@ -107,7 +107,7 @@ def scene_from(args: argparse.Namespace, given: dict[str, Any], of_data: bool) -
 
 
 def _taken_options(given: dict[str, Any]) -> dict[str, Any]:
-    """Take the options of the data's format away from what is set, and return them."""
+    """Remove the reader's options from `given` and return them."""
     return {
         option: given.pop(place)
         for place in list(given)
@@ -116,7 +116,7 @@ def _taken_options(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _annotate(scene: Scene, outputs: list[Path]) -> None:
-    """Let a scene's pictures be annotated with what its volume and medium tell."""
+    """Set the scene's image options so that pictures are annotated from volume and medium."""
     from ..image.formats import format_of
 
     if not any("annotate" in format_of(path).options for path in outputs):
@@ -128,7 +128,7 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
 
 
 def changed_value(place: str, value: Any, scene: Scene) -> Any:
-    """Return a value for a place in a scene."""
+    """Return a value for a key of a scene."""
     if place in _PATHS and isinstance(value, str) and not url_of(Path(value)):
         return os.path.relpath(os.path.expanduser(value), scene.directory)
     return value

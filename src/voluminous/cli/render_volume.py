@@ -1,4 +1,4 @@
-"""The scene for a data file: automatic shells, and a camera that frames what shows."""
+"""The scene for a data file: automatic shells, and a camera that frames the visible part."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 LEVELS = 4
 PIXELS, _TYPE = 800, "orthographic"
-# Options that belong to data files: a scene says all this itself.
+# Options for data files only; a scene file contains these settings.
 _OPTIONS = ("field", "levels", "incl", "phi", "view", "format")
-# Keys of [volume] that do not say how its file is read.
+# Keys of [volume] that are not reader options.
 _NO_OPTIONS = ("path", "model", "fields", "derived", "units")
 _SHOWN = 8
 _VIEWS = "instead: anterior, posterior, left, right, superior, inferior; stack (of pictures)"
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def refuse_options(args: argparse.Namespace) -> None:
-    """Refuse the options for data files beside a scene."""
+    """Raise if options for data files are combined with a scene."""
     given = [f"--{name}" for name in _OPTIONS if getattr(args, name) is not None]
     if given:
         raise InputError(
@@ -49,7 +49,7 @@ def refuse_options(args: argparse.Namespace) -> None:
 
 
 def reader_option(place: str) -> str | None:
-    """Return the option of the reader that a place in ``--set`` is; None for one in the scene."""
+    """Return the reader option that a key of ``--set`` names; None for a key of the scene."""
     from ..scene.settings import SECTIONS
 
     section, dot, key = place.partition(".")
@@ -62,18 +62,19 @@ def reader_option(place: str) -> str | None:
 def scene_of(
     args: argparse.Namespace, options: dict[str, Any], given: Mapping[str, Any]
 ) -> tuple[Scene, str]:
-    """Return the scene for a data file, and what was chosen in words.
+    """Return the scene for a data file, and a text that describes the choices.
 
-    Automatic shells of one field, or all channels of a microscope; all that shows in the frame,
-    seen obliquely, or as a volume of a patient or of pictures tells.
+    The medium is automatic shells of one field, or all channels of a microscope. The camera frames
+    everything visible, seen obliquely, or in the direction that the metadata of a medical volume or
+    an image stack defines.
 
     Parameters
     ----------
     args : Namespace
     options : dict
-        The reader's.
+        Reader options.
     given : mapping
-        What is set in the scene afterwards: a direction is not chosen for a camera that is.
+        Settings applied to the scene afterwards; no direction is chosen if they set another camera.
     """
     from ..calibration import presets, suggest_medium
     from ..rendering import framed
@@ -106,19 +107,19 @@ def scene_of(
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     settings = {"volume": source, "medium": medium, "camera": camera}
-    if medium.discrete:  # between two labels there are no others
+    if medium.discrete:  # labels must not be interpolated
         settings["render"] = {"scheme": "first-order"}
     told = _told(volume, medium, camera, [name for name in there if name not in volume])
     return Scene(settings, path.parent, volume=volume), told
 
 
 def _is_other(given: Mapping[str, Any]) -> bool:
-    """Return whether the user has another camera than the one that is chosen for data."""
+    """Return True if the user sets a view direction or another type of camera."""
     return "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
 
 
 def _angles(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the angles that the user chooses: what shows is framed from there."""
+    """Return the user's viewing angles; the camera is framed for these."""
     angles = {}
     for name in ("incl", "phi"):
         if getattr(args, name) is not None:

@@ -1,4 +1,4 @@
-"""Ranges and histograms of arrays, in pieces: temporary arrays stay small."""
+"""Ranges and histograms of arrays, computed in pieces so that temporary arrays stay small."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 _PIECE = 1 << 20
 _BARS = " ▁▂▃▄▅▆▇█"
 _WIDTH = 48
-# Values enough for bars; of more, evenly spread ones are counted (the range is that of all).
+# Maximum number of values in a histogram; larger arrays are subsampled (the range is exact).
 _COUNTED = 1 << 24
 
 
 @dataclass
 class ValueSummary:
-    """What there is in an array: numbers of values, and the range of the finite ones.
+    """Statistics of an array: numbers of values, and the range of the finite values.
 
     Attributes
     ----------
     positive : float
-        The least value above zero.
+        The smallest positive value.
     first_nan, first_infinite : int or None
-        Flat index of the first one.
+        Flat index of the first such value.
     """
 
     size: int = 0
@@ -38,7 +38,7 @@ class ValueSummary:
     first_infinite: int | None = None
 
     def add(self, good: np.ndarray, total: float) -> None:
-        """Take finite values and their sum into account."""
+        """Add finite values and their sum."""
         least, greatest = good.min(), good.max()
         if greatest > 0:
             above = least if least > 0 else good.min(where=good > 0, initial=greatest)
@@ -60,7 +60,7 @@ def statistics(array: np.ndarray) -> ValueSummary:
     """Return range, mean, and numbers and first places of NaN and infinities of an array."""
     found = ValueSummary()
     for piece in _pieces(array):
-        # Infinite only if something is that, or beyond: most pieces are passed over once.
+        # A finite sum implies finite values, so most pieces need only one pass.
         total = _sum(piece)
         good = piece if np.isfinite(total) else _finite(found, piece)
         found.size += piece.size
@@ -86,7 +86,7 @@ def _finite(found: ValueSummary, piece: np.ndarray) -> np.ndarray:
 
 
 def numbers(found: ValueSummary, shape: tuple[int, ...] | None = None) -> str:
-    """Return range, mean and what is not finite in words, with first places in an array of a shape.
+    """Describe range, mean and non-finite values, with first indices in an array of `shape`.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def _place(first: int | None, shape: tuple[int, ...] | None) -> str:
 
 
 def histogram(array: np.ndarray, found: ValueSummary, logarithmic: bool) -> str:
-    """Return bars that show how often values between least and greatest occur; any is visible.
+    """Return a histogram between minimum and maximum as text bars; every non-empty bin is visible.
 
-    Logarithmic ones show those above zero.
+    A logarithmic histogram shows the positive values.
     """
     low, high = found.least, found.greatest
     if logarithmic:
@@ -126,16 +126,16 @@ def histogram(array: np.ndarray, found: ValueSummary, logarithmic: bool) -> str:
     for piece in _pieces(array, stride(array.size)):
         good = piece[np.isfinite(piece)].astype(np.float64)
         values = np.log10(good[good > 0]) if logarithmic else good
-        # Rounding must not push the ends out of the range.
+        # Rounding must not push the end values out of the range.
         counts += np.histogram(np.clip(values, low, high), _WIDTH, (low, high))[0]
     heights = np.ceil(counts / max(1, counts.max()) * (len(_BARS) - 1)).astype(int)
     return f"|{''.join(_BARS[h] for h in heights)}|"
 
 
 def stride(size: int) -> int:
-    """Return of how many values one is counted in a histogram."""
+    """Return the subsampling step of a histogram: one in `step` values is counted."""
     step = -(-size // _COUNTED)
-    return step + (step > 1 and step % 2 == 0)  # odd: it does not go along one axis
+    return step + (step > 1 and step % 2 == 0)  # odd, so that it does not align with an axis
 
 
 def _pieces(array: np.ndarray, step: int = 1) -> Iterator[np.ndarray[Any, np.dtype[Any]]]:

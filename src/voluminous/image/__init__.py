@@ -1,9 +1,9 @@
-"""What comes out of a render: intensities with coordinates, units and the story of their making.
+"""Images, the result of a render: intensities with coordinates, units and provenance.
 
-`image.py` holds the picture, `tone.py` turns intensities into something to look at, `plot.py`
-draws it with axes, `row.py` several of them, `annotate/` puts a scale bar and the like over its
-pixels, `celestial.py`, `hdu.py`, `beam.py` and `conversion.py` make it a map of the sky, and
-`formats/` has one file per file format.
+`image.py` holds the class, `tone.py` maps intensities to display values, `plot.py` draws an image
+with axes, `row.py` draws several, `annotate/` adds a scale bar and other annotations, `sky.py`,
+`hdu.py`, `beam.py` and `conversion.py` handle sky coordinates, beams and units, and `formats/` has
+one module per file format.
 """
 
 from .image import Image

@@ -1,4 +1,4 @@
-"""What an image is made of, checked: arrays, coordinates and their units, world coordinates."""
+"""Validation of the arguments of `Image`: arrays, coordinates, units and world coordinates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.floating[Any]]
 
-# What an image may hold beside intensities, by the names of its properties and arguments.
+# Names of the arrays that an image may hold beside intensities (properties and arguments).
 PLANES = ("transparency", "optical_depth", "error", "lower", "upper")
 
 
@@ -57,12 +57,12 @@ def plane(values: Any, shape: tuple[int, ...], what: str) -> Array | None:
 
 
 def spread(array: Array | None, shape: tuple[int, ...]) -> Array | None:
-    """Return a read-only view with a value for every channel."""
+    """Return a read-only view broadcast to every channel."""
     return None if array is None else np.broadcast_to(array, shape)
 
 
 def gathered(array: Array) -> Array:
-    """Undo `spread`: one channel if all share the same memory, as grey extinction does."""
+    """Undo `spread`: return one channel if all share the same memory (grey extinction)."""
     shared = array.ndim == 3 and array.strides[-1] == 0
     return array[..., :1] if shared else array
 
@@ -83,9 +83,9 @@ def _floats(values: Any, what: str) -> Array:
 
 
 def narrowed(values: Array, kind: type[np.floating[Any]], what: str) -> Array:
-    """Round to a narrower kind of float, refusing what it cannot hold."""
+    """Convert to a narrower float type; raise if a value does not fit."""
     if values.dtype == kind:
-        return values  # nothing is lost, however small
+        return values  # no conversion, so subnormal values are exact too
     info = np.finfo(kind)
     top = np.abs(values, where=np.isfinite(values), out=np.zeros_like(values)).max()
     if top > info.max or 0 < top < info.tiny:
@@ -109,7 +109,7 @@ def length_unit(unit: Any, x: Any, y: Any) -> str:
 
 
 def known_unit(unit: Any) -> Any:
-    """Return the unit of a picture; None for one that astropy does not know."""
+    """Return the unit of a picture; None if astropy cannot parse it."""
     try:
         return parse_unit(unit)
     except UnitsError:
@@ -132,10 +132,10 @@ def axis(values: Any, count: int, unit: str, name: str) -> Axis:
 
 
 def pixel_size(x: Axis, y: Axis, given: Any, unit: str) -> tuple[float, float]:
-    """Return the width and height of a pixel, in `unit`, that of the image plane.
+    """Return the width and height of a pixel, in `unit`, the unit of the image plane.
 
-    Of an axis with a single pixel only `given` can tell the size; without it the pixel is taken as
-    square, and as 1 by 1 if there is only one.
+    Along an axis with a single pixel the size comes from `given`; without it the pixel is assumed
+    square, and 1 by 1 if the image has only one pixel.
     """
     if given is not None:
         return _checked_size(given, unit)
@@ -174,7 +174,7 @@ def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
     Parameters
     ----------
     value : astropy.wcs.WCS, str or None
-        Of pixels, the centre of the lower left one being 0, 0.
+        WCS of the pixels; the centre of the lower left pixel is (0, 0).
     shape : tuple of int
         Rows and columns of the image.
     """
@@ -227,7 +227,7 @@ def _plain_number(value: Any) -> Any:
 
 
 def refuse_renamed(options: Mapping[str, Any]) -> None:
-    """Raise the error for an argument that does not exist, or that had another name before."""
+    """Raise the error for an unknown or renamed argument."""
     for name in options:
         if name == "position_angle":
             raise InputError("position_angle is now posang, as that of cameras")

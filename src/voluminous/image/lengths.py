@@ -1,4 +1,4 @@
-"""Lengths, angles, times and numbers as people read them."""
+"""Readable lengths, angles, times and numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from .arguments import known_unit
 
-# A length is written in the last of these units of which it is at least so many.
+# A length is written in the last of these units in which it reaches the minimum value.
 _LENGTHS = (
     ("nm", "nm", 0.0),
     ("um", "µm", 1.0),
@@ -45,19 +45,19 @@ _TIMES = (
 )
 
 
-# Numbers that need no other unit than their own.
+# Range of numbers that keep their unit.
 _HANDY = (0.1, 1000.0)
 
 
 def readable(size: float, unit: Any) -> tuple[float, str]:
-    """Return how many units to read there are in one `unit`, and the name of that unit.
+    """Return the conversion factor from `unit` to a readable unit, and the name of that unit.
 
     Parameters
     ----------
     size : float
-        About how large the numbers in `unit` are.
+        Typical size of the numbers, in `unit`.
     unit : str
-        A length, an angle, a time, or anything else, which is left as it is.
+        A unit of length, angle or time; any other unit stays unchanged.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
     names = {u.Unit(name): text for name, text, _ in ladder}
     if _HANDY[0] <= size < _HANDY[1] and (own in names or own.si.scale != 1.0):
         return 1.0, next((text for unit, text in names.items() if unit == own), str(own))
-    # Rounding must not make 999.9999 of one unit from 1 of the next.
+    # Rounding must not turn 1 of one unit into 999.9999 of the previous one.
     fits = (size * own.to(name) >= least * (1.0 - 1e-9) for name, _, least in ladder)
     last = max(k for k, does in enumerate(fits) if does or k == 0)
     return float(own.to(ladder[last][0])), ladder[last][1]
@@ -89,7 +89,7 @@ def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
 def bar_length(longest: float, unit: str, shown: tuple[float, str] | None = None) -> Any:
     """Return a round length that is at most `longest`, in `unit`, and its text.
 
-    `shown` is what `readable` gives of the unit to read; by default one that suits the length.
+    `shown` is the result of `readable`; by default a unit that suits the length.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def bar_length(longest: float, unit: str, shown: tuple[float, str] | None = None
 
 
 def with_unit(number: float, name: str) -> str:
-    """Return a number and its unit; signs of angles stand beside their number."""
+    """Return a number and its unit; angle symbols (°, ′, ″) follow without a space."""
     return f"{number_text(number)}{'' if name in _SIGNS else ' '}{name}".strip()
 
 
@@ -110,7 +110,7 @@ _SIGNS = ("°", "′", "″")
 
 
 def number_text(number: float) -> str:
-    """Return a number of a few digits; powers of ten where it is far from one."""
+    """Return a number with a few digits, as a power of ten if it is far from one."""
     if number == 0 or 1e-3 <= abs(number) < 1e6:
         return f"{number:.4g}" if abs(number) < 1e4 else f"{number:.0f}"
     mantissa, power = f"{number:.3g}".split("e") if "e" in f"{number:.3g}" else _parts(number)
@@ -129,7 +129,7 @@ def labelled(name: str, unit: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Return a unit as it is printed: ``g cm⁻²``; as it is, if astropy does not know it.
+    """Return a unit in print form, ``g cm⁻²``; unchanged if astropy cannot parse it.
 
     Examples
     --------
@@ -140,12 +140,12 @@ def pretty_unit(unit: str) -> str:
 
     try:
         return str(u.Unit(unit).to_string("unicode", fraction=False)) if unit else ""
-    except (ValueError, TypeError):  # logarithmic units are written in one way only
+    except (ValueError, TypeError):  # logarithmic units have only one form
         return unit
 
 
 def round_length(longest: float) -> float:
-    """Return the greatest 1, 2 or 5 times a power of ten that is not above `longest`.
+    """Return the largest 1, 2 or 5 times a power of ten that does not exceed `longest`.
 
     Examples
     --------
@@ -153,6 +153,6 @@ def round_length(longest: float) -> float:
     0.05
     """
     power = math.floor(math.log10(longest))
-    # Powers of ten below one are made by division, which rounds to the number people write.
+    # Division gives the double nearest to 0.1, 0.02, …; multiplying by a negative power does not.
     steps = [f * 10**power if power >= 0 else f / 10**-power for f in (1, 2, 5)]
     return float(max((s for s in steps if s <= longest), default=steps[0]))

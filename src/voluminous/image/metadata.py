@@ -1,4 +1,4 @@
-"""The metadata of an image as one JSON text, which every format can hold."""
+"""The metadata of an image as one JSON text that every format can store."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .arguments import text_of
 if TYPE_CHECKING:
     from .image import Image
 
-# The name of the entry in a file's header; also the key that marks the text as ours.
+# Name of the entry in a file's header, and the key that identifies our JSON text.
 KEY = "voluminous"
 VERSION = 1
 
 
 def dumps(image: Image, *, coordinates: bool = True) -> str:
-    """Return an ASCII text with units, camera, provenance and, if asked for, pixel coordinates."""
+    """Return an ASCII text with units, camera, provenance and, optionally, pixel coordinates."""
     entries: dict[str, Any] = {
         KEY: VERSION,
         "unit": image.unit,
@@ -27,7 +27,7 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
         "provenance": image.provenance,
     }
     if coordinates:
-        # Decimal numbers as Python writes them come back with the same bits.
+        # Python's decimal representation of floats restores the same bits.
         entries |= {"x": image.x.tolist(), "y": image.y.tolist()}
     if image.wcs is not None:
         entries["wcs"] = text_of(image.wcs)
@@ -35,10 +35,10 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
 
 
 def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
-    """Return what `dumps` wrote as keyword arguments of `Image`; {} if the text is not ours.
+    """Parse the text of `dumps` into keyword arguments of `Image`; {} for any other text.
 
-    Coordinates are left out if they do not fit `shape` (ny, nx): another program may have cut the
-    picture and kept the text.
+    Coordinates are dropped if they do not match `shape` (ny, nx): another program may have cropped
+    the picture without changing the text.
     """
     if not text or not text.startswith(f'{{"{KEY}":'):
         return {}

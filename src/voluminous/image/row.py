@@ -1,4 +1,4 @@
-"""Images beside each other: one unit, one scale of colours or one exposure, one colour bar."""
+"""Images side by side with a common unit, exposure or colour scale, and colour bar."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..units import UnitLike
 
 _PANEL = 4.0  # inches
-# What the norm of one channel is made of.
+# Options that define the norm of one channel.
 _OF_NORM = ("exposure", "stretch", "softening", "vmin", "vmax", "channels")
 
 
@@ -42,15 +42,15 @@ def plot_row(
     colorbar: bool = True,
     **options: Any,
 ) -> NDArray[Any]:
-    """Draw images beside each other, so that equal colours mean equal intensities.
+    """Draw images side by side, so that equal colours mean equal intensities.
 
-    All are shown in one unit, with one exposure or, of one channel each, one range of values, and
-    with one colour bar at the end of the row.
+    All images have the same unit, the same exposure (or, with one channel each, the same range of
+    values), and one colour bar at the end of the row.
 
     Parameters
     ----------
     images : sequence of Image
-        Of as many channels each.
+        With equal numbers of channels.
     ax : sequence of matplotlib Axes, optional
         One for each image, in any arrangement. Default: a row in a new figure.
     titles : sequence of str, optional
@@ -60,7 +60,7 @@ def plot_row(
     scale_bar : bool
         Add a bar of a round length to each.
     colorbar : bool
-        Where the media of the images differ, each has its own.
+        Add a colour bar; if the media of the images differ, one for each image.
     **options
         Those of `Image.to_rgb`.
 
@@ -72,7 +72,7 @@ def plot_row(
     Raises
     ------
     InputError
-        If numbers of images, axes, titles or channels do not fit.
+        If the numbers of images, axes, titles or channels do not match.
     UnitsError
         If an image cannot be converted to the unit of the first.
     """

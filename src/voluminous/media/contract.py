@@ -1,4 +1,4 @@
-"""What a medium promises: from field values to emissivity j and extinction α, per unit length."""
+"""The interface of media: from field values to emissivity j and extinction α, per unit length."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ class Feature:
     expr : Expression
         The expression.
     width : float or Quantity
-        The smallest difference of its values that matters, for example a shell's width; 0 if none
-        is known. It decides whether single precision is enough along rays.
+        The smallest difference of its values that matters, for example a shell's width; 0 if
+        unknown. It decides whether single precision is sufficient along rays.
     scalar : bool
-        True if `Medium.means` takes it as linear over a panel, and needs no fields inside of it.
+        True if `Medium.means` interpolates it linearly and needs no fields inside a panel.
     """
 
     expr: Expression
@@ -91,7 +91,7 @@ class Medium(Value):
     """A rule from field values to (j, α); media add with ``+``.
 
     Only `coefficients`, `key` and `describe` are required. `features`, `ranges`, `means` and
-    `visible` make a medium fast and its errors known; the rest refines these.
+    `visible` make a medium fast and give it error estimates; the rest refines these.
 
     Attributes
     ----------
@@ -105,11 +105,11 @@ class Medium(Value):
         True if its values are labels, which must not be interpolated: the default scheme is then
         ``"first-order"``.
     path_length : float, Quantity or "auto", optional
-        The length that its colours and opacities refer to, if there is one; ``"auto"`` until
+        The length to which its colours and opacities refer, if any; ``"auto"`` until
         `Medium.calibrated` measures it, for media with a `profile`.
     sensitivity : float
-        Factor on the error of fields where structures have no width, or jump: their places, and
-        values looked up there, follow from the fields' slopes.
+        Factor on the error of the fields at structures without width and at jumps: their places,
+        and the values evaluated there, depend on the slopes of the fields.
     """
 
     channels: int
@@ -126,10 +126,10 @@ class Medium(Value):
         raise NotImplementedError
 
     def key(self) -> Any:
-        """Return a hashable value that identifies this medium, or None if nothing does.
+        """Return a hashable value that identifies this medium, or None if there is none.
 
-        Tabulated coefficients and traced kernels are used again for a medium with the same key, so
-        all that `coefficients` and the other methods depend on belongs into it.
+        Tabulated coefficients and traced kernels are reused for media with the same key, so the
+        key must contain everything on which `coefficients` and the other methods depend.
         """
         raise NotImplementedError
 
@@ -140,15 +140,15 @@ class Medium(Value):
     # --- what it evaluates, and where it shows ------------------------------------------------
 
     def features(self) -> tuple[Feature, ...]:
-        """Return all expressions that it evaluates; empty if they are not known."""
+        """Return all expressions that it evaluates; empty if unknown."""
         return ()
 
     def known_features(self) -> tuple[Feature, ...]:
-        """Return the expressions of all components, as far as they are known."""
+        """Return the features of all components."""
         return tuple(feature for part in self.components() for feature in part.features())
 
     def scalars(self) -> tuple[Expression, ...]:
-        """Return the expressions that `means` takes as linear over a panel."""
+        """Return the expressions that `means` interpolates linearly over a panel."""
         return tuple({f.expr.text: f.expr for f in self.features() if f.scalar}.values())
 
     @property
@@ -159,7 +159,7 @@ class Medium(Value):
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         """Return intervals that hold j and α while the fields stay in theirs; default: unbounded.
 
-        A medium whose `coefficients` computes with nothing but operators, `Context.ops` and
+        A medium whose `coefficients` only uses operators, `Context.ops` and
         `Context.interpolate` returns ``self.coefficients(...)``.
         """
         count = 1 if self.grey else self.channels
@@ -189,17 +189,17 @@ class Medium(Value):
         return seen
 
     def visible_key(self) -> Any:
-        """Return what `visible_in` depends on, besides the fields; None if nothing tells that."""
+        """Return a key of all that `visible_in` depends on except the fields; None if unknown."""
         return self.key()
 
     def strongest(self) -> tuple[float, float]:
-        """Return the brightness and opacity of one path length at the peak; 0 if there is none."""
+        """Return the brightness and opacity of one path length at the peak; 0 without a peak."""
         return 0.0, 0.0
 
     def prominence(self, x: Float, context: Context) -> Float:
         """Return its strength at a value of the only scalar, relative to the peak, from 0 to 1.
 
-        Without error control steps may be wide where that is little. Default: one.
+        Without error control steps may be wide where this is small. Default: one.
         """
         return x * 0.0 + 1.0
 
@@ -234,24 +234,24 @@ class Medium(Value):
         return [context.narrow(v) for v in values]
 
     def discontinuities(self, context: Context) -> list[Level]:
-        """Return where the medium jumps or has a surface without width: panels end there.
+        """Return the levels at which the medium jumps or has a surface without width.
 
-        `means` and `sampled` are then asked about stretches without one inside
-        (`Stretch.edgeless`).
+        Panels end there: `means` and `sampled` are called for stretches without a discontinuity
+        inside (`Stretch.edgeless`).
         """
         return []
 
     def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
-        """Return the surfaces without width that a stretch crosses: emission if thin, and depth.
+        """Return optically thin emission and optical depth of the infinitely thin surfaces crossed.
 
-        In the units of `means` times length; evaluated at a place from 0 to 1. None if there never
-        is any.
+        In the units of `means` times length; evaluated at a place s from 0 to 1. None if the medium
+        has no such surfaces.
         """
         return None
 
     @property
     def surface_only(self) -> bool:
-        """Whether the medium is nothing but surfaces without width."""
+        """Whether the medium consists only of surfaces without width."""
         return False
 
     @property
@@ -261,7 +261,7 @@ class Medium(Value):
 
     @property
     def sampling(self) -> Sampling:
-        """Which rules give its means."""
+        """Quadrature rules that the medium supports."""
         return Sampling()
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
@@ -281,10 +281,10 @@ class Medium(Value):
         return found
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        """Return where it may be noticeable on a stretch, and where panels may not show that.
+        """Return two masks: where the medium may be noticeable, and where panels may miss that.
 
-        Two masks: False in the first promises that `means` would be negligible; True in the second
-        asks for smaller panels.
+        False in the first guarantees that `means` is negligible; True in the second requests
+        smaller panels.
         """
         active = stretch.length >= 0.0
         return active, active & False
@@ -292,8 +292,8 @@ class Medium(Value):
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return (unresolved, hidden error) on a stretch, both from 0 to 1.
 
-        How unresolved the narrowest structure is, and a relative error of the mean that halving a
-        panel does not detect.
+        The first measures how unresolved the narrowest structure is; the second is a relative error
+        of the mean that step doubling does not detect.
         """
         zero = stretch.length * 0.0
         return zero, zero
@@ -301,7 +301,7 @@ class Medium(Value):
     def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return the number of structures in each half of a stretch, as `core` counts them.
 
-        Above 1.5 at least one is unresolved, and a panel mixes what lies in front of each other.
+        Above 1.5 at least one is unresolved, and the panel mean loses their depth order.
         """
         zero = stretch.length * 0.0
         return [zero, zero]
@@ -315,9 +315,9 @@ class Medium(Value):
     def profile(
         self, unit: Any, extent: Callable[[], tuple[float, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the medium as a function of its only scalar: values of it, and heights.
+        """Return the medium as a function of its only scalar: nodes and heights.
 
-        Linear in between, zero outside, in any unit; two equal values make a jump.
+        Linear in between, zero outside, in any unit; two equal nodes make a jump.
 
         Parameters
         ----------
@@ -333,7 +333,7 @@ class Medium(Value):
         return (self,)
 
     def formulas(self) -> Medium | None:
-        """Return a Python function read as expressions, where that is possible; else None."""
+        """Return the medium with its Python function as expressions, if possible; else None."""
         return None
 
     def bounds(
@@ -391,8 +391,8 @@ class Medium(Value):
         Parameters
         ----------
         values : array_like, Quantity or dict of str to these
-            Values of the one expression that it is a function of; or of all fields that it looks
-            at (or whole expressions) by name, of one shape.
+            Values of its expression, if it is a function of one; or of all fields that it uses (or
+            whole expressions) by name, of one shape.
 
         Returns
         -------
@@ -403,8 +403,8 @@ class Medium(Value):
         Raises
         ------
         InputError
-            If values of something that it depends on are missing, or some path lengths are
-            ``"auto"`` and others are not.
+            If values of a field or expression are missing, or some path lengths are ``"auto"`` and
+            others are not.
         UnitsError
             If units do not fit.
 
@@ -418,7 +418,7 @@ class Medium(Value):
         return room("calibration.at_values").evaluate(self, values)
 
     def calibrated(self, volume: Volume) -> Medium:
-        """Return this medium with numbers in place of all that is measured in a volume.
+        """Return this medium with numbers for all parameters that are measured in a volume.
 
         Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this
         volume, so that one crossing of the shell shows its colour and its opacity. Open ends of
@@ -429,7 +429,7 @@ class Medium(Value):
         Parameters
         ----------
         volume : Volume
-            In which thicknesses are measured.
+            The volume in which thicknesses are measured.
 
         Returns
         -------
@@ -449,7 +449,7 @@ class Medium(Value):
         Notes
         -----
         Thickness is the effective width in x over the gradient of x, as a median weighted by
-        area. A shell that is nowhere in the volume gets the shortest side of the domain.
+        area. A shell that does not occur in the volume gets the shortest side of the domain.
 
         Examples
         --------
@@ -471,8 +471,8 @@ class Medium(Value):
         Parameters
         ----------
         volume : Volume, optional
-            What is ``"auto"`` or open is measured in it, as in `calibrated`. Without it there is no
-            histogram, and what one path length shows is drawn.
+            Parameters that are ``"auto"`` or open are measured in it, as in `calibrated`. Without
+            it the plot has no histogram and shows the values for one path length.
         ax : matplotlib Axes or sequence of them, optional
             Where to draw; one is divided if there are several panels. Default: a new figure, shown
             by notebooks and ``plt.show()`` if pyplot is in use.
@@ -485,7 +485,7 @@ class Medium(Value):
         Raises
         ------
         InputError
-            If there is nothing to see in the volume, or without one, no range of values.
+            If the medium is invisible in the volume, or if no volume and no range is given.
         """
         return room("calibration.transfer").plot(self, volume, ax)
 
@@ -507,7 +507,7 @@ class Medium(Value):
         return found
 
     def _repr_png_(self) -> bytes | None:
-        """Return a swatch of the transfer function, as far as no volume is needed for it."""
+        """Return a swatch of the transfer function, or None if that needs a volume."""
         found: bytes | None = room("calibration.transfer").swatch(self)
         return found
 

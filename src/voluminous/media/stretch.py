@@ -1,9 +1,10 @@
-"""Expressions that may turn within a stretch of ray: between which values they stay there.
+"""Ray segments, and enclosures of the expressions on them.
 
-What grows or falls with a sum of fields is between its values at the fields' Bézier control points.
-Of all others intervals of the value and of its derivatives tell: where the slope has one sign both
-ends say everything, elsewhere nothing is farther from the chord than the bow lets it be. As
-`media.course`, in the precision of the picture, for schemes that estimate errors.
+A monotonic function of a sum of fields is enclosed by its values at the fields' Bézier control
+points. All other expressions are enclosed by interval arithmetic for the value and its derivatives:
+where the slope has one sign, the values at both ends are the extremes; elsewhere the second
+derivative bounds the distance from the chord. As `bounds.scalars`, but in the precision of the
+picture, for schemes that estimate errors.
 """
 
 from __future__ import annotations
@@ -24,25 +25,25 @@ from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, lar
 from ..expressions.traced_interval import extremes as without_nan
 from .context import Context, completed
 
-# Intervals tell something of a stretch if they tell of one place so much more.
+# Intervals are useful on a stretch if those at a single place are narrower by this factor.
 _LESS = 0.25
-# Of powers of a place it is 0.5 for squares, 0.75 for cubes and nearly one for large ones.
+# Second difference over difference of the ends: 0.5 for s², 0.75 for s³, nearly 1 for high powers.
 _LOPSIDED = 0.85
 
 
 @dataclass
 class Turning:
-    """Where an expression is on a stretch.
+    """Enclosure of an expression on a stretch.
 
     Attributes
     ----------
     low, high : array
-        The least and the greatest value it may have; infinite where it is undefined in parts.
+        Bounds of the value; infinite where the expression is undefined on a part of the stretch.
     apart : array
-        How far it may be from a line through its ends; zero where its slope has one sign, since
-        then both ends show what is between them, unless nearly all of that is in one half.
+        Bound of the distance from the chord; zero where the slope has one sign, unless nearly all
+        of the change is in one half.
     slope, bend : array
-        Bounds of its first and second derivative by the place.
+        Bounds of the magnitudes of the first and second derivative by s.
     """
 
     low: Float
@@ -53,12 +54,12 @@ class Turning:
 
 
 def may_turn(expr: Expression | Margin, context: Context) -> bool:
-    """Return whether control points of the fields do not enclose an expression."""
+    """Return whether the values at the fields' control points do not enclose an expression."""
     return _kind(expr, context) == Monotonicity.ANY
 
 
 def enclosed(stretch: Stretch, expr: Expression | Margin) -> Turning:
-    """Return where an expression is on a stretch."""
+    """Return an enclosure of an expression on a stretch."""
     if not may_turn(expr, stretch.context):
         return _by_controls(stretch, expr)
     return _by_ranges(stretch, expr) if stretch.rough else _by_derivatives(stretch, expr)
@@ -85,7 +86,7 @@ def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
 
 
 def _partly(missing: list[Float]) -> Mask:
-    """Return where some of several values are undefined: between them may be anything."""
+    """Return where some but not all values are undefined, so that no bound holds between them."""
     every, some = missing[0], missing[0]
     for one in missing[1:]:
         every, some = every & one, some | one
@@ -93,10 +94,9 @@ def _partly(missing: list[Float]) -> Mask:
 
 
 def _by_ranges(stretch: Stretch, expr: Expression | Margin) -> Turning:
-    """Return where any expression is, from the ranges of fields alone: a third of the work.
+    """Return an enclosure from the ranges of the fields alone: a third of the work.
 
-    What has no waves, kinks or jumps goes about as a cubic through its values does, unless it may
-    go further.
+    The derivatives of smooth expressions are estimated by those of a cubic through their values.
     """
     found = within(stretch, expr)
     low, high = _seen_if_undecided(stretch, expr, found.lo, found.hi, found.hi - found.lo)
@@ -111,8 +111,8 @@ def _by_ranges(stretch: Stretch, expr: Expression | Margin) -> Turning:
 def _of_cubic(controls: list[Float]) -> tuple[Float, Float]:
     """Return bounds of the first two derivatives of a cubic with these control points.
 
-    Differences of them bound the second (Farin 2002, section 5.3), and half of that is how far the
-    first departs from its mean.
+    Differences of them bound the second derivative (Farin 2002, section 5.3); the first departs
+    from its mean by at most half of that.
     """
     b0, b1, b2, b3 = controls
     rise, middle, last = b1 - b0, b2 - b1, b3 - b2
@@ -122,7 +122,7 @@ def _of_cubic(controls: list[Float]) -> tuple[Float, Float]:
 
 
 def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
-    """Return where any expression is, from intervals of its value and its derivatives."""
+    """Return an enclosure from intervals of the value and its derivatives."""
     found = _derived(stretch, expr)
     first, last = stretch.scalar(expr, 0.0), stretch.scalar(expr, 1.0)
     slope, bow = _interval(found.first, first), _interval(found.second, first).size
@@ -132,7 +132,7 @@ def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
     low, high = larger(value.lo, least - sag), smaller(value.hi, largest + sag)
     one_way = ((slope.lo >= 0.0) | (slope.hi <= 0.0)) & ~value.nan
     low, high = dr.select(one_way, least, low), dr.select(one_way, largest, high)
-    # Where a part of it is undefined the rest may be anything; where all of it is, nothing shows.
+    # No bound holds where it is undefined in parts; where all of it is undefined, it is invisible.
     nowhere = dr.isnan(first) & dr.isnan(stretch.scalar(expr, 0.5)) & dr.isnan(last)
     partly = value.nan & ~nowhere
     low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
@@ -142,9 +142,9 @@ def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
 
 
 def spread(stretch: Stretch, expr: Expression) -> tuple[Any, Any, Any]:
-    """Return how far an expression may go on a stretch, and bounds of its first two derivatives.
+    """Return bounds of an expression's range (its width) and of its first two derivatives.
 
-    All may be infinite: the second is at kinks, the first at jumps.
+    All may be infinite: the second derivative at kinks, the first at jumps.
     """
     found, zero = _derived(stretch, expr), stretch.length
     slope, bow = (_interval(d, zero).size for d in (found.first, found.second))
@@ -159,16 +159,16 @@ def _derived(stretch: Stretch, expr: Expression | Margin) -> TracedJet:
 
 
 def within(stretch: Stretch, expr: Expression | Margin) -> TracedInterval:
-    """Return all values that an expression has while fields are between their control points.
+    """Return an expression's interval while the fields are between their control points.
 
-    Wider than where it is (`enclosed`), in a third of the time.
+    Wider than `enclosed`, in a third of the time.
     """
     ranges = {name: TracedInterval(*ends) for name, ends in stretch.ranges().items()}
     return _in_box(stretch, expr, ranges)
 
 
 def at_places(stretch: Stretch, expr: Expression | Margin) -> list[TracedInterval]:
-    """Return what intervals tell of both ends and the middle, each by itself."""
+    """Return the expression's intervals at both ends and in the middle."""
     return [
         _in_box(stretch, expr, {name: TracedInterval(value) for name, value in place.items()})
         for place in stretch.places()
@@ -176,7 +176,7 @@ def at_places(stretch: Stretch, expr: Expression | Margin) -> list[TracedInterva
 
 
 def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any]) -> TracedInterval:
-    """Return all values that an expression has while fields are in intervals."""
+    """Return an expression's interval while the fields are in theirs."""
     context = stretch.context
     ops = TracedIntervalOps(context.real, context.kept_number)
     found: TracedInterval = ops.number(expr.evaluate(ops, completed(ops, fields, context)))
@@ -184,10 +184,10 @@ def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any])
 
 
 def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Float:
-    """Return how far an expression is from its chord where most of its way is in one half.
+    """Return an expression's distance from its chord where most of its change is in one half.
 
-    Beside a vacuum ``temperature/density`` rises to nearly infinite in the last part of a cell: a
-    line through places on it passes shells in no time, and panels and halves agree about nothing.
+    Beside a vacuum ``temperature/density`` becomes nearly infinite in the last part of a cell: its
+    linear interpolant crosses shells in a tiny fraction of the panel, and step doubling misses it.
     """
     first, middle, last = stretch.nodes(expr)
     off = dr.abs(first - 2.0 * middle + last)
@@ -195,16 +195,16 @@ def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Float:
 
 
 def undecided(stretch: Stretch, expr: Expression | Margin, width: Float) -> Mask:
-    """Return where intervals say as little of single places as of all: of 1/n where n is zero.
+    """Return where intervals at single places are as wide as on the stretch: 1/n where n is zero.
 
-    Nothing is learned from narrower panels there: in a vacuum these were all as narrow as can be,
-    and a picture of 64 x 64 pixels took 20 to 40 s. At both ends and in the middle: beside a vacuum
-    one of them tells more.
+    Halving panels does not help there: without this test all panels in a vacuum had the minimal
+    width, and a picture of 64 x 64 pixels took 20 to 40 s. Both ends and the middle are tested,
+    because beside a vacuum one of them has a narrower interval.
 
     Parameters
     ----------
     width : array
-        How far the expression may go on the stretch, by intervals.
+        The width of the expression's interval on the stretch.
     """
     if not expr.partial:
         return stretch.length < 0.0
@@ -217,7 +217,7 @@ def undecided(stretch: Stretch, expr: Expression | Margin, width: Float) -> Mask
 def _seen_if_undecided(
     stretch: Stretch, expr: Expression | Margin, low: Float, high: Float, width: Float
 ) -> tuple[Float, Float]:
-    """Return ends of a range; where intervals tell nothing, those of what is seen."""
+    """Return the ends of a range; where intervals are useless, those of the values at nodes."""
     least, largest = without_nan(stretch.nodes(expr))
     vain = undecided(stretch, expr, width)
     return dr.select(vain, least, low), dr.select(vain, largest, high)
@@ -236,15 +236,15 @@ def _interval(derivative: Derivative, like: Any) -> TracedInterval:
     return derivative.unknown_where(derivative.nan, False)
 
 
-# Where the scalars of a stretch are known: its panels lie between two of these.
+# Places s at which scalars are evaluated: panels extend between two of these.
 NODES = (0.0, 0.5, 1.0)
-# What is without width counts on panels of at least this length, in cells.
+# The least length, in cells, that a surface without width is divided by.
 _SHORTEST = 1e-20
 Cubic = Sequence[Any]  # coefficients of 1, s, s², s³; or fewer
 
 
 class Stretch:
-    """A piece of a ray, s from 0 to 1 along the walk.
+    """A segment of a ray, with s from 0 to 1 along it.
 
     Parameters
     ----------
@@ -255,12 +255,12 @@ class Stretch:
     length : array
         Its length, in units of the grid's scale.
     rough : bool
-        It need not be known closely where expressions are: it is asked where something may show.
+        Wide enclosures are sufficient: the stretch only serves to test for visibility.
 
     Attributes
     ----------
     edgeless : bool
-        No edge of the medium is inside of it: what is in its middle is everywhere.
+        No discontinuity of the medium is inside: the state in the middle holds all along.
     """
 
     def __init__(
@@ -274,7 +274,7 @@ class Stretch:
         self._spreads: dict[str, tuple[Any, Any, Any]] = {}
 
     def fields(self, s: Float) -> dict[str, Any]:
-        """Return all fields at a place, and what follows from x, y and z."""
+        """Return all fields at s, and the coordinates derived from x, y and z."""
         return self._complete(self._own_fields(s))
 
     def places(self) -> list[dict[str, Any]]:
@@ -282,7 +282,7 @@ class Stretch:
         return [within_limits(self._own_fields(s), self.context) for s in NODES]
 
     def ranges(self) -> dict[str, tuple[Any, Any]]:
-        """Return between which values each field alone stays."""
+        """Return (low, high) of each field."""
         ends = {name: extremes(self.field_points(name)) for name in self.cubics}
         low, high = (
             within_limits({name: pair[k] for name, pair in ends.items()}, self.context)
@@ -306,35 +306,32 @@ class Stretch:
         return [self.scalar(expr, s) for s in NODES]
 
     def set_scalar(self, expr: Expression, s: float, value: Float) -> None:
-        """Say which value an expression has at a place.
+        """Set the value of an expression at s.
 
-        At 0 it is what it was at the end of the stretch before, so that the integrals over a ray's
-        stretches join up to the last bit.
+        At 0 it is the value at the end of the previous stretch, so that the integrals over a ray's
+        stretches join without rounding differences.
         """
         self._scalars[expr.text, s] = value
 
     def known(self, expr: Expression) -> list[Float]:
-        """Return what was computed of an expression at the control points, both ends among them.
+        """Return the computed values of an expression at the control points, including both ends.
 
-        Not in the middle: where samples will do it is not needed.
+        The middle is left out: it is not needed where samples suffice.
         """
         return self.controls(expr)
 
     def set_known(self, expr: Expression, values: list[Float]) -> None:
-        """Take what `known` returned for the same stretch in another scope of a kernel."""
+        """Restore the values that `known` returned for this stretch in another kernel scope."""
         self._scalars[expr.text, 0.0], self._scalars[expr.text, 1.0] = values[0], values[-1]
         self._controls[expr.text] = values
 
     def hull(self, expr: Expression | Margin) -> tuple[Float, Float]:
-        """Return the least and the greatest value that an expression may have.
-
-        Infinite where it is undefined in a part of the stretch.
-        """
+        """Return bounds of an expression; infinite where it is undefined in a part."""
         found = self.turning(expr)
         return found.low, found.high
 
     def turns(self, expr: Expression | Margin, least: Float) -> Mask:
-        """Return where an expression may go back and forth by more than a number."""
+        """Return where an expression may depart from its chord by more than `least`."""
         return self.turning(expr).apart > least
 
     def is_cubic(self, expr: Expression) -> bool:
@@ -342,13 +339,13 @@ class Stretch:
         return is_cubic(expr, self.context)
 
     def turning(self, expr: Expression | Margin) -> Turning:
-        """Return between which values an expression stays; computed once."""
+        """Return the enclosure of an expression; computed once."""
         if expr.text not in self._turnings:
             self._turnings[expr.text] = enclosed(self, expr)
         return self._turnings[expr.text]
 
     def spread(self, expr: Expression) -> tuple[Any, Any, Any]:
-        """Return how far an expression may go, and bounds of two derivatives; computed once."""
+        """Return bounds of an expression's range and of two derivatives; computed once."""
         if expr.text not in self._spreads:
             self._spreads[expr.text] = spread(self, expr)
         return self._spreads[expr.text]
@@ -376,13 +373,13 @@ class Stretch:
         return [cubic[0], *inner, sum(cubic[1:], cubic[0])]
 
     def part(self, start: Float, width: Float) -> Stretch:
-        """Return the part from `start` on, of a width, as a stretch."""
+        """Return the part from `start` to ``start + width`` as a stretch."""
         begin, part = self.context.real(start), self.context.real(width)
         cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
         return Stretch(cubics, self.context, self.length * width)
 
     def with_constants(self, values: Mapping[str, Any]) -> Stretch:
-        """Return it with more fields, each the same all along."""
+        """Return the stretch with additional, constant fields."""
         cubics = {**self.cubics, **{name: [value] for name, value in values.items()}}
         found = Stretch(cubics, self.context, self.length, rough=self.rough)
         found.edgeless = self.edgeless
@@ -407,7 +404,7 @@ class Stretch:
 
 
 class Straight(Stretch):
-    """A stretch on which scalars are taken as linear, whatever the fields do between its ends."""
+    """A stretch on which scalars are interpolated linearly between its ends."""
 
     def scalar(self, expr: Expression | Margin, s: float) -> Float:
         if 0.0 < s < 1.0:
@@ -429,12 +426,12 @@ class Straight(Stretch):
 
 @dataclass
 class Panel:
-    """A part of a stretch over which scalars are taken as linear.
+    """A part of a stretch on which scalars are interpolated linearly.
 
     Attributes
     ----------
     first, last : float
-        Where in the stretch it is: two of 0, ½ and 1.
+        Its ends in the stretch: two of 0, ½ and 1.
     """
 
     stretch: Stretch
@@ -448,7 +445,7 @@ class Panel:
 
     @property
     def per_length(self) -> Float:
-        """One over its length, for surfaces: one between two segments is not lost."""
+        """One over its length, limited so that a surface between two segments is not lost."""
         return 1.0 / dr.select(self.length > _SHORTEST, self.length, _SHORTEST)
 
     def ends(self, expr: Expression) -> tuple[Float, Float]:
@@ -460,7 +457,7 @@ class Panel:
         return self.stretch.fields(self.place(f))
 
     def place(self, f: Float) -> Float:
-        """Return where in the stretch a fraction of the panel is."""
+        """Return the place s in the stretch of a fraction of the panel."""
         return self.first + f * (self.last - self.first)
 
 
@@ -472,7 +469,7 @@ def extremes(values: Sequence[Any]) -> tuple[Float, Float]:
 
 
 def within_limits(fields: dict[str, Any], context: Context) -> dict[str, Any]:
-    """Return interpolated fields, none beyond the least and largest of its values."""
+    """Return interpolated fields, each clipped to the least and largest of its values."""
     for name, (low, high) in context.limits.items():
         if name in fields:
             value = dr.select(fields[name] < low, low, fields[name])
@@ -481,7 +478,7 @@ def within_limits(fields: dict[str, Any], context: Context) -> dict[str, Any]:
 
 
 def with_coordinates(fields: dict[str, Any], context: Context) -> dict[str, Any]:
-    """Return fields with what follows from x, y and z, if these are among them."""
+    """Return fields with the coordinates derived from x, y and z, if these are among them."""
     if all(axis in fields for axis in "xyz"):
         fields["r"] = dr.sqrt(sum(fields[axis] * fields[axis] for axis in "xyz"))
         for name, formula in context.coordinates.items():
@@ -492,7 +489,7 @@ def with_coordinates(fields: dict[str, Any], context: Context) -> dict[str, Any]
 def control_point(cubic: Cubic, number: int) -> Float:
     """Return a Bézier control point of a polynomial of at most third degree.
 
-    The coefficient of Bernstein's polynomial `number` of degree three: Σ c_k C(n, k) / C(3, k).
+    It is the coefficient of the Bernstein polynomial `number` of degree 3: Σ c_k C(n, k) / C(3, k).
     """
     ratios = {1: (1.0, 1 / 3), 2: (1.0, 2 / 3, 1 / 3)}[number]
     total = cubic[0]
@@ -517,14 +514,14 @@ def shifted(cubic: Cubic, start: Float, width: Float) -> list[Float]:
 
 @dataclass
 class Middle:
-    """Where the mass of a shape is in a panel.
+    """Centre of mass and variance of a profile in a panel.
 
     Attributes
     ----------
     place : array
-        Its centre, as a fraction of the panel.
+        Centre of mass, as a fraction of the panel.
     spread : array or float
-        Its variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
+        Variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
     """
 
     place: Float
@@ -532,7 +529,7 @@ class Middle:
 
 
 def kept(stretch: Stretch, key: Any, make: Any) -> Any:
-    """Return what `make` returned the first time for a stretch, whose panels share their ends."""
+    """Return the cached result of `make` for a stretch, which its panels share."""
     store = vars(stretch).setdefault("_kept", {})
     if key not in store:
         store[key] = make()
@@ -540,10 +537,10 @@ def kept(stretch: Stretch, key: Any, make: Any) -> Any:
 
 
 def middle_of(t: Float, variance: Any) -> Middle:
-    """Return the middle for a centre of mass and a variance on [-1, 1]."""
+    """Return the `Middle` for a centre of mass and a variance on [-1, 1]."""
     t = dr.select(dr.isnan(t), 0.0, t)  # of infinite ends: log10 where nothing is
     t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))
-    # What is inside has at most the variance of masses at both ends, 1 - t².
+    # The variance is at most that of masses at both ends, 1 - t².
     room = 1.0 - t * t
     spread = variance / dr.select(room > 0.0, room, 1.0)
     return Middle(0.5 + 0.5 * t, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))

@@ -1,4 +1,4 @@
-"""More than one ray per pixel: where the picture is not smooth, or RADMC-3D's recursion."""
+"""Antialiasing: more rays where the picture is not smooth, or RADMC-3D's recursion."""
 
 from __future__ import annotations
 
@@ -81,7 +81,6 @@ class Means:
         self.low, self.high = np.minimum(self.low, seen), np.maximum(self.high, seen)
 
     def mean(self) -> Paths:
-        """Return the mean paths."""
         return self.total.times(1.0 / self.count)
 
     def wrong(self) -> np.ndarray:
@@ -89,7 +88,6 @@ class Means:
         return np.maximum(self.off, left_of_edges(self.high - self.low, self.count))
 
     def some(self, index: np.ndarray) -> Means:
-        """Return a subset of the pixels."""
         rows = (row[:, index] for row in (self.seen, self.low, self.high, self.off))
         return Means(self.pixel[index], self.total.some(index), self.count, *rows)
 
@@ -219,14 +217,14 @@ def _count(
 
 @dataclass
 class WidthState:
-    """What goes round the loop: where a ray is, and the least width so far."""
+    """Loop state: a ray's position, and the smallest width so far."""
 
     cursor: Any
     least: Any
 
 
 class MinCellWidth:
-    """Follows rays through a grid's cells."""
+    """Computes the width of the narrowest cell along rays."""
 
     def __init__(self, grid: Any, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
@@ -260,7 +258,7 @@ class MinCellWidth:
         return None
 
     def before(self, sight: Any, count: int) -> Any:
-        """Return the widths that rays begin with."""
+        """Return the initial widths of rays."""
         raise NotImplementedError
 
     def width(self, cursor: Any, segment: Segment, sight: Any) -> Any:
@@ -446,18 +444,16 @@ class PixelParts:
         return float(0.25**self.depth)
 
     def of(self, index: Int) -> PixelParts:
-        """Return a subset."""
         return PixelParts(self.entry[index], self.center[:, index], self.depth)
 
     def quarters(self) -> PixelParts:
-        """Return four quarters of each."""
         half = 0.25 * 0.5**self.depth
         center = self.center[:, :, None] + half * _QUARTERS.T[:, None, :]
         return PixelParts(np.repeat(self.entry, 4), center.reshape(2, -1), self.depth + 1)
 
 
 class FluxConserving(RayTracer):
-    """A job's rays, in parts of pixels as small as the cells that they meet."""
+    """Traces a job's rays in parts of pixels no wider than the cells on their way."""
 
     def __init__(self, job: RenderJob, source: Source, brightest_background: float) -> None:
         super().__init__(job, source, brightest_background)
@@ -534,7 +530,6 @@ class _PathMeans:
 
 
 def _narrowest(job: RenderJob) -> MinCellWidth:
-    """Return the rule for the narrowest cells that a job's rays cross."""
     grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
     if kind == SPHERICAL:
         return SphericalCellWidth(grid, job.backend, job.backward)

@@ -1,4 +1,4 @@
-"""A warning where a picture shows nothing of its medium, with the values that there are."""
+"""A warning if the medium is not visible in a picture, with the ranges of its expressions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NOT_MET = (
 
 
 def warn_if_empty(job: RenderJob, result: RenderResult, *, others: bool) -> None:
-    """Warn where no pixel shows anything of the medium, unless there are `others`: objects."""
+    """Warn if no pixel shows the medium, unless the picture has objects (`others`)."""
     if others or not result.nothing:
         return
     volume, medium, statistics = job.volume, job.medium, job.cache.statistics

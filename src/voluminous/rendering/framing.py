@@ -1,4 +1,4 @@
-"""A frame around what there is to see: data often fill a small part of their box."""
+"""Fits cameras to the visible part of a medium: data often fill a small part of their box."""
 
 from __future__ import annotations
 

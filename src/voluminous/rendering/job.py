@@ -183,7 +183,7 @@ class RenderJob:
         if self.scheme.controlled:
             limits = self.tolerance, brightest_background, seconds, focus
             paths, enough = yield from render_to_tolerance(tracer, *limits)
-            if not enough:  # all there is to see is as faint as what was left out
+            if not enough:  # everything visible is as faint as the skipped places
                 tracer = self._drawing(brightest_background, faintest=True)
                 paths, _ = yield from render_to_tolerance(tracer, *limits)
         else:

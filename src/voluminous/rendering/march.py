@@ -1,4 +1,4 @@
-"""The one ray loop: grid walk → scheme ← medium, folded into a path."""
+"""The ray loop: grid walk → scheme ← medium, composed into a path."""
 
 from __future__ import annotations
 

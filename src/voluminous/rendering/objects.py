@@ -1,7 +1,7 @@
 """Stars and lines in a picture: additional pairs (b, θ), placed at their depths in the medium.
 
-Rays of pixels that objects cover are traced again up to them, see `layered`. Point lights hide
-nothing: a ray to each gives its attenuation, and its light is added.
+Rays of pixels that objects cover are traced again up to them, see `layered`. Points of light
+are added, each attenuated by the medium along a ray to it.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def channel_count(objects: list[SceneObject], job: RenderJob) -> int:
 
 @dataclass
 class ObjectLayers:
-    """What objects show: layers and points at their true depth, and those in the foreground."""
+    """The layers and points of objects at their true depth, and of those in the foreground."""
 
     layers: Layers
     points: list[PointLights]

@@ -1,4 +1,4 @@
-"""What render() is asked: checked, and brought into one form."""
+"""Validation of the arguments of render(), and their conversion to one form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lanes and pixels: the order in which rays are put into vectors."""
+"""The order of rays in vector lanes."""
 
 from __future__ import annotations
 

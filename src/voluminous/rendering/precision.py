@@ -1,4 +1,4 @@
-"""Which precision a medium needs: single, or double where that loses too many digits."""
+"""The precision a medium needs: single, or double where single loses too many digits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what a user asks for to a `RenderJob`: everything is checked, and brought into one form."""
+"""Creates a `RenderJob` from the arguments of render(), which are validated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""World coordinates of a picture: of the sky, or of a place and a velocity."""
+"""World coordinates of a picture: of the sky, or of a position and a velocity."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _third(grid: Grid, wcs: Any, z: float) -> tuple[tuple[str, Any, float], floa
     single = wcs.sub([3])
     low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
     scale = float((high - low) / np.ptp(grid.edges[2]))
-    # In what z is proportional to: not in what channels are even in, which the rest tells.
+    # The type in which z is linear, not the one in which channels are equidistant.
     kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]
     return (kind, single.wcs.cunit[0], float(low + scale * (z - grid.edges[2][0]))), scale
 

@@ -1,4 +1,4 @@
-"""Keep a picture to its tolerance: find out how bright it is, then mend the pixels that are off."""
+"""Renders to a tolerance: estimates the brightness, then traces pixels with large errors again."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A scene in a file: volume, media, camera and options, in TOML.
 
-`settings` are its tables of plain values, `kinds` says what values may be, `sections` and `source`
-make objects of them, `toml` reads and writes the text.
+`settings` reads and writes the TOML tables of plain values, `kinds` validates values, and
+`sections` and `source` construct objects from them.
 """
 
 from .scene import Scene

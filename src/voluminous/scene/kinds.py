@@ -1,4 +1,4 @@
-"""What a value in a scene file may be: checked, and turned into what the constructors take."""
+"""Types of the values in a scene file: validation, and conversion for the constructors."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ..units import quantity_in, split_text
 
 
 class _UnfitError(Exception):
-    """A value is not of the kind that is asked for."""
+    """A value is not of the expected kind."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What to expect of a value, in words, and what takes it or raises `_UnfitError`."""
+    """Expected type of a value: a description, and a converter that may raise `_UnfitError`."""
 
     expected: str
     take: Callable[[Any], Any]
 
     def __call__(self, key: str, value: Any) -> Any:
-        """Return the value that a constructor takes."""
+        """Return the value as the constructor expects it."""
         try:
             return self.take(value)
         except _UnfitError:
@@ -34,7 +34,7 @@ class Kind:
 
 def _of(*types: type) -> Callable[[Any], Any]:
     def take(value: Any) -> Any:
-        # To Python true is a whole number; to people it is not.
+        # bool is a subclass of int in Python, but true is not accepted as a number here.
         if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
             raise _UnfitError
         return value
@@ -52,7 +52,7 @@ def _quantity(value: Any) -> Any:
 
 
 def _plain_quantity(value: Any) -> Any:
-    """Return the quantity in a text that cannot be anything else; else the text is a name."""
+    """Parse an unambiguous quantity; any other text is a name."""
     if not isinstance(value, str):
         return _number(value)
     parts = split_text(value)
@@ -102,7 +102,7 @@ def _table(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def _nothing(value: Any) -> None:
-    """Return None for what stands for it in a file: TOML has no word for nothing."""
+    """Return None for the text that represents it: TOML has no null value."""
     if value != NONE:
         raise _UnfitError
 
@@ -133,14 +133,14 @@ FIELDS = Kind(
 )
 EXPRESSION_TABLE = Kind("a table name = expression", _table(_either(_text, _number)))
 TEXT_TABLE = Kind("a table name = text", _table(_text))
-# Of a key nobody described: quantities become quantities, all else stays what it is.
+# For keys without a description: texts with units become quantities, other values stay unchanged.
 ANYTHING = Kind("a value", _either(_listed(_plain_quantity), lambda value: value))
 
 _ANNOTATED = {"int": WHOLE, "float": NUMBER, "float | None": NUMBER, "bool": BOOLEAN, "str": TEXT}
 
 
 def or_table(kind: Kind, make: Callable[[dict[str, Any]], Any]) -> Kind:
-    """Return a kind that may also be a table, of which something is made."""
+    """Return a kind that also accepts a table, which `make` converts."""
 
     def take(value: Any) -> Any:
         return make(value) if isinstance(value, dict) else kind.take(value)
@@ -151,16 +151,16 @@ def or_table(kind: Kind, make: Callable[[dict[str, Any]], Any]) -> Kind:
 def arguments(
     function: Callable[..., Any], section: Mapping[str, Any], kinds: Mapping[str, Kind]
 ) -> dict[str, Any]:
-    """Return a section's values as arguments of the function that it describes.
+    """Return a section's values as keyword arguments of the function that it describes.
 
     Parameters
     ----------
     function : callable
-        Its parameters are the keys that there may be, and tell which there must be.
+        Its parameters are the allowed keys; those without a default are required.
     section : mapping
         The values, as in the file.
     kinds : mapping of Kind
-        What a key may be; by default what the parameter's annotation says.
+        Kind of each key; by default it follows from the parameter's annotation.
     """
     parameters = {
         name: parameter
@@ -178,7 +178,7 @@ def arguments(
 
 
 def check_keys(section: Mapping[str, Any], known: Any) -> None:
-    """Raise the error for the first unknown key; names the nearest."""
+    """Raise an error for the first unknown key; it names the nearest known one."""
     for key in section:
         if key not in known:
             raise unknown_name("key", key, known)

@@ -1,4 +1,4 @@
-"""`Scene`: everything a picture is made of, as plain values that can be saved."""
+"""`Scene`: the complete description of a picture, as plain values that can be saved."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class Scene:
     settings : mapping
         The sections ``volume``, ``medium`` (a list), and optionally ``object`` (a list),
         ``camera``, ``render`` and ``image``, as in a scene file. Media, objects and cameras may
-        also be given as what they describe.
+        also be given as Python objects.
     directory : str or Path
-        What relative paths are relative to.
+        Base directory of relative paths.
     volume : Volume, optional
-        What the section ``volume`` describes, if it is there already; else it is read when needed.
+        The volume of the section ``volume``, if already in memory; otherwise read when needed.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Scene:
     Raises
     ------
     UnknownNameError
-        For a section, key, type … that does not exist; says where, and names the nearest.
+        For an unknown section, key, type …; the message contains its place and the nearest name.
     InputError
         If a value is of the wrong kind or cannot be used.
 
@@ -93,14 +93,14 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Return the scene in a file: TOML, or an image that was rendered from a scene.
+        """Load the scene from a TOML file, or from an image that was rendered from a scene.
 
         Raises
         ------
         FileFormatError
-            If the file is not TOML; names line and column.
+            If the file is not TOML; the message contains line and column.
         VoluminousError
-            If it is not a scene; names file, section and key.
+            If it is not a scene; the message contains file, section and key.
         """
         from ..image.formats import FORMATS
 
@@ -122,7 +122,7 @@ class Scene:
             return cls(settings, path.parent)
 
     def volume(self) -> Volume:
-        """Return the volume, which is read (or computed) the first time.
+        """Return the volume, which is read (or computed) on the first call.
 
         Raises
         ------
@@ -139,13 +139,13 @@ class Scene:
         Parameters
         ----------
         **overrides
-            Arguments of `voluminous.render` that replace those of the scene, and ``progress``.
+            Arguments of `voluminous.render` that override those of the scene, and ``progress``.
 
         Returns
         -------
         Image
-            Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
-            gives it back, wherever it is saved.
+            Its provenance holds the scene, with absolute paths: ``Scene.load`` restores it from
+            the saved image, in any directory.
         """
         from ..rendering import render
 
@@ -164,7 +164,7 @@ class Scene:
         return image.replace(provenance={**(image.provenance or {}), "scene": told})
 
     def background(self, path: str) -> Image:
-        """Return the image in a file, whose path may be relative to the scene's directory."""
+        """Load an image file; the path may be relative to the scene's directory."""
         from ..image import Image
 
         with placed("[render] background"):
@@ -176,13 +176,13 @@ class Scene:
         Parameters
         ----------
         changes : mapping
-            Places and values, such as ``{"camera.incl": 40, "medium.2.opacity": 0.3}``; media
-            count from 1. A place without a dot is a whole section.
+            Keys and values, such as ``{"camera.incl": 40, "medium.2.opacity": 0.3}``; media
+            count from 1. A key without a dot is a whole section.
 
         Raises
         ------
         UnknownNameError
-            If a place does not exist; names the nearest.
+            If a key does not exist; the message contains the nearest one.
         """
         settings = self.to_dict()
         for place, value in changes.items():
@@ -193,7 +193,7 @@ class Scene:
         return changed
 
     def to_dict(self, directory: str | Path | None = None) -> dict[str, Any]:
-        """Return all sections as plain values; paths relative to `directory` if it is given."""
+        """Return all sections as plain values, with paths relative to `directory` if given."""
         settings = copy.deepcopy({k: v for k, v in self._settings.items() if v})
         if directory is None:
             return settings
@@ -206,14 +206,14 @@ class Scene:
         return settings.dumps(self.to_dict())
 
     def save(self, path: str | Path) -> None:
-        """Write a scene file; the paths in it become relative to its directory."""
+        """Write a scene file with paths relative to its directory."""
         path = as_path(path)
         text = settings.dumps(self.to_dict(path.parent))
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 
     def save_image(self, image: Image, path: str | Path) -> None:
-        """Save a picture of this scene with those of its image options that the format has."""
+        """Save a picture of this scene with those image options that the format supports."""
         from ..image.formats import format_of
 
         path = as_path(path)
@@ -238,7 +238,7 @@ def _held(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _is_short(value: Any) -> bool:
-    """Return whether a value is one, or a list of them: not a picture full of numbers."""
+    """Return True for a scalar or a flat list, but not for an array of an image's size."""
     single = (str, bool, int, float)
     return isinstance(value, single) or (
         isinstance(value, list) and all(isinstance(one, single) for one in value)
@@ -247,7 +247,7 @@ def _is_short(value: Any) -> bool:
 
 def _text_of(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows prepend a byte order mark
     except FileNotFoundError:
         raise missing(path) from None
     except UnicodeDecodeError as error:

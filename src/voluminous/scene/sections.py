@@ -1,4 +1,4 @@
-"""The sections of a scene that need no file: medium, camera, render and image."""
+"""The sections of a scene that need no data file: medium, object, camera, render and image."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _listed(
 
 
 def _color_by(section: Mapping[str, Any]) -> Any:
-    """Return the colours by another expression, from the table ``color`` of a medium."""
+    """Return the colouring by another expression, from the table ``color`` of a medium."""
     from ..media import ColorBy
 
     with placed("color"):
@@ -104,7 +104,7 @@ def _color_by(section: Mapping[str, Any]) -> Any:
 
 
 def build_camera(section: Mapping[str, Any]) -> Any:
-    """Return the camera in ``[camera]``; from its `looking` if there is a ``view_direction``."""
+    """Return the camera of ``[camera]``; its `looking` constructs it from a ``view_direction``."""
     from ..cameras import CAMERAS
 
     with placed("[camera]"):
@@ -124,9 +124,9 @@ def build_camera(section: Mapping[str, Any]) -> Any:
 
 
 def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keyword arguments of `render` as ``[render]`` holds them.
+    """Return keyword arguments of `render` in the form of ``[render]``.
 
-    None is left out where it is the default, and a word elsewhere.
+    None is omitted if it is the default, and written as a word otherwise.
     """
     known = _render_parameters()
     told = {}
@@ -139,7 +139,7 @@ def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of `render` in ``[render]``."""
+    """Return ``[render]`` as keyword arguments of `render`."""
     from ..backend.device import DEVICES, PRECISIONS
     from ..rendering.options import ORDERS, check_cutoff, check_tolerance
     from ..schemes import SCHEMES
@@ -162,7 +162,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _render_parameters() -> dict[str, inspect.Parameter]:
-    """Return the parameters of `render` that may stand in ``[render]``."""
+    """Return the parameters of `render` that ``[render]`` may contain."""
     from ..rendering import render
 
     return {
@@ -173,7 +173,7 @@ def _render_parameters() -> dict[str, inspect.Parameter]:
 
 
 def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:
-    """Return the options of `Image.save` in ``[image]``, tried on a picture of one pixel."""
+    """Return the options of `Image.save` in ``[image]``, validated on a picture of one pixel."""
     import numpy as np
 
     from ..image import Image

@@ -1,4 +1,4 @@
-"""TOML in and out: the standard library reads it; what a scene needs of it is written here."""
+"""Scene settings as TOML: reads with the standard library, and writes the subset scenes need."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..objects.values import described
 
 SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
 _PATHS = (("volume", "path"), ("render", "background"))
-# Sections of which there may be several.
+# Sections that may occur several times.
 _LISTS = ("medium", "object")
 
 
@@ -39,7 +39,7 @@ def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tables(name: str, given: Any) -> list[dict[str, Any]]:
-    """Return the tables of all media, or stars and lines, from tables or objects."""
+    """Return the tables of a section that may repeat, from tables or Python objects."""
     if hasattr(given, "components"):
         given = list(given.components())
     tables = list(given) if isinstance(given, (list, tuple)) else [given] if given else []
@@ -51,17 +51,17 @@ def _tables(name: str, given: Any) -> list[dict[str, Any]]:
 
 
 def _described(thing: Any) -> Any:
-    """Return what an object says of itself, without what it leaves at its default."""
+    """Return an object's description, without values that equal their default."""
     if not hasattr(thing, "describe"):
         return thing
     return {key: value for key, value in thing.describe().items() if value is not None}
 
 
 def plain_value(value: Any) -> Any:
-    """Return a value of Python as a scene file holds it; what it cannot hold stays as it is.
+    """Return a Python value in the form of a scene file; unsupported values stay unchanged.
 
-    Arrays and tuples become lists, numbers of NumPy those of Python, paths texts, and quantities
-    texts such as "1.0 pc".
+    Arrays and tuples become lists, NumPy scalars Python numbers, paths strings, and quantities
+    strings such as "1.0 pc".
 
     Examples
     --------
@@ -76,7 +76,7 @@ def plain_value(value: Any) -> Any:
 
 
 def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
-    """Set the value at a place such as ``medium.1.color``; its last part may be new."""
+    """Set the value of a key such as ``medium.1.color``; only its last part may be new."""
     *path, last = place.split(".")
     section = path[0] if path else last
     if section not in SECTIONS:
@@ -102,7 +102,7 @@ def _item(items: list[Any], key: str, place: str) -> Any:
 
 
 def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings in which the paths of files are changed."""
+    """Return settings with `change` applied to all file paths."""
     told = dict(settings)
     for section, key in _PATHS:
         if isinstance(path := told.get(section, {}).get(key), str):
@@ -111,7 +111,7 @@ def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[s
 
 
 def relative_path(old: Path, path: str, new: Path) -> str:
-    """Return a path that is relative to one directory as it is seen from another."""
+    """Return a path relative to directory `old` as a path relative to directory `new`."""
     expanded = Path(os.path.expanduser(path))
     if expanded.is_absolute() or url_of(expanded):
         return path
@@ -135,7 +135,7 @@ def loads(text: str) -> dict[str, Any]:
 
 
 def value(text: str) -> Any:
-    """Return a value as it would stand behind ``key =``; anything else is taken as a text.
+    """Parse a value as TOML does after ``key =``; other text is returned as a string.
 
     Examples
     --------
@@ -149,12 +149,12 @@ def value(text: str) -> Any:
 
 
 def dumps(tables: Mapping[str, Any]) -> str:
-    """Return a TOML document; `loads` gives back the same values."""
+    """Return a TOML document; `loads` restores the same values."""
     return "\n".join(_lines(tables, "")).strip() + "\n"
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Yield the plain values of a table, then the tables in it, each under its header."""
+    """Yield the plain values of a table, then its subtables, each under its header."""
     tables = {k: v for k, v in table.items() if isinstance(v, Mapping) or _is_array_of_tables(v)}
     for key, content in table.items():
         if key not in tables:
@@ -177,7 +177,7 @@ def _key(key: str) -> str:
 
 
 def inline(content: Any) -> str:
-    """Return a value as it stands behind ``key =``."""
+    """Return a value in inline form, as after ``key =``."""
     if isinstance(content, bool):
         return "true" if content else "false"
     if isinstance(content, (int, float)):
@@ -194,7 +194,7 @@ def inline(content: Any) -> str:
 def _text(text: str) -> str:
     try:
         text.encode("utf-8")
-    except UnicodeEncodeError:  # a name of a file that is no UTF-8
+    except UnicodeEncodeError:  # a file name that is not valid UTF-8
         raise InputError(f"a scene file cannot hold {text!r}, which is no UTF-8") from None
-    # JSON's escapes are TOML's, but for the one control character that JSON leaves as it is.
+    # JSON and TOML escapes agree, except for DEL, which JSON does not escape.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

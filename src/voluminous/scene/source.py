@@ -1,4 +1,4 @@
-"""The section ``[volume]``: a file or a model, and what is derived from its fields."""
+"""The section ``[volume]``: a file or a model, and derived fields."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _OWN = {"path", "model", "format", "fields", "derived", "units"}
 
 @dataclass
 class VolumeSource:
-    """Where a volume comes from.
+    """Source of a volume: a file or a model.
 
     Attributes
     ----------
     path, format, fields
-        Of a file, as in `io.open`.
+        A file, as in `io.open`.
     model : str or None
-        Or the name of a function of `voluminous.models`.
+        Alternatively the name of a function of `voluminous.models`.
     options : dict
-        The reader's, or the model's arguments.
+        Options of the reader, or arguments of the model.
     derived, units : dict
         Fields to add (name → expression), and units of plain fields (name → unit).
     """
@@ -68,20 +68,20 @@ class VolumeSource:
 
         options = self.options
         converts = bool(self.units) and "units" in find_reader(path, self.format).options
-        if converts:  # such a reader knows units, and gives values in others
+        if converts:  # such a reader has units and converts the values itself
             options = {**options, "units": self.units}
         volume = open_volume(path, self.fields, format=self.format, **options)
         return volume if converts else self._named(volume)
 
     def _named(self, volume: Volume) -> Volume:
-        """Return the volume, once its plain fields have the units that are given."""
+        """Return the volume with the given units assigned to its plain fields."""
         for name, unit in self.units.items():
             volume.set_unit(name, unit)
         return volume
 
 
 def read_source(section: Mapping[str, Any]) -> VolumeSource:
-    """Return what ``[volume]`` says, checked as far as that goes without the file."""
+    """Parse ``[volume]``; it is validated as far as possible without opening the file."""
     with placed("[volume]"):
         if ("path" in section) == ("model" in section):
             raise InputError("give path = a file, or model = one of " + ", ".join(sorted(models())))
@@ -119,7 +119,7 @@ def _file(section: Mapping[str, Any], options: dict[str, Any]) -> VolumeSource:
     if form is not None and form not in known:
         raise unknown_name("format", form, known)
     asked = [known[form]] if form else _named_like(Path(path), known.values())
-    if asked:  # else the content decides, when the file is opened
+    if asked:  # otherwise the file's content determines the reader on opening
         kinds.check_keys(options, {*_OWN}.union(*(reader.options for reader in asked)))
     return VolumeSource(
         path=path,
@@ -130,12 +130,12 @@ def _file(section: Mapping[str, Any], options: dict[str, Any]) -> VolumeSource:
 
 
 def typed_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a reader's options as it takes them, from plain values."""
+    """Convert plain values to the types that a reader expects."""
     return {key: _FILE.get(key, kinds.ANYTHING)(key, value) for key, value in options.items()}
 
 
 def _named_like(path: Path, among: Iterable[Reader]) -> list[Reader]:
-    """Return the readers that a file of this name, packed or not, may be for."""
+    """Return the readers whose suffixes match a file name, compressed or not."""
     endings = {suffix.lower() for suffix in path.suffixes}
     return [reader for reader in among if endings & set(reader.suffixes)]
 

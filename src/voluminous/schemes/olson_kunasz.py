@@ -1,4 +1,4 @@
-"""RADMC-3D's second-order rule, its branches and its cap included, for comparison.
+"""RADMC-3D's second-order rule, including its branches and its cap, for comparison.
 
 Olson & Kunasz (1987, JQSRT 38, 325) take the source function as linear in OPTICAL DEPTH, with the
 optical depth by the trapezoidal rule; RADMC-3D 2.0 adds that the emission never exceeds the

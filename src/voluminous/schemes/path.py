@@ -1,4 +1,4 @@
-"""A stretch of ray is a pair (b, θ); two stretches compose: (b₁, θ₁) over (b₂, θ₂)."""
+"""Stretches of rays as pairs (b, θ), and their composition: (b₁, θ₁) over (b₂, θ₂)."""
 
 from __future__ import annotations
 

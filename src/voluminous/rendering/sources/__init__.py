@@ -1,4 +1,4 @@
-"""Where a scheme gets its coefficients from: a table, cells on the ray, or interpolated fields."""
+"""Sources of coefficients for schemes: a table, cells on the ray, or interpolated fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers of a medium that a scheme integrates, and how they become intensities."""
+"""The numbers of a medium that a scheme integrates, and their conversion to intensities."""
 
 from __future__ import annotations
 
@@ -82,7 +82,6 @@ class PerChannel:
 
     @property
     def extinctions(self) -> int:
-        """Number of extinctions."""
         return 1 if self.medium.grey else self.medium.channels
 
     @property

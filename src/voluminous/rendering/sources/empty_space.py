@@ -1,4 +1,4 @@
-"""Empty space: blocks and leaves in which a medium shows nothing, which rays skip."""
+"""Empty space: blocks and leaves in which a medium is invisible, and which rays skip."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ _NOTHING = 1e-300
 
 @dataclass
 class Neglected:
-    """What rays may miss in all, by leaping: emission per channel, and optical depth."""
+    """Bounds of the emission per channel and the optical depth that skipping neglects."""
 
     emission: np.ndarray
     depth: float

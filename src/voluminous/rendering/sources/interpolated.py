@@ -1,4 +1,4 @@
-"""Fields interpolated along rays, and a medium that classifies them there."""
+"""Fields interpolated along rays, and the medium evaluated on them."""
 
 from __future__ import annotations
 
@@ -34,11 +34,9 @@ class FieldsAlong:
     corners: dict[str, Corners]
 
     def at_begin(self) -> dict[str, Float]:
-        """Return every field at the beginning of the segment."""
         return self.source.values(self.chord, self.corners, 0.0)
 
     def at_end(self) -> dict[str, Float]:
-        """Return every field at the end of the segment."""
         return self.source.values(self.chord, self.corners, 1.0)
 
     def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
@@ -243,8 +241,8 @@ _SOME_PATHS, _MOST_PATHS = 10.0, 1e12
 # Error due to the cubic fit on curvilinear grids, as a fraction of the tolerance; nearly all errors
 # are smaller.
 _LOST_BY_CUBICS = 0.1
-# Error due to rounded positions, in ε: seen for a shell with σ = 1e-4 dex in a field of 3 dex, and
-# its maximum.
+# Error due to rounded positions, in ε (for a shell with σ = 1e-4 dex in a field of 3 dex), and its
+# maximum.
 _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 
 
@@ -300,7 +298,7 @@ def _lost_by_places(backend: Backend, contrast: float) -> float:
 
 
 def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
-    """Approximate fields along a segment by polynomials, where they are not polynomials already."""
+    """Use accurate polynomials where fields along a segment are not polynomials themselves."""
     walk = source.walk or source.evaluator.grid.walk(source.backend, source.walk_kind)
     if walk.approximate:
         source.walk = walk.kept_to(tolerance / contrast)

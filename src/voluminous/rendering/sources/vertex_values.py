@@ -232,7 +232,7 @@ class CornerValues:
             if not dr.width(slot):
                 continue
             values = self._values(self.boxes.corner(slot >> 3, slot & 7))
-            dr.eval(values)  # what is read while it is written would be copied
+            dr.eval(values)  # an array read while it is written would be copied
             for data, value in zip(self.data, values, strict=True):
                 dr.scatter(data, value, slot)
             dr.eval(self.data)
