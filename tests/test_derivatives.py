@@ -147,7 +147,7 @@ def test_axes_of_one_and_two_cells():
 def test_pieces_do_not_show(monkeypatch):
     volume = vm.Volume(GRID, f=np.random.default_rng(1).random(GRID.shape))
     at_once = {operation: volume.array(operation) for operation in OPERATORS}
-    monkeypatch.setattr(derivatives.layers, "_CHUNK", 1)
+    monkeypatch.setattr(derivatives.structured, "_CHUNK", 1)
     again = vm.Volume(GRID, f=volume["f"])
     for operation, expected in at_once.items():
         np.testing.assert_array_equal(again.array(operation), expected)

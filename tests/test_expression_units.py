@@ -170,7 +170,7 @@ def test_a_surface_of_a_ratio_is_drawn_and_a_gate_of_it_told():
     gated = vm.Gaussian(
         "share", 0.5, 0.1, 1, 0.1, 1, where="norm(velocity) / sqrt(percentage * velocity_x**2) < 1"
     )
-    with pytest.warns(UserWarning, match="left out everywhere"):
+    with pytest.warns(UserWarning, match="shows nothing of the medium"):
         vm.render(GAS, gated, camera)
 
 

@@ -81,7 +81,6 @@ class Means:
         self.low, self.high = np.minimum(self.low, seen), np.maximum(self.high, seen)
 
     def mean(self) -> Paths:
-        """Return the mean paths."""
         return self.total.times(1.0 / self.count)
 
     def wrong(self) -> np.ndarray:
@@ -89,7 +88,6 @@ class Means:
         return np.maximum(self.off, left_of_edges(self.high - self.low, self.count))
 
     def some(self, index: np.ndarray) -> Means:
-        """Return a subset of the pixels."""
         rows = (row[:, index] for row in (self.seen, self.low, self.high, self.off))
         return Means(self.pixel[index], self.total.some(index), self.count, *rows)
 
@@ -446,11 +444,9 @@ class PixelParts:
         return float(0.25**self.depth)
 
     def of(self, index: Int) -> PixelParts:
-        """Return a subset."""
         return PixelParts(self.entry[index], self.center[:, index], self.depth)
 
     def quarters(self) -> PixelParts:
-        """Return four quarters of each."""
         half = 0.25 * 0.5**self.depth
         center = self.center[:, :, None] + half * _QUARTERS.T[:, None, :]
         return PixelParts(np.repeat(self.entry, 4), center.reshape(2, -1), self.depth + 1)
@@ -534,7 +530,6 @@ class _PathMeans:
 
 
 def _narrowest(job: RenderJob) -> MinCellWidth:
-    """Return the rule for the narrowest cells that a job's rays cross."""
     grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
     if kind == SPHERICAL:
         return SphericalCellWidth(grid, job.backend, job.backward)

@@ -63,17 +63,14 @@ class Pairs:
         return np.stack(error, axis=1)
 
     def some(self, index: Int) -> Pairs:
-        """Return a subset."""
         return Pairs(*(part.take(index, axis=0) for part in self.parts))
 
     @property
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Emission, transparency and error."""
         return self.emission, self.transparency, self.error
 
     @classmethod
     def mean(cls, found: list[Pairs]) -> Pairs:
-        """Return the mean of several sets."""
         if len(found) == 1:
             return found[0]
         return cls(

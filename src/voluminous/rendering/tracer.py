@@ -137,11 +137,9 @@ class Paths:
         return self.rows[first + 2 * count :]
 
     def some(self, index: np.ndarray) -> Paths:
-        """Return a subset of the rays."""
         return _mapped(lambda row: row[index], [self])
 
     def put(self, index: np.ndarray, new: Paths) -> None:
-        """Replace a subset of the rays."""
         for row, values in zip(self.rows, new.rows, strict=True):
             row[index] = values
         self.stopped |= new.stopped
@@ -278,7 +276,6 @@ class RayTracer:
         )
 
     def rays(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Paths:
-        """Return the paths of single rays."""
         gathered = OutputBuffers(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
@@ -390,7 +387,6 @@ class OutputBuffers:
         self.rows = [make(tracer.backend.Float, count) for _ in range(total)]
 
     def paths(self) -> Paths:
-        """Copy the arrays to the host."""
         *rows, early = (row.numpy() for row in self.rows)
         return Paths(rows, self.counts, self.ending is not None and bool(np.any(early)))
 

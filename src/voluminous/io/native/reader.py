@@ -75,13 +75,13 @@ class NativeReader(Reader):
             return tuple(_info(name, data_set(path, group, name)) for name in group)
 
     def write(self, volume: Volume, path: Path, *, compress: bool = False) -> None:
-        from ...packages import VERSION
+        from ...packages import VERSION as SOFTWARE
 
         plain = plain_grid(volume.grid)
         aligned = {"alignment_threshold": 1024, "alignment_interval": _ALIGNMENT}
         with created(path, **aligned) as (file, sink):
             marks = {"format": MARK, "version": VERSION, "about": ABOUT}
-            file.attrs.update({**marks, "written_by": f"voluminous {VERSION}"})
+            file.attrs.update({**marks, "written_by": f"voluminous {SOFTWARE}"})
             _write_grid(file, plain)
             _write_extras(file, volume)
             group = file.create_group(FIELDS, track_order=True)

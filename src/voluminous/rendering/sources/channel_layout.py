@@ -82,7 +82,6 @@ class PerChannel:
 
     @property
     def extinctions(self) -> int:
-        """Number of extinctions."""
         return 1 if self.medium.grey else self.medium.channels
 
     @property

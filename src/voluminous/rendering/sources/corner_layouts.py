@@ -71,7 +71,6 @@ class FacePackets(FieldLattice):
     packet: Any
 
     def corners(self, chord: Chord, active: Mask) -> Corners:
-        """Return the eight values around a dual cell."""
         return faces(self.packet, self.data, chord.cell, self.stride, active)
 
 
@@ -84,7 +83,6 @@ class NodalValues(FieldLattice):
     strides: tuple[Any, Any]
 
     def corners(self, chord: Chord, active: Mask) -> Corners:
-        """Return the eight values around a dual cell."""
         x, y = self.strides
         return [
             [[self._value(chord.corner + a + b + c, active) for c in (0, 1)] for b in (0, y)]
@@ -104,7 +102,6 @@ class CornerPackets(FieldLattice):
     packet: Any
 
     def corners(self, chord: Any, active: Mask) -> Corners:
-        """Return the eight values at the corners of a cell."""
         return faces(self.packet, self.data, 2 * chord.cell, 1, active)
 
 
@@ -287,7 +284,6 @@ class Pyramid(FieldLattice):
         self.unit = self.fine.unit
 
     def corners(self, chord: CoarseChord, active: Mask) -> Corners:
-        """Return the eight values around a cube of dual cells."""
         found: Corners = dr.if_stmt(
             args=(active,),
             cond=chord.width > 1.0,

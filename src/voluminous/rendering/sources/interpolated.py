@@ -34,11 +34,9 @@ class FieldsAlong:
     corners: dict[str, Corners]
 
     def at_begin(self) -> dict[str, Float]:
-        """Return every field at the beginning of the segment."""
         return self.source.values(self.chord, self.corners, 0.0)
 
     def at_end(self) -> dict[str, Float]:
-        """Return every field at the end of the segment."""
         return self.source.values(self.chord, self.corners, 1.0)
 
     def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
