@@ -19,7 +19,7 @@ def _same(value: Float) -> Any:
 
 
 def no_unit(expression: Expression) -> None:
-    """Return None: nothing is known of the unit of an expression."""
+    """Return None: the unit of an expression is unknown."""
 
 
 @dataclass
@@ -29,29 +29,29 @@ class Context:
     Attributes
     ----------
     real : type
-        Dr.Jit float type of the field values and of what is computed from them.
+        Dr.Jit float type of the field values and of expressions.
     number : callable
-        Turns a Python float into run-time data of that type: changing it never compiles again.
+        Turns a Python float into run-time data of that type: changing it never recompiles.
     unit : astropy unit or None
         The volume's length unit.
     unit_of : callable
-        Returns the unit of an `Expression`, or None where it has none or it is not known.
+        Returns the unit of an `Expression`, or None if it has none or is unknown.
     narrow : callable
-        Turns values of `real` into what integrals along rays are computed with.
+        Converts values of `real` to the type of integrals along rays.
     scale : float
-        The unit of lengths along rays (`Stretch.length`), in the volume's: what `Medium.means`
-        returns is per this length.
+        The unit of lengths along rays (`Stretch.length`), in the volume's unit; `Medium.means` are
+        per this length.
     radiance : float
         The unit of emission of `Medium.means`.
     limits : dict of str to (array, array)
-        Least and largest values of fields: what is interpolated between cells must not leave them
-        by rounding, or logarithms of fields with zeros have no value.
+        Least and largest values of fields. Interpolated values are clipped to them, since rounding
+        beyond them makes logarithms of fields with zeros undefined.
     faint : float
         Coefficients below this fraction of their peak may be neglected.
     tolerance : float
         The error allowed in a pixel, as a fraction of the brightest.
     coordinates : dict of str to Expression
-        How a grid's own coordinates follow from x, y and z.
+        Formulas of a grid's curvilinear coordinates in x, y and z.
     """
 
     real: Any
@@ -73,20 +73,20 @@ class Context:
         return DrjitOps(self.real, constant=self.number)
 
     def keep(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what `make` returned the first time: run-time numbers are put in a kernel once."""
+        """Return the cached result of `make`, so that run-time numbers enter a kernel once."""
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]
 
     def kept_number(self, value: float) -> Float:
-        """Return a number as run-time data that is put in a kernel once."""
+        """Return a number as cached run-time data, which enters a kernel once."""
         return self.keep(("number", value), lambda: self.number(value))
 
     def narrow_number(self, value: float) -> Float:
-        """Return a number as run-time data of the type that integrals are computed with.
+        """Return a number as run-time data of the type of integrals.
 
-        Made as such and not converted: a conversion belongs to that branch of a kernel in which it
-        is first asked for, and what is kept is used in others, too.
+        It is created in that type, not converted: a conversion belongs to the branch of a kernel in
+        which it is first requested, but cached values are used in other branches, too.
         """
         number = self.number(value)
         kind = type(self.narrow(number))
@@ -104,7 +104,7 @@ class Context:
 
 
 def completed(ops: Any, fields: dict[str, Any], context: Context) -> dict[str, Any]:
-    """Return fields with what follows from x, y and z, if these are among them."""
+    """Return fields with the coordinates derived from x, y and z, if these are among them."""
     if all(axis in fields for axis in "xyz"):
         x, y, z = (ops.multiply(fields[a], fields[a]) for a in "xyz")
         fields["r"] = ops.sqrt(ops.add(ops.add(x, y), z))

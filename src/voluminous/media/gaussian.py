@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _SERIES = {"single": (0.3, 3), "double": (0.25, 8)}
 # Of tails the series is good where their logarithm changes by less than twice that.
 _CHANGE = 0.7
-# What is fainter than that, as a fraction of the peak, a difference of error functions cannot tell.
+# A difference of error functions cannot resolve values below this fraction of the peak.
 _TAILS = 1e-8
 # erf(x) = 1 - (Σ a_k x^k)^-16 to 3e-7 (Abramowitz & Stegun 1964, 7.1.28), in x √2.
 _ERF = (0.0705230784, 0.0422820123, 0.0092705272, 0.0001520143, 0.0002765672, 0.0000430638)
@@ -74,7 +74,7 @@ _BEYOND = {
         0.002524557738911338,
     ),
 }
-# Half width, in σ, up to which little is lost by a rational function.
+# Half width, in σ, up to which a rational function is accurate.
 _NARROW_PANEL = 0.25
 # Ellipses around [0, 1], with half axes of (ρ ± 1/ρ)/4, and parts of a cubic's first three
 # derivatives on the stretch that no imaginary part on them is above. For functions no larger than
@@ -84,7 +84,7 @@ _SMALL, _LARGE = (3.0, (2 / 3, 0.073, 0.05)), (6.0, (1.46, 1.13, 0.6))
 _ELLIPSES = {"single": [_SMALL], "double": [_SMALL, _LARGE]}
 # With more of it nothing is known: 3 % for a line of seven and a half σ.
 _MOST_ASIDE = 5.0
-# Lobatto's rule of four is off by the sixth derivative over this.
+# The error of Lobatto's rule with four nodes is the sixth derivative over this.
 _OFF = 1_512_000.0
 # The second to sixth derivative of exp(-z²/2) are below these times its square root.
 _DERIVATIVES = (1.15, 1.95, 3.75, 8.3, 20.0)
@@ -189,8 +189,8 @@ def gaussian_mean(first: Float, last: Float, faint: float = 0.0) -> Float:
     first, last : Dr.Jit float arrays
         Distances from the centre in units of σ.
     faint : float
-        Means below that may be off as much as those near the peak: in single precision, thin shells
-        in noise take 0.85 of the time then.
+        Means below this may have the same absolute error as those near the peak: in single
+        precision, thin shells in noise then take 0.85 of the time.
     """
     half = 0.5 * (last - first)
     kind = precision_of(type(half))
@@ -215,7 +215,7 @@ def _difference(first: Float, last: Float, half: Float) -> Float:
 def _difference_of_tails(first: Float, last: Float, half: Float) -> Float:
     """Return the same from the areas beyond the ends.
 
-    Of an opaque shell only the tail shows: there error functions are one but for rounding.
+    Only the tail of an opaque shell is visible, where error functions are 1 within rounding.
     """
     apart = (first < 0.0) ^ (last < 0.0)
     one, other = _beyond(first), _beyond(last)
@@ -273,7 +273,7 @@ def _beyond(z: Float) -> Float:
 
 
 def gaussian_middle(first: Float, last: Float, mean: Float) -> Middle:
-    """Return where the mass of exp(-z²/2) is between two distances from the centre.
+    """Return centre of mass and variance of exp(-z²/2) between two distances from the centre.
 
     With t from -1 to 1 over the panel, z = m + h t, the mean of z is the difference of exp(-z²/2)
     at both ends over its integral. For narrow panels, where that is 0/0, t = -m h / (h² + 3). The
@@ -296,8 +296,8 @@ def gaussian_middle(first: Float, last: Float, mean: Float) -> Middle:
 def sampled_gaussian(nodes: list[Float], derivatives: list[Float]) -> Sampled:
     """Return the mean of exp(-z²/2) over a stretch, with a bound of its error.
 
-    The latter is made of the sixth derivative by the place: with numbers for derivatives, T₂ … T₆
-    of the Gaussian by z and z₁ … z₃ of z by the place, T₆ z₁⁶ + 15 T₅ z₁⁴ z₂ + T₄ (45 z₁² z₂² +
+    The bound follows from the sixth derivative by s: with indices for derivatives, T₂ … T₆ of the
+    Gaussian by z and z₁ … z₃ of z by s, it is T₆ z₁⁶ + 15 T₅ z₁⁴ z₂ + T₄ (45 z₁² z₂² +
     20 z₁³ z₃) + T₃ (15 z₂³ + 60 z₁ z₂ z₃) + 10 T₂ z₃² (Faà di Bruno's formula).
 
     Parameters

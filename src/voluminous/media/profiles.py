@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from .stretch import Panel, Stretch
 
 
-# Control points that stick out by this many widths beyond a panel's ends call for smaller panels.
+# Control points that exceed a panel's ends by this many widths need smaller panels.
 _DOUBT = 0.25
-# Most of a shell is within so many widths of its centre.
+# Most of a shell is within this many widths of its centre.
 _CORE = 4.0
 # The width of a slab that holds as much of a Gaussian, and spreads it as far; a rectangle's is 2.
 _THICKNESS = 3.5
@@ -53,9 +53,9 @@ class Shaped(Medium):
     Attributes
     ----------
     width_name : str
-        What its width is called.
+        The name of its width.
     profile_places : array
-        Between which distances from the centre, in widths, the shape is about linear.
+        Distances from the centre, in widths, between which the shape is nearly linear.
     """
 
     width_name = ""
@@ -112,7 +112,7 @@ class Shaped(Medium):
         return self.modulation.coefficients(found, fields, context)
 
     def per_length(self, fields: dict[str, Any], context: Context) -> Float:
-        """Return the shape per path length: what colour and opacity are multiplied with."""
+        """Return the shape per path length: the factor of colour and opacity."""
         center, width, length = self.plain_numbers(context)
         x = context.evaluate(self.expr, fields)
         shape = self.shape(context.ops, x - context.number(center), context.number(width))
@@ -197,7 +197,7 @@ class Shaped(Medium):
         )
 
     def is_thin(self, extent: Float) -> Mask:
-        """Return where a shell that takes so much of a half may be in one half only."""
+        """Return where a shell that fills this part of a half may be in one half only."""
         return extent < 2.0
 
     def _ends(self, panel: Panel, context: Context) -> tuple[Float, Float]:
@@ -221,14 +221,14 @@ class Shaped(Medium):
         raise NotImplementedError
 
     def middle(self, first: Float, last: Float, mean: Float) -> Middle:
-        """Return where the mass of the shape is between two distances, in widths.
+        """Return centre of mass and variance of the shape between two distances, in widths.
 
-        `mean` is what `mean_shape` returns for them. Default: spread evenly.
+        `mean` is the result of `mean_shape` for them. Default: spread evenly.
         """
         return middle_of(0.0 * mean, 1.0 / 3.0)
 
     def reach(self, faint: float) -> float:
-        """Return at how many widths from its centre the shape falls below `faint`."""
+        """Return the distance from the centre, in widths, where the shape falls below `faint`."""
         raise NotImplementedError
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
@@ -296,7 +296,7 @@ class Shaped(Medium):
         )
 
     def _kept(self, context: Context) -> tuple[Any, Any, Any]:
-        """Return centre, 1/width and scale/length as numbers of a kernel, put there once."""
+        """Return centre, 1/width and scale/length as cached kernel constants."""
 
         def make() -> tuple[Any, Any, Any]:
             center, width, length = self.plain_numbers(context)
@@ -315,7 +315,7 @@ class Shaped(Medium):
         return color, opacity
 
     def _reach(self, context: Context) -> Float:
-        """Return at how many widths the shape is neglected, as a number put there once."""
+        """Return the distance, in widths, beyond which the shape is neglected, as a constant."""
         return context.keep(
             (id(self), "reach"), lambda: context.narrow_number(self.reach(context.faint))
         )
@@ -324,7 +324,7 @@ class Shaped(Medium):
         return self.coefficients(fields, context)
 
     def shape_key(self) -> Any:
-        """Return what `per_length` depends on, units included."""
+        """Return a key of all that `per_length` depends on, including units."""
         numbers = (_named(self.center), _named(self.width), _named(self.path_length))
         return (type(self).__name__, self.expr.text, *numbers)
 
@@ -349,7 +349,7 @@ def _nothing(first: Float, last: Float) -> Float:
 
 
 class SampledShaped(Shaped):
-    """Common part of `Gaussian` and `Rectangle` where these are sampled."""
+    """Common part of `Gaussian` and `Rectangle` for means from samples."""
 
     @property
     def sampling(self) -> Sampling:
@@ -367,7 +367,7 @@ class SampledShaped(Shaped):
         return self._in_colors([(value, factors) for value in shape], context)
 
     def _in_colors(self, rows: list[tuple[Any, list[Any]]], context: Context) -> Sampled:
-        """Return coefficients for shapes and factors: of mean, ends, and what may be off."""
+        """Return coefficients for shapes and factors: of the mean, the ends and the error."""
         found = Sampled(*(self._painted(shape, factors, context) for shape, factors in rows))
         found.off.emissivity = [dr.abs(off) for off in found.off.emissivity]
         return found
@@ -384,8 +384,8 @@ class SampledShaped(Shaped):
     def _sampled_modulated(self, stretch: Stretch, context: Context) -> Sampled:
         """Return the same with a gate, or in the colours of another expression.
 
-        Eight samples of the shape, and five of what multiplies it. Five of both before these gained
-        nothing: in turbulent fields a tenth of the time was lost.
+        It takes eight samples of the shape, and five of the factors. Trying five of both first
+        gained nothing: in turbulent fields it cost a tenth of the time.
         """
         _, narrowness, per_length = self._kept(context)
         ends = self._offsets(stretch.hull(self.expr), context)

@@ -39,7 +39,7 @@ class Bounds:
 
 
 class RangeContext(Context):
-    """How a medium is evaluated on intervals.
+    """Context for evaluating a medium on intervals.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def bounds(
     unit: Any,
     unit_of: Callable[[Expression], Any],
 ) -> Bounds:
-    """Return what encloses the coefficients of a medium; see `Medium.bounds`."""
+    """Return bounds of the coefficients of a medium; see `Medium.bounds`."""
     fields = _intervals(lo, hi)
     with np.errstate(all="ignore"):
         found = medium.ranges(fields, RangeContext(unit, unit_of))
@@ -117,7 +117,7 @@ def _interval(name: str, lo: Any, hi: Any) -> Interval:
 
 
 def _ends(interval: Interval, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return both ends as arrays; where a coefficient may be NaN, nothing is known of it."""
+    """Return both ends as arrays, infinite where a coefficient may be NaN."""
     lo = np.where(interval.nan, -np.inf, interval.lo)
     hi = np.where(interval.nan, np.inf, interval.hi)
     return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)
