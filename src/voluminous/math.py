@@ -54,9 +54,9 @@ def interp(x: Any, xp: Any, fp: Any) -> Any:
     Parameters
     ----------
     x : number
-        Where to look; what is traced.
+        Where to evaluate; may be traced.
     xp, fp : array_like, shape (n,)
-        Increasing places, and the values there: linear in between, constant beyond both ends.
+        Increasing nodes, and the values there: linear in between, constant beyond both ends.
 
     Raises
     ------
