@@ -54,14 +54,14 @@ def interp(x: Any, xp: Any, fp: Any) -> Any:
     Parameters
     ----------
     x : number
-        Where to look; what is traced.
+        Where to evaluate; the traced argument.
     xp, fp : array_like, shape (n,)
-        Increasing places, and the values there: linear in between, constant beyond both ends.
+        Increasing nodes, and the values there: linear in between, constant beyond both ends.
 
     Raises
     ------
     InputError
-        If there are fewer than two places, they do not increase, or there are not as many values.
+        If there are fewer than two nodes, they do not increase, or there are not as many values.
     """
     from .expressions.interpolation import interpolate
     from .expressions.parser import table

@@ -62,7 +62,7 @@ def _emission(part: PartBounds, channel: int) -> Ends:
 
 
 def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any) -> Ends:
-    """Return bounds from means, and from how much the coefficients vary around them."""
+    """Return bounds from the means and ranges of the coefficients."""
     brightest = any_attenuation(depth[0])[1]
     last, dimmest = any_attenuation(depth[1])
     off = dr.exp(0.25 * dr.select(change < 2000.0, change, 2000.0))
@@ -113,9 +113,9 @@ def _met(a: Ends, b: Ends) -> Ends:
     return dr.select(b[0] > low, b[0], low), dr.select(b[1] < high, b[1], high)
 
 
-# No panel is made narrower than this fraction of a segment: at a jump nothing else would end it.
+# The smallest panel, as a fraction of a segment; at a jump nothing else would stop the halving.
 _NARROWEST = 2.0**-24
-# The part of the budget that may be spent anywhere.
+# The fraction of the budget that may be used anywhere on a segment.
 _SHARE = 0.25
 
 
@@ -149,13 +149,13 @@ class Bracket(Scheme):
         self.budget, self.signed = budget, signed
 
     def start(self, position: Position, source: Any) -> list[Float]:
-        """Carry how much of what is emitted may be seen, and where fields are (not known yet)."""
+        """Carry the visible part of the emission, and the fields at the end (still unknown)."""
         return [source.backend.Float(1), *source.unknown()]
 
     def after_skip(
         self, position: Position, source: Any, carried: list[Float], moved: Mask
     ) -> list[Float]:
-        """Forget where fields were beyond empty space."""
+        """Discard the field values from before empty space."""
         seen, *before = carried
         return [seen, *(dr.select(moved, math.nan, value) for value in before)]
 
@@ -182,7 +182,7 @@ class Bracket(Scheme):
             good = ~(wrong > source.tolerance[0]) & ~(dim > source.tolerance[1])
             tried = state.tried + 1.0
             end = state.begin + state.width
-            # The budget is spent evenly along the segment, but for a share where it is needed most.
+            # The budget is spread evenly along the segment, except a share for where it is needed.
             good |= tried >= budget * (_SHARE + (1.0 - _SHARE) * end)
             good |= (state.width <= _NARROWEST) | (state.begin < 0.0)
             path = dr.select(good, over(state.path, found), state.path)

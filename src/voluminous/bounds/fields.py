@@ -39,7 +39,7 @@ _LOSS_OF_PLACE = 16.0
 
 @dataclass
 class Numbers:
-    """How many numbers a path has: bounds of every channel."""
+    """Layout of the numbers in a path: bounds of every channel."""
 
     emissions: int
     extinctions: int
@@ -99,7 +99,7 @@ class Bracketed:
     walk = walk_kind = None
 
     def allow(self, emission: float, transparency: float) -> None:
-        """Set how wide brackets may be per panel."""
+        """Set the largest widths of brackets per panel."""
         opaque = self.backend.opaque
         self.tolerance = (opaque(emission), opaque(transparency))
 
@@ -130,7 +130,7 @@ class Bracketed:
         )
 
     def unknown(self) -> list[Float]:
-        """Return in place of `ends` what stands for: not known."""
+        """Return the placeholder of `ends` for unknown values."""
         count = 2 * len(self.lattices) if self.curved else 0
         return [self.backend.Float(math.nan) for _ in range(count)]
 
@@ -140,9 +140,9 @@ class Bracketed:
         return [end for value in found for end in (value.lo, value.hi)]
 
     def jumps(self, cubics: dict[str, Any], before: list[Float]) -> Mask:
-        """Return where fields jump to a segment's beginning, from where they were `before`.
+        """Return where fields jump from `before` to their values at the start of a segment.
 
-        They do on the axis of a curvilinear grid: azimuth is another one on the other side.
+        They do at the axis of a curvilinear grid, where the azimuth changes.
         """
         found = self.backend.Bool(False)
         ends = zip(before[::2], before[1::2], strict=True)
@@ -152,9 +152,9 @@ class Bracketed:
         return found
 
     def courses(self, cubics: dict[str, Any], length: Float, begin: Float, width: Float) -> Courses:
-        """Return how all scalars run along a panel of a segment.
+        """Return the enclosures of all scalars on a panel of a segment.
 
-        One that begins before the segment is the jump to it, which has no length.
+        A panel that begins before the segment is the jump to it, of length zero.
         """
         if self.curved:
             jump = begin < 0.0

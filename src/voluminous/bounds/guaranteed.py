@@ -77,7 +77,7 @@ def bracket(
 
 
 def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:
-    """Return all paths, drawn again with narrower panels where brackets are too wide."""
+    """Return all paths, recomputed with narrower panels where brackets are too wide."""
     tracer = RayTracer(job, source, 0.0)
     tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
     allowed = job.tolerance * brightest

@@ -81,7 +81,7 @@ class Piece(Protocol):
         """Return the value where the panel begins (0) or ends (1)."""
 
     def jet(self) -> TracedJet:
-        """Return values and derivatives over the panel, whose length counts as one."""
+        """Return values and derivatives over the panel, scaled to length one."""
 
 
 @dataclass
@@ -93,9 +93,9 @@ class CubicPiece:
     points : list of four arrays
         Bézier control points of a cubic.
     slack : array
-        How far each of them may be off.
+        Bound of the error of each point.
     low, high : arrays
-        The field is never outside, such as beyond the corners of its cell.
+        Limits of the field, for example from the corners of its cell.
     """
 
     points: list[Float]
@@ -154,12 +154,12 @@ class Course:
 
     @property
     def off(self) -> Float:
-        """The mean distance from the chord between the middles of both ends, at most."""
+        """Bound of the mean distance from the chord between the middles of both ends."""
         return self.bow * (1.0 / 12.0) + self._doubt
 
     @property
     def farthest(self) -> Float:
-        """The largest distance from that chord, at most."""
+        """Bound of the largest distance from that chord."""
         return self.bow * 0.125 + self._doubt
 
     @property
@@ -182,7 +182,7 @@ class CourseContext(TracedRangeContext):
         self.courses: Courses | None = None
 
     def plain(self, value: float) -> Float:
-        """Return a number for kernels, which is put there once."""
+        """Return a number as a cached kernel constant."""
         return self.keep(("number", value), lambda: self._opaque(value))
 
     def evaluate(self, expression: Any, fields: dict[str, Any]) -> Any:
@@ -217,7 +217,7 @@ class Courses:
         self.fields = {name: jet.value for name, jet in self._whole.items()}
 
     def course(self, expr: Expression) -> Course:
-        """Return how an expression runs; computed once."""
+        """Return the enclosure of an expression; computed once."""
         if expr.text not in self._found:
             self._found[expr.text] = self._course(expr)
         return self._found[expr.text]
