@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.grids.trees import patch_vertices as patch_numbering
+from voluminous.grids.trees import patch_numbering
 
 CAMERAS = {
     "oblique": vm.Orthographic(50, 20, 10, resolution=(23, 19)),
