@@ -224,7 +224,7 @@ _REGULAR: dict[str, Any] = {
     "cylindrical": CylindricalGrid,
 }
 _TREES: dict[str, Any] = {**_REGULAR, "cartesian": OctreeGrid}
-# A region that fills less than this fraction of its box is not extended to the whole box.
+# A region that fills less than 1 / `_SPARSE` of its box is not extended to the whole box.
 _SPARSE = 8
 _FEW = 1 << 16
 _ADVICE = "choose a smaller region, such as ds.box(left, right)"
