@@ -111,6 +111,6 @@ def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _unit(item: Any) -> str:
-    """Return the unit in a data set's attributes; what astropy does not know is left out."""
+    """Return the unit in a data set's attributes; omit units that astropy cannot parse."""
     texts = (text(item.attrs.get(name)) for name in _UNIT_ATTRIBUTES)
     return next((unit for unit in map(known_unit, texts) if unit), "")

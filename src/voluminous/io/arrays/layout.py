@@ -1,4 +1,4 @@
-"""Arrays in a file, and where their cells are: by options, arrays in the file, or unit cells."""
+"""Arrays in a file and their grid: from options, from arrays in the file, or unit cells."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _AS_IT_IS = (slice(None),) * 3
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
-# More are no components of a vector, but a fourth dimension.
+# A longer axis is a fourth dimension, not the components of a vector.
 _MOST_COMPONENTS = 4
 _ENDS = {"first": 0, "last": 3}
 
@@ -44,7 +44,7 @@ class Entry:
 
     @property
     def is_field(self) -> bool:
-        """True for what can be a field as it is."""
+        """True if the array can be a field without conversion."""
         return len(self.shape) == 3 and self.numeric
 
     def component(self, place: str, axis: int, number: int) -> Entry:
@@ -100,7 +100,7 @@ def _component_axis(entry: Entry, where: str | None) -> int | None:
         return None
     if where is not None:
         return _ENDS[where]
-    # An axis that is called x, y, z or t counts no components.
+    # An axis called x, y, z or t does not enumerate components.
     ends = [a for a in _ENDS.values() if not (entry.dims and axis_of(entry.dims[a], {}))]
     three = [axis for axis in ends if entry.shape[axis] == 3]
     few = [axis for axis in ends if 2 <= entry.shape[axis] <= _MOST_COMPONENTS]
@@ -204,7 +204,7 @@ def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -
 
 
 def _edges(entries: Mapping[str, Entry], source: Source, axis: str, cells: int) -> Any:
-    """Return the edges that `source`, a place in the file or an array, stands for."""
+    """Return the edges given by `source`: a place in the file, or an array."""
     edges, what = source, f"{axis} edges have"
     if isinstance(source, str):
         if source.strip("/") not in entries:

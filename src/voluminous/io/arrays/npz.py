@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _MAGIC = b"\x93NUMPY"
 _ENDING, _UNIT = ".npy", "_unit"
-# What pictures saved as NPZ have in them.
+# Arrays in pictures saved as NPZ.
 _IMAGE = {"intensity.npy", "metadata.npy"}
 
 

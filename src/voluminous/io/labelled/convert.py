@@ -1,4 +1,4 @@
-"""From xarray to volumes, and the base of readers of data with named dimensions."""
+"""Conversion of xarray data to volumes; base class of readers of named dimensions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from ...volume import Volume
 
-# Fields that take no more are read at once.
+# Fields up to this size are read immediately.
 AT_ONCE = 256 << 20
 # Attributes of variables that were opened without being decoded (CF conventions 2.5.1 and 8.1).
 _PACKED = {"scale_factor", "add_offset", "_FillValue", "missing_value"}
@@ -112,7 +112,7 @@ def from_xarray(
 
 
 def _as_dataset(data: Any) -> xarray.Dataset:
-    """Return an array as a set of one."""
+    """Return an array as a data set with one variable."""
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())

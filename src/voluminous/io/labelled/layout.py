@@ -1,4 +1,4 @@
-"""How arrays with named dimensions become fields: which part, in which order, on which grid."""
+"""Conversion of arrays with named dimensions to fields: selection, axis order and grid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ...grids import CartesianGrid
 
-# Which part of the data, and where its cells are.
+# Options that select part of the data and define its cells.
 OPTIONS = {
     "dims": "the dimensions along x, y and z, by default as their names say: ('lon', 'lat', 'lev')",
     "isel": "which part of other dimensions, by number: {'time': 0}; slices cut a part out",
@@ -48,7 +48,7 @@ class Line:
     down: bool = False  # True if the coordinate grows downwards
 
     def described(self) -> dict[str, Any]:
-        """Return name, unit and ends as plain values, as they are in the data."""
+        """Return the name, unit and ends as plain values, as in the data."""
         ends = [float(self.edges[0]), float(self.edges[-1])]
         first, last = [-end for end in ends] if self.down else ends
         return {"name": self.dim, "unit": self.unit, "from": first, "to": last}
@@ -65,14 +65,14 @@ class Line:
         return self.edges if unit is None else self.edges * unit
 
     def fitted(self, side: float) -> np.ndarray:
-        """Return the edges stretched to a length, from zero on."""
+        """Return the edges scaled to the length `side`, starting at 0."""
         low, high = self.edges[0], self.edges[-1]
         return np.asarray((self.edges - low) * (side / (high - low)))
 
 
 @dataclass(frozen=True)
 class NamedLayout:
-    """What is the same for all fields: their axes, and the grid."""
+    """The axes and the grid that all fields share."""
 
     lines: tuple[Line, ...]
     grid: CartesianGrid
@@ -94,14 +94,14 @@ class NamedLayout:
 def layout_of(
     data: xarray.Dataset, array: xarray.DataArray, options: Mapping[str, Any]
 ) -> NamedLayout:
-    """Return where an array of a data set lies."""
+    """Return the axes and the grid of an array of a data set."""
     names = dims_of(data, array, options)
     lines = tuple(_line(data, n, axis == "z") for n, axis in zip(names, AXES, strict=True))
     return NamedLayout(lines, _grid(lines, options))
 
 
 def selected(data: xarray.Dataset, options: Mapping[str, Any]) -> xarray.Dataset:
-    """Return the part of a data set that `isel` and `sel` name."""
+    """Return the part of a data set selected by `isel` and `sel`."""
     for kind in ("isel", "sel"):
         given = options.get(kind) or {}
         if not isinstance(given, Mapping):
@@ -120,7 +120,7 @@ def selected(data: xarray.Dataset, options: Mapping[str, Any]) -> xarray.Dataset
 
 
 def _nearest(data: xarray.Dataset, dim: str, entry: Any) -> str:
-    """Return the entries of a coordinate that are near to one that is not there."""
+    """Return text on a coordinate: its end values and the value nearest to a missing `entry`."""
     if dim not in data.coords:
         return "no coordinate; choose by number with isel"
     values = data[dim].values
@@ -221,7 +221,7 @@ def _line(data: xarray.Dataset, dim: str, upright: bool) -> Line:
 
 
 def _bounded(data: xarray.Dataset, coordinate: xarray.DataArray, down: bool) -> np.ndarray | None:
-    """Return the edges in CF's bounds of cells, None where they do not join up."""
+    """Return the edges given by CF cell bounds; None if adjacent cells do not share them."""
     name = coordinate.attrs.get("bounds") or coordinate.encoding.get("bounds")
     if name not in data.variables or data[name].shape != (coordinate.size, 2):
         return None
@@ -248,7 +248,7 @@ def unit_in(array: xarray.DataArray) -> str:
 
 
 def plain_values(array: xarray.DataArray) -> np.ndarray:
-    """Return the values without the unit that pint and others keep with them."""
+    """Return the values without the unit that pint and similar libraries attach."""
     held = array.data
     return np.asarray(getattr(held, "magnitude", held))
 

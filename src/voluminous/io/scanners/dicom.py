@@ -20,7 +20,7 @@ from .voxels import VoxelReader, Voxels, times_meta
 # So many files of a directory are tried: other directories are left alone quickly.
 _FEW = 16
 _ENDINGS = (".dcm", ".dicom", ".ima")
-# What all slices of a volume must agree in.
+# Elements that must be equal in all slices of a volume.
 _COMMON = ("Rows", "Columns", "BitsAllocated", "BitsStored", "PixelRepresentation")
 # The class of a DICOMDIR: the table of contents of a disc or an export, which names files below.
 _CONTENTS = "1.2.840.10008.1.3.10"
@@ -133,7 +133,7 @@ def _chosen(path: Path, series: Any) -> _Headers:
 
 
 def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
-    """Return all images of a directory by their series, files in the order of their names."""
+    """Return all images of a directory by series; files are sorted by name."""
     groups: dict[str, _Headers] = {}
     contents = None
     for file in sorted(_files(directory)):

@@ -19,9 +19,9 @@ from .placement import LPS, Placement
 from .voxels import time_step
 
 _MOST_FRAMES = 100_000
-# What differs between frames: FrameTime or FrameTimeVector.
+# Tags of FrameTime and FrameTimeVector: the frames differ in time.
 _FILM = {0x00181063, 0x00181065}
-# The smallest of these that holds all values is taken.
+# Candidates: the smallest type that holds all values is used.
 _WHOLE = ("u1", "i1", "u2", "i2", "u4", "i4", "i8")
 # Slices nearer than this part of the largest distance, or this length in mm, are at one place.
 _SAME, _SAME_LENGTH = 0.01, 1e-3

@@ -41,7 +41,7 @@ _SPACES = {
 }
 # The kind of a short axis without a kind: components, by all experience.
 _SHORT, _MOST_COMPONENTS = "short", 4
-# Kinds of an axis along which one goes through space.
+# Kinds of spatial axes.
 _SPATIAL = ("domain", "space", "none", "???", "")
 _VECTOR_OR_NONE = re.compile(r"\(([^()]*)\)|(none)", re.IGNORECASE)
 # Spaces such as right-anterior-superior-time, or RAST.
@@ -119,7 +119,7 @@ class NrrdHeader:
             return None
         for numbers, none in _VECTOR_OR_NONE.findall(text):
             step = None if none else _vector(numbers, "space directions", self.dimensions)
-            # Older programs write a vector of NaN for none.
+            # Older programs write a vector of NaN instead of "none".
             if step is None or np.all(np.isnan(step)):
                 found.append(None)
                 continue

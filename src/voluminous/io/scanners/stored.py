@@ -1,4 +1,4 @@
-"""Text headers, and the numbers behind them: in one file or several, plain, packed or as text."""
+"""Text headers and their data: in one or several files, plain, compressed or as text."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MOST_FILES = 100_000
 
 
 def unpacked_start(head: bytes, size: int) -> bytes:
-    """Return the first bytes of a file as they are when unpacked, if gzip packed it."""
+    """Return the first bytes of a file, decompressed if it is gzipped."""
     if not head.startswith(b"\x1f\x8b"):
         return head
     try:
@@ -172,7 +172,7 @@ class StoredNumbers:
                     )
                 before -= len(piece)
             values = read_exactly(stream, (high - low,), self.dtype, f"the data of {path.name}")
-            # The end of a stream is where its checksum is.
+            # The checksum is at the end of the stream.
             if high == self.each and stream.read(1):
                 _warn_of_more(path)
             return values

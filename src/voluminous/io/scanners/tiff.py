@@ -38,13 +38,13 @@ _OPTIONS = {
 # What becomes the third axis, the first that there is: z; pictures one after the other; time or
 # channels, as stacks of slices are called by those who did not say what they are.
 _THIRD = "ZIQTC"
-# Packings that need nothing else: none, Deflate, PackBits.
+# Compressions that need no further package: none, Deflate, PackBits.
 _UNPACKED_HERE = (1, 8, 32946, 32773)
-# Deflate, the best packer among them, makes data at most 1032 times smaller.
+# Deflate, the strongest of these compressions, shrinks data at most 1032 times.
 _MOST_PACKED = 1032
 _TIFF = (".tif", ".tiff")
 _SUFFIXES = (*_TIFF, ".png")
-# What lies beside slices, and says how they were made.
+# Suffixes of files beside the slices that say how these were made.
 _NOTES = {"", ".txt", ".log", ".xml", ".json", ".csv", ".ini", ".md", ".db", ".info"}
 _NUMBER = re.compile(r"(\d+)")
 _PNG_END = b"IEND\xaeB`\x82"
@@ -173,7 +173,7 @@ def _third(sizes: Mapping[str, int]) -> str:
 
 
 def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.ndarray:
-    """Return part of a series as (columns, rows, pictures); only what is needed is read."""
+    """Return part of a series, shape (columns, rows, pictures); read only that part."""
     with _opened(path) as file:
         series = file.series[number]
         index = tuple(chosen.get(axis, slice(None)) for axis in series.axes)
@@ -205,7 +205,7 @@ def _outer_axes(series: Any) -> int:
 
 
 def _check_pages(path: Path, pages: Sequence[Any]) -> None:
-    """Refuse pictures that the file does not hold: tifffile fills them with zeros."""
+    """Reject pictures missing from the file: tifffile would fill them with zeros."""
     if any(page is None for page in pages):
         raise FileFormatError("some of its pictures are missing: they are in other files")
     first, found = pages[0].keyframe, path.stat().st_size

@@ -1,4 +1,4 @@
-"""What readers of voxels share: from the header of a file to a volume."""
+"""Code shared by the readers of voxels: converts the header of a file to a volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of regular grids put together: joined where they fill a box, else patches."""
+"""Combine parts of regular grids: one grid if they fill a box, otherwise patches."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ...grids import PatchGrid
     from ...volume import Volume
 
-# Of a cell, by which corners of blocks may be off: files round them.
+# Tolerance of block corners, as a fraction of a cell: files round them.
 _TOLERANCE = 1e-3
 # Boxes between all walls of blocks, of which it is looked whether they are filled.
 _MOST_BOXES = 10_000_000
@@ -41,24 +41,24 @@ _LISTED = 8
 
 @dataclass(frozen=True)
 class Block:
-    """A file that another names, and what it is called there."""
+    """A file that another file refers to, and its name there."""
 
     name: str
     path: Path
 
     def __str__(self) -> str:
-        """Return what a user can open."""
+        """Return the name and the path, which a user can open."""
         return f"{self.name} ({self.path})" if self.name else str(self.path)
 
 
 def listed(items: Sequence[object]) -> str:
-    """Return lines that name the first of some things."""
+    """Return one line per item, for the first `_LISTED` items."""
     more = [f"  … and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
     return "\n".join([f"  {item}" for item in items[:_LISTED]] + more)
 
 
 def together(parts: Sequence[Dataset]) -> Dataset:
-    """Return the smallest box that holds all pieces, with the arrays that all have."""
+    """Merge pieces into their bounding box; keep the arrays that all pieces have."""
     if not parts:
         raise FileFormatError("expected a piece with points in it, there is none")
     first = parts[0]
@@ -120,7 +120,7 @@ def _joined_array(shape: tuple[int, ...], starts: Any, arrays: list[DataArray]) 
 
 
 def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
-    """Return image data that fill a box together as one; None if blocks do not."""
+    """Merge blocks of image data that fill a box; return None if they do not."""
     found = list(blocks.values())
     if len(found) == 1:
         return found[0]
@@ -146,7 +146,7 @@ def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
 def _fill_box(parts: Sequence[Dataset]) -> bool:
     """Return True if every cell of the smallest box around parts is in one of them."""
     low = np.array([part.low for part in parts])
-    # A layer of points is a layer of cells.
+    # A single layer of points counts as a layer of cells.
     high = low + [part.shape(CELL) for part in parts]
     walls = [np.unique(np.concatenate([low[:, a], high[:, a]])) for a in range(3)]
     shape = tuple(len(w) - 1 for w in walls)

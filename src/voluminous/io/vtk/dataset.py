@@ -1,4 +1,4 @@
-"""Structured data of VTK: where their cells are, and which arrays become fields of a volume.
+"""Structured VTK data: the grid of cells, and the arrays that become fields of a volume.
 
 VTK has values at points and in the cells between them. Cells here are those in both cases: for
 values at points, cells around these, whose walls lie midway. Interpolated schemes then draw what
@@ -45,7 +45,7 @@ _HIDDEN = {POINT: 2, CELL: 32}
 
 @dataclass(frozen=True)
 class Even:
-    """Where image data are: points of equal distances."""
+    """Grid of image data: equally spaced points."""
 
     origin: Any  # of the point of index (0, 0, 0)
     spacing: Any
@@ -69,7 +69,7 @@ class Even:
 
 @dataclass(frozen=True)
 class Uneven:
-    """Where a rectilinear grid is: coordinates along x, y and z."""
+    """Rectilinear grid: coordinates of the points along x, y and z."""
 
     lines: tuple[np.ndarray, ...]
 
@@ -95,7 +95,7 @@ class Uneven:
 
 
 def _edges(line: np.ndarray, at: str, width: float) -> np.ndarray:
-    """Return the walls of the cells around ascending points, or between them."""
+    """Return the edges of the cells around ascending points, or between them."""
     if len(line) == 1:
         return line[0] + np.array([-0.5, 0.5]) * width
     if at == POINT:
@@ -153,7 +153,7 @@ class DataArray:
         return self.name.startswith("vtk")
 
     def endings(self, upright: bool) -> tuple[str, ...]:
-        """Return what is put behind the name for each component; x, y, z only of upright data."""
+        """Return the name suffix of each component; x, y, z only for upright data."""
         count = self.components
         if count == 1:
             return ("",)
@@ -206,14 +206,14 @@ class Dataset:
         return found
 
     def infos(self) -> tuple[FieldInfo, ...]:
-        """Return what there is to read."""
+        """Return descriptions of the fields in this data set."""
         return tuple(
             FieldInfo(name, place, self.shape(array.at), str(array.dtype), array.unit)
             for place, (name, array, _) in self.fields().items()
         )
 
     def chosen(self, fields: Any, upright: bool = True) -> Chosen:
-        """Return array and component of each field that is asked for, by its name."""
+        """Return the array and component of each requested field, by name."""
         known = self.fields(upright)
         if not known:
             raise FileFormatError("expected values at points or in cells, there are none")
@@ -226,7 +226,7 @@ class Dataset:
         return {name: known[place][1:] for name, place in places.items()}
 
     def volume(self, fields: Any = None, unit: Any = None) -> Volume:
-        """Return the volume, whose fields are read when they are used."""
+        """Return the volume; its fields are read on first use."""
         from ...volume import Volume
 
         chosen = self.chosen(fields)
@@ -243,7 +243,7 @@ class Dataset:
 
 
 class ArrangedArrays:
-    """Reads the fields that are chosen of a dataset, each as an array on its grid."""
+    """Loads the chosen fields of a dataset, each as an array on its grid."""
 
     def __init__(self, dataset: Dataset, chosen: Chosen, arrangement: Arrangement) -> None:
         ghosts = ("vtkGhostType", common_place(chosen))
@@ -253,7 +253,7 @@ class ArrangedArrays:
         self._waiting: dict[tuple[str, int], np.ndarray] = {}
 
     def load(self, name: str) -> np.ndarray:
-        """Return the values of a field; NaN where VTK hides them."""
+        """Return the values of a field; hidden points and cells are NaN."""
         array, component = self._chosen[name]
         if (array.place, component) not in self._waiting:
             whole = array.load()
@@ -283,7 +283,7 @@ def common_place(chosen: Chosen) -> str:
 
 
 class DatasetReader(Reader):
-    """A reader that makes a `Dataset` of a file."""
+    """Base class of readers that convert a file to a `Dataset`."""
 
     options = OPTIONS
 

@@ -1,4 +1,4 @@
-"""VTK's own library reads the files; what it says in its output window is an error here."""
+"""Access to the VTK library; messages in its output window become errors."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from ...errors import FileFormatError
 from ...packages import require
 
-# VTK passes over the end of a file that is cut short: its last tag must be in so many bytes.
+# VTK does not detect truncated files: the last tag must lie in this many bytes at the end.
 _TAIL = 1024
 _LONGEST = 400
 _MOST_COMPONENTS = 4096
-# What VTK puts before a message, and a dump of the request behind one: nothing for users.
+# VTK adds a prefix to messages and a dump of the request after them; users need neither.
 _NOISE = re.compile(r"(?:ERROR|Warning|Generic Warning): In .*?, line \d+\s*|\w+ \(0x\w+\): ")
 _HARMLESS = re.compile(
     r"Warning: In .*?\n.*?(?:No (?:spacing|origin) read|Not all meta data was read).*\n*"
@@ -30,7 +30,7 @@ def vtk(module: str) -> Any:
 
 @contextmanager
 def heard(warnings: bool = True) -> Iterator[None]:
-    """Make an error of the text that VTK shows meanwhile; without `warnings` of errors alone."""
+    """Raise VTK's messages as an error; with `warnings` False, only if they contain an error."""
     core = vtk("vtkCommonCore")
     window, log = core.vtkOutputWindow, core.vtkLogger
     before, verbosity = window.GetInstance(), log.GetCurrentVerbosityCutoff()
@@ -67,13 +67,13 @@ def tree(path: Path) -> Any:
 
 
 def children(element: Any, name: str = "") -> list[Any]:
-    """Return the elements directly in one, or those of a name."""
+    """Return the direct children of an element, optionally only those called `name`."""
     inside = map(element.GetNestedElement, range(element.GetNumberOfNestedElements()))
     return [child for child in inside if name in ("", child.GetName())]
 
 
 def needed(element: Any, name: str) -> Any:
-    """Return the first element of a name in another."""
+    """Return the first child called `name`; raise an error if none exists."""
     found = children(element, name)
     if not found:
         raise FileFormatError(f"expected <{name:.100}> in <{element.GetName()}>, there is none")
@@ -81,7 +81,7 @@ def needed(element: Any, name: str) -> Any:
 
 
 def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, ...]:
-    """Return an attribute of so many numbers."""
+    """Return an attribute that consists of `count` numbers."""
     text = element.GetAttribute(name) or ""
     try:
         found = tuple(kind(word) for word in text.split())
@@ -96,7 +96,7 @@ def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, 
 
 
 def check_arrays(piece: Any) -> None:
-    """Refuse what VTK takes without a word: a million components, values before the first byte."""
+    """Reject arrays that VTK accepts silently: too many components, or a negative offset."""
     for array in (a for section in children(piece) for a in children(section, "DataArray")):
         count = array.GetAttribute("NumberOfComponents") or "1"
         if not count.strip().isdigit() or not 1 <= int(count) <= _MOST_COMPONENTS:

@@ -24,7 +24,7 @@ _OUT_OF_DISK_SPACE = 20007  # vtkErrorCode.h
 
 
 def write_image(volume: Volume, path: Path) -> None:
-    """Write a volume of equal cells."""
+    """Write a volume of equal cells as image data."""
     grid, direction = cartesian(volume), direction_of(volume)
     if not grid.is_uniform:
         raise InputError("image data have equal cells, these are not: write a .vtr file")

@@ -1,4 +1,4 @@
-"""XML files of VTK: image data (.vti), rectilinear grids (.vtr), pieces and blocks of them.
+"""Readers of VTK XML files: image data (.vti), rectilinear grids (.vtr), their pieces and blocks.
 
 https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html
 """
@@ -30,7 +30,7 @@ from .write import write_image, write_rectilinear
 if TYPE_CHECKING:
     from ...volume import Volume
 
-# What may come before the first tag: a declaration, and comments.
+# An XML declaration and comments may precede the first tag.
 _FIRST_TAG = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*(?:<\?[^>]*>\s*|<!--(?:(?!-->).)*-->\s*)*<VTKFile\b([^>]*)", re.DOTALL
 )
@@ -38,7 +38,7 @@ _TYPE = re.compile(rb"""\btype\s*=\s*["'](\w+)["']""")
 _GRIDS = ("ImageData", "RectilinearGrid", "StructuredGrid")
 _SECTIONS = ((POINT, "Point"), (CELL, "Cell"))
 _PLACE = {"Origin": 3, "Spacing": 3, "Direction": 9}
-# All of these have elements <DataSet> that name files, at any depth.
+# Each of these types contains <DataSet> elements, at any depth, that name files.
 _SERIES = "Collection"
 _BLOCKS = (
     *("vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"),
@@ -84,7 +84,7 @@ class VTKXMLReader(Reader):
 
     def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
         found = _opened(path, resolution)
-        # Shapes are those of the first of several patches.
+        # Several patches: report the shapes of the first one.
         return (found if isinstance(found, Dataset) else alike(found)[0]).infos()
 
 
@@ -168,7 +168,7 @@ def _dataset(path: Path) -> Dataset:
 
 
 def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
-    """Return the pieces in a file, whose values are read when they are used."""
+    """Return the pieces in a file; their values are read on first use."""
     parts = []
     for piece in children(element, "Piece"):
         extent = numbers(piece, "Extent", 6)
@@ -181,7 +181,7 @@ def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
             size = 24 * math.prod(points)
             check_memory(size, "the points of the grid", "is the file damaged?")
         place = dataset_of(_read(path, kind, extent, ""))
-        # Types, components and units are those of the first cell.
+        # Read one cell to get the types, components and units of the arrays.
         corner = [n for a, b in zip(low, high, strict=True) for n in (a, min(a + 1, b))]
         first = dataset_of(_read(path, kind, corner))
         arrays = [
@@ -257,7 +257,7 @@ def _blocks(path: Path, root: Any) -> dict[Block, Dataset]:
 
 
 def _named(element: Any, above: str) -> Iterator[tuple[str, Any]]:
-    """Give the elements of files, each with its name: those of the blocks it is in before it."""
+    """Yield (name, element) for each file; the names of the enclosing blocks precede its name."""
     for child in children(element):
         name = "/".join(filter(None, (above, child.GetAttribute("name"))))
         if child.GetName() == "DataSet" and child.GetAttribute("file"):

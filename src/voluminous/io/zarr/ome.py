@@ -38,7 +38,7 @@ _PICTURE = 16
 
 
 class OMEZarrReader(Reader):
-    """Channels on the voxels of one resolution."""
+    """Reads the channels of one resolution level."""
 
     name = "ome-zarr"
     description = "an OME-Zarr image"
@@ -99,7 +99,7 @@ class OMEZarrReader(Reader):
 
 
 class ImageLevel(NamedTuple):
-    """One resolution: its array, and per axis the size of a voxel and the first centre."""
+    """One resolution level: its array and, per axis, the voxel size and the first voxel centre."""
 
     place: str
     scale: list[float]
@@ -117,7 +117,7 @@ class Multiscale:
     channels: tuple[Channel, ...]
 
     def count(self, shape: Sequence[int], axis: str) -> int:
-        """Return the size of an array along an axis; one if there is no such axis."""
+        """Return the size of an array along an axis; 1 if the axis does not exist."""
         return int(shape[self.axes.index(axis)]) if axis in self.axes else 1
 
 
@@ -193,7 +193,7 @@ def _channels(attributes: Mapping[str, Any]) -> tuple[Channel, ...]:
 
 
 def _common_unit(units: Mapping[str, str]) -> tuple[str, dict[str, float]]:
-    """Return the unit of x, and those of all axes over it; none where they do not convert."""
+    """Return the unit of x and each unit over it; "" and ratios of 1 if they do not convert."""
     none = "", dict.fromkeys(AXES, 1.0)
     if not all(units.values()):
         return none
@@ -285,7 +285,7 @@ def _grid(
 
 
 def _values(path: Path, place: str, axes: Sequence[str], time: int, channel: int) -> np.ndarray:
-    """Return one channel at one time, as [ix, iy, iz]."""
+    """Return one channel at one time step, indexed [ix, iy, iz]."""
     chosen = {"t": time, "c": channel}
     with opened(path) as root:
         array: Any = checked(root[place])

@@ -37,7 +37,7 @@ def holds_zarr(path: Path, head: bytes) -> bool:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Give the node at the root of a store; errors of the library become a `FileFormatError`."""
+    """Yield the root node of a store; errors of the library become a `FileFormatError`."""
     library = require("zarr", "arrays", "reading Zarr")
     url = url_of(path)
     if url:
@@ -64,7 +64,7 @@ def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array]:
 
 
 def checked(array: Any) -> zarr.Array:
-    """Return an array whose pieces fit into memory."""
+    """Return the array, after checking that its chunks fit into memory."""
     chunks = tuple(int(n) for n in array.chunks)
     if any(n < 1 for n in chunks) or any(int(n) < 0 for n in array.shape):
         raise FileFormatError(f"{array.path!r} has shape {array.shape} in pieces of {chunks}")
