@@ -55,9 +55,9 @@ class Image:
         World coordinates of the pixels (the lower left one is 0, 0), of two axes: right ascension
         and declination, or an offset and a velocity. `plot` shows them, and all formats keep them.
     camera : dict, optional
-        What saw the scene (type, angles, …).
+        Description of the camera (type, angles, …).
     provenance : dict, optional
-        What made the image (scene, versions, …). Both are saved with the image in every format, so
+        Origin of the image (scene, versions, …). Both are saved with the image in every format, so
         they hold dicts, lists, strings, numbers, booleans and None only.
 
     Raises

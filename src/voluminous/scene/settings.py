@@ -76,7 +76,7 @@ def plain_value(value: Any) -> Any:
 
 
 def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
-    """Set the value of a key such as ``medium.1.color``; only its last part may be new."""
+    """Set the value of a key such as ``medium.1.color``; missing tables are created."""
     *path, last = place.split(".")
     section = path[0] if path else last
     if section not in SECTIONS:

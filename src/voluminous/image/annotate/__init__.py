@@ -1,7 +1,7 @@
 """Pictures with a scale bar, axes, colour bars, a title …; the picture's pixels stay unchanged.
 
-`sheet.py` is what is drawn on: decorations in pixels of the picture, put over it in the end. There
-is one file for each decoration, and `picture.py` holds the result.
+`annotate.py` interprets the options, `marks.py` and `scales.py` draw annotations, and `sheet.py`
+holds the canvas and the result.
 """
 
 from .annotate import OPTIONS, annotate
