@@ -112,7 +112,7 @@ def test_verbs_that_are_refused_in_words(volume, tmp_path):
         "native file": lambda: volume.save(tmp_path / "cells.h5"),
         "cannot be resampled onto": lambda: volume.resample(volume.grid),
         "confined": lambda: volume.grid.walk(
-            vm.backend.get_backend("cpu", "single"), box=vm.grids.contract.Box((0,) * 3, (1,) * 3)
+            vm.backend.get_backend("cpu", "single"), box=vm.grids.contract.CellBox((0,) * 3, (1,) * 3)
         ),
     }
     for words, verb in refused.items():
