@@ -1,4 +1,4 @@
-"""Numbers in place of what only a volume can tell: path lengths, ranges of colours, units."""
+"""Fill in a medium's parameters that depend on the volume: path lengths, colour ranges, units."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .plain import in_plain_numbers
 from .samples import pieces
 from .thickness import Profile, thicknesses
 
-# More shells, which nobody tells apart, take minutes to compile.
+# More shells are indistinguishable and take minutes to compile.
 _MOST = 100
 
 
 def check_volume(function: str, place: str, volume: Volume) -> None:
-    """Refuse what is no volume."""
+    """Raise InputError if ``volume`` is not a Volume."""
     if not isinstance(volume, Volume):
         raise InputError(
             f"{function} needs a vm.Volume {place}, got {type(volume).__name__}"
@@ -35,7 +35,7 @@ def check_volume(function: str, place: str, volume: Volume) -> None:
 
 
 def shell_count(n: Any) -> int:
-    """Return how many shells there shall be."""
+    """Return the validated number of shells."""
     number: Any = n if isinstance(n, Real) else 0
     if not 1 <= number <= _MOST or int(number) != number:
         raise InputError(f"n must be a positive whole number of shells, {_MOST} at most, got {n!r}")
@@ -43,7 +43,7 @@ def shell_count(n: Any) -> int:
 
 
 def positive_opacity(opacity: Any) -> float:
-    """Return an optical depth."""
+    """Return the validated optical depth."""
     depth: Any = opacity if isinstance(opacity, Real) else 0
     if not 0 < depth <= sys.float_info.max:
         raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
@@ -51,27 +51,27 @@ def positive_opacity(opacity: Any) -> float:
 
 
 def nothing_to_see(expr: Any, value: float, where: str = "everywhere") -> InputError:
-    """Return the error for an expression that has one value in all of a volume."""
+    """Return the error for an expression that is constant in a volume."""
     return InputError(
         f"{expr.text} is {value:g} {where}: there is nothing to see. Look at another field, or "
         "give a medium with numbers of your own: vm.Rectangle, or vm.Colormap with vmin and vmax"
     )
 
 
-# What is between the ends of the range, of what shows, is all but these parts.
+# Quantiles, by volume, of the visible values: the ends of a colour range.
 _LOWEST, _HIGHEST = 0.005, 0.995
-# A shell shows where it has this part of its peak.
+# A shell is visible where it reaches this fraction of its peak.
 _SHOWN = 0.1
-# A range that is less than so many roundings of its ends is one value, and made wider.
+# A range narrower than so many rounding errors of its ends is a single value, and is widened.
 _ROUNDINGS = 8
-# Digits of the ends: they are shown, and typed again.
+# Significant digits of the ends, which users read and retype.
 _DIGITS = 3
 
 
 def with_color_ranges(
     medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]
 ) -> Medium:
-    """Return a medium with numbers for all ranges of `ColorBy`; itself if none is open."""
+    """Return the medium with all open ranges of `ColorBy` filled in; itself if none is open."""
     return with_each(medium, lambda part: _with_range(part, volume, known))
 
 
@@ -90,7 +90,7 @@ def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]])
 
 @dataclass
 class _Shown:
-    """Where something made of fields, by their names, is to be seen; `key` identifies it."""
+    """Visibility test of a part of a medium that depends on named fields; `key` identifies it."""
 
     volume: Volume
     names: tuple[str, ...]
@@ -111,7 +111,7 @@ def _closed(colors: Any, shown: _Shown, known: Callable[..., dict[Any, Any]]) ->
 
 
 def _range(shown: _Shown, color: Any) -> tuple[float, float]:
-    """Return between which values nearly all is that is seen; or all there is, if nothing is."""
+    """Return the range of nearly all visible values; of all values if none is visible."""
     values, sizes, seen = _cells(shown, color)
     if seen.any():
         values, sizes = values[seen], sizes[seen]
@@ -136,14 +136,14 @@ def _one_value(low: float, high: float, least: float) -> bool:
 
 
 def _eps(volume: Volume, expr: Expression) -> float:
-    """Return what values of an expression are rounded by, relatively: by what its fields are."""
+    """Return the relative rounding error of an expression: the largest epsilon of its fields."""
     kinds = (volume.array(name).dtype for name in expr.names if name in volume)
     floats: list[Any] = [np.float64, *(kind for kind in kinds if kind.kind == "f")]
     return max(float(np.finfo(kind).eps) for kind in floats)
 
 
 def _cells(shown: _Shown, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the values of the colours' expression in cells, their volumes, and what shows."""
+    """Return the colour expression's cell values, the cell volumes, and a visibility mask."""
     volume, names = shown.volume, shown.names
     context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
     streams = [pieces(volume, Expression(name)) for name in names]
@@ -164,9 +164,9 @@ def _cells(shown: _Shown, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def _rounded(low: float, high: float, least: float) -> tuple[float, float]:
-    """Return the ends of a range with few digits, apart from each other.
+    """Return distinct ends of a range, rounded to few digits.
 
-    What is wide by no more than a part `least` of its ends is one value.
+    A range no wider than `least` times its larger end is a single value, and is widened.
     """
     if _one_value(low, high, least):
         aside = 0.5 * abs(low) or 1.0
@@ -188,17 +188,17 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
 
 
 def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:
-    """Return the same, with what was measured before for other pictures of the volume.
+    """Calibrate with cached measurements of the volume.
 
-    Measured for every picture anew it took ten times as long as the picture itself: 0.75 s of 0.8
-    for a colormap in 4 million cells, 120 x 120 pixels.
+    Without the cache, measuring took ten times as long as the picture itself: 0.75 s of 0.8 s for a
+    colormap in 4 million cells, 120 x 120 pixels.
     """
     plain = in_plain_numbers(medium, volume)
     return _with_lengths(with_color_ranges(plain, volume, known), volume, known)
 
 
 def _with_lengths(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:
-    """Return a medium with numbers for all path lengths; itself if none is open."""
+    """Return the medium with all open path lengths filled in; itself if none is open."""
     parts = [p for p in medium.components() if _is_open(p)]
     if not parts:
         return medium

@@ -1,4 +1,4 @@
-"""Data that names instead of measuring: whole numbers, each of which stands for a thing."""
+"""Suggest a medium for a volume: main scalar, levels, noise, and detection of labels."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from .thickness import (
 )
 
 _MOST = 64
-# Labels are counted through: values with wider gaps are coarsely measured numbers.
+# Labels are numbered consecutively; values with wider gaps are coarsely measured quantities.
 _SPAN = 2
 
 
 def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarray | None:
-    """Return the labels in a volume, without the one around them; None if it holds no labels.
+    """Return the labels in a volume without the background; None if it holds no labels.
 
-    Labels are at least two and at most 64 whole numbers that fill more than half of their range.
-    What the outermost cells hold most is the background.
+    Labels are 2 to 64 distinct whole numbers that fill more than half of their range. The
+    background is the most frequent label of the outermost cells.
 
     Parameters
     ----------
     volume : Volume
-        All of it is looked at if its samples look like labels: some things are small.
+        If the samples may be labels, all cells are read, because some labels are rare.
     expr : Expression
         The scalar.
     values : array
-        Samples of it, sorted.
+        Sorted samples of the scalar.
     """
     if not _may_be_labels(np.unique(values)):
         return None
@@ -63,7 +63,7 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
 
 
 def _may_be_labels(values: np.ndarray) -> bool:
-    """Return False if these sorted, distinct numbers, or more of them, cannot be labels."""
+    """Return False if no set that contains these sorted, distinct numbers can be labels."""
     whole = bool(np.all(values == np.round(values)))
     return whole and len(values) <= _MOST and bool(np.ptp(values) < _SPAN * _MOST)
 
@@ -73,12 +73,12 @@ def _count(counts: dict[float, int], values: np.ndarray) -> None:
         counts[float(value)] = counts.get(float(value), 0) + int(number)
 
 
-# An isosurface is worth showing if its area is this part of the diagonal squared: a sphere a
-# fiftieth of the diagonal across.
+# Least area of an isosurface worth showing, as a fraction of the diagonal squared: that of a sphere
+# with a diameter of a fiftieth of the diagonal.
 _SEEN = 1e-3
-# Of data with one sign, what is lower than in nearly all of the volume surrounds nothing.
+# For data with one sign, levels below this quantile (by volume) are left out.
 _LOWEST = 0.01
-# The steepness is smoothed over this part of the distance of levels.
+# Smoothing width of the steepness, as a fraction of the distance of levels.
 _SMOOTHING = 0.12
 
 
@@ -87,11 +87,10 @@ def levels(
 ) -> tuple[np.ndarray, float]:
     """Return n increasing levels and their typical distance.
 
-    The range of values whose isosurfaces are large enough to be seen is cut into n equal slots,
-    and each gets one level: where x is steepest, for that is where materials meet, with a
-    preference for the middle of the slot (a factor 1 - u², u = ±1 at its ends), which keeps levels
-    apart. Of data without materials, whose steepness is a power law, all slots look alike, and
-    the levels are equally spaced.
+    The range of values whose isosurfaces are large enough to be seen is divided into n equal slots
+    with one level each. The level maximizes the steepness of x, which is large where materials
+    meet, times 1 - u² (u = ±1 at the ends of the slot), which keeps levels apart. If the steepness
+    is a power law (no materials), all slots are alike and the levels are equally spaced.
     """
     low, high = _worth_showing(found, signed)
     if floor > 0:
@@ -117,30 +116,30 @@ def _worth_showing(found: Histogram, signed: bool) -> tuple[float, float]:
     return float(found.edges[first]), float(found.edges[last + 1])
 
 
-# Fewer negative values say nothing.
+# Least number of negative values for a noise estimate.
 _ENOUGH = 100
-# Median over root mean square of the negative values: 0.67 for Gaussian noise, less where the noise
-# is not the same everywhere; 0.87 if all values are alike often, 1 for a second material.
+# Accepted range of median / root mean square of the negative values: 0.67 for Gaussian noise, less
+# for non-uniform noise; 0.87 for a uniform distribution, 1 for a second material.
 _MEDIAN = (0.45, 0.75)
-# Noise has no values so far out (in its σ); data rises above it so many times.
+# Noise has no values beyond _FARTHEST σ; the greatest value of the data exceeds the most negative
+# one by a factor _ABOVE.
 _FARTHEST, _ABOVE = 10.0, 2.0
-# Noise is symmetric: near zero there are no fewer positive values than negative ones (but for
-# chance, where all is noise).
+# Noise is symmetric: near zero, positive values are at least as many as negative ones (up to chance
+# if all values are noise).
 _SYMMETRIC = 0.9
 
 
 def noise_of(values: np.ndarray) -> float:
     """Return the σ of the noise around zero in sorted values; zero if negative values mean more.
 
-    The negative values are taken for half of the noise, of which the other half is among the
-    positive ones: σ² is their mean square.
+    The noise is assumed symmetric, and all negative values to be noise: σ² is their mean square.
     """
     zero = int(np.searchsorted(values, 0.0, "left"))
     if zero < _ENOUGH:
         return 0.0
     below = -values[:zero].astype(np.float64)
     farthest, median = float(below[0]), float(np.median(below))
-    # Squares of parts of the farthest are numbers, whatever the unit.
+    # Divide by the farthest value so that squares do not overflow or underflow in any unit.
     sigma = farthest * float(np.sqrt(np.mean((below / farthest) ** 2)))
     beside = np.searchsorted(values, [-sigma, sigma])
     looks_like_noise = (
@@ -152,33 +151,33 @@ def noise_of(values: np.ndarray) -> float:
     return sigma if looks_like_noise else 0.0
 
 
-# What simulations call the first thing one looks at, in order of preference.
+# Names of the main field in simulations, in order of preference.
 _FIRST = ("density", "gas_density", "rho", "dens", "number_density", "n", "nh", "n_h")
 _COMPONENT = re.compile(
     r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
 )
-# Coordinates that cubes of telescopes bring along.
+# Coordinates stored with telescope cubes.
 _COORDINATE = re.compile(r"velocity|frequency|wavelength|wavenumber|redshift", re.I)
-# Data that spans more than this factor is looked at logarithmically …
+# Data that spans more than so many decades is shown logarithmically …
 _DECADES = 2.0
-# … from this quantile of its positive values to that (compact cores are what one looks for).
+# … between these quantiles of its positive values (the upper one keeps compact cores) …
 _LEAST, _GREATEST = 0.05, 1 - 1e-4
-# … unless the top decade has more than its share of the cells, 1 / (number of decades): then its
-# materials are what there is to see, and the rest are the faint outskirts of their boundaries.
+# … unless the top decade holds more than _SHARE / (number of decades) of the cells: then the
+# materials are in that decade, and lower values are the faint outskirts of their boundaries.
 _SHARE = 1.2
-# Where so many cells have the least value, to this precision, nothing is there.
+# If more than _FLOOR of the cells have the least value (to a relative _SAME), they are empty.
 _FLOOR, _SAME = 0.05, 1e-3
-# A few negative values are noise around zero: more of them mean something.
+# Up to this fraction, negative values are noise around zero; more are significant.
 _NEGATIVE = 1e-3
 _BINS = 64
 
 
 def main_scalar(volume: Volume) -> Expression:
-    """Return the field to look at first.
+    """Return the main field of a volume.
 
-    It is the one called density, rho, … if there is one; else that with the most structure (the
-    entropy of its histogram, linear or logarithmic as it will be shown). Components of vectors, and
-    velocity or frequency in a cube of spectra, are left out where there are other fields.
+    It is the field called density, rho, … if there is one; else the field with the greatest entropy
+    of its histogram (linear or logarithmic, as it will be shown). Vector components, and velocity
+    or frequency in a spectral cube, are left out if there are other fields.
     """
     if not volume.fields:
         raise InputError("the volume has no fields; add one: volume['density'] = array")
@@ -209,10 +208,10 @@ def _structure(volume: Volume, expr: Expression) -> float:
 
 
 def is_wide(values: np.ndarray) -> bool:
-    """Return True if sorted values want a logarithm.
+    """Return True if sorted values should be shown logarithmically.
 
-    None is negative, they span two decades, and they are spread over these: the top decade does not
-    hold most of the cells. Zeros, and other values where nothing is, are not looked at.
+    This requires nearly no negative values, a span of more than two decades, and a top decade that
+    does not dominate. Zeros and the value of empty cells are ignored.
     """
     below = int(np.searchsorted(values, 0.0, "left"))
     positive = _above_floor(values[int(np.searchsorted(values, 0.0, "right")) :])
@@ -225,21 +224,21 @@ def is_wide(values: np.ndarray) -> bool:
 
 
 def _above_floor(positive: np.ndarray) -> np.ndarray:
-    """Return the values without those that equal the least one, if these are many."""
+    """Return the values without those equal to the least one, if these are many."""
     if not len(positive):
         return positive
     floor = int(np.searchsorted(positive, positive[0] * (1 + _SAME), "right"))
     return positive[floor:] if floor > _FLOOR * len(positive) else positive
 
 
-# σ of a shell as a part of the distance of levels: thin enough to look between them.
+# σ of a shell as a fraction of the distance of levels; thin enough to see between shells.
 _SIGMA = 0.12
 # The part of a colormap that is bright enough on black.
 _COOL, _WARM = 0.12, 0.88
-# Opacity of the largest shell as a part of that of the smallest.
+# Opacity of the largest shell as a fraction of that of the smallest.
 _VEIL = 0.08
-# Of data with noise around zero, what is below so many σ is not looked at: all of a volume's cells
-# together hold a few tens of such peaks.
+# Least level, in σ, for data with noise around zero: all cells of a volume together hold a few tens
+# of noise peaks above it.
 _NOISE = 4.0
 # A closed shell is crossed twice.
 _TWICE = 2.0
@@ -254,22 +253,22 @@ def suggest_medium(
     opacity: float = 1.0,
     cmap: Any = "turbo",
 ) -> Medium:
-    """Return a medium that shows what there is in a volume: shells at the boundaries of materials.
+    """Return a medium that shows a volume's structure: shells at the boundaries of materials.
 
     Parameters
     ----------
     volume : Volume
         The data.
     expr : str, optional
-        Field or expression to look at. By default the field called density, rho, …; else the one
+        Field or expression to show. By default the field called density, rho, …; else the one
         with the most structure.
     n : int
         Number of shells, at most 100.
     opacity : float
-        Optical depth of one crossing of the smallest shell; larger ones are more transparent, so
-        that the inside is seen.
+        Optical depth of one crossing of the smallest shell. Larger shells are more transparent,
+        so that the inside is visible.
     cmap : str or matplotlib.colors.Colormap
-        Where the colours are from, cool for low and warm for high values.
+        Colormap of the shells: cool colours for low values, warm ones for high values.
 
     Returns
     -------
@@ -289,11 +288,11 @@ def suggest_medium(
 
     Notes
     -----
-    Levels are where the mean gradient as a function of the value is greatest (Kindlmann & Durkin
-    1998, "Semi-automatic generation of transfer functions for direct volume rendering"), one in
-    each of n equal parts of the range of values whose isosurfaces are large enough to be seen.
-    Where negative values are noise around zero, as in cubes of telescopes, levels are above four σ.
-    Of more than 4 million cells, evenly spread parts are looked at.
+    Levels are at maxima of the mean gradient as a function of the value (Kindlmann & Durkin 1998,
+    "Semi-automatic generation of transfer functions for direct volume rendering"), one in each of
+    n equal parts of the range of values whose isosurfaces are large enough to be seen. If negative
+    values are noise around zero, as in telescope cubes, levels are above four σ. In volumes of more
+    than 4 million cells, evenly spread parts are sampled.
 
     Examples
     --------
@@ -316,7 +315,7 @@ def suggest_medium(
 
 
 def _expression(expr: Any) -> Expression:
-    """Return the expression in a text; a number is more likely that of the shells."""
+    """Return the parsed expression; for an integer the error suggests ``n=``."""
     if isinstance(expr, (str, Expression)):
         return Expression(expr)
     shells = isinstance(expr, (int, np.integer)) and not isinstance(expr, bool) and expr > 0
@@ -329,7 +328,7 @@ def _expression(expr: Any) -> Expression:
 def _shells(
     volume: Volume, expr: Expression, values: np.ndarray, n: int
 ) -> tuple[list[Callable[..., Shaped]], np.ndarray]:
-    """Return what makes each shell of color, opacity and path length, and places in a colormap."""
+    """Return a factory (color, opacity, path length) per shell, and its colormap position."""
     labels = labels_of(volume, expr, values)
     if labels is not None:
         # The golden ratio keeps the colours of neighbouring numbers apart.
@@ -340,7 +339,7 @@ def _shells(
     signed = bool(values[0] < 0) and not wide and not floor
     if wide:
         expr = Expression(f"log10({expr.text})")
-        values = sampled_values(volume, expr)  # rounded as they are in cells: ends of the range
+        values = sampled_values(volume, expr)  # with the rounding of the cells, for the range
     if is_constant(values[0], values[-1]):
         raise nothing_to_see(expr, float(values[0]))
     centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)
@@ -360,7 +359,7 @@ def _label(expr: Expression, label: float) -> Callable[..., Shaped]:
 
 
 class _Label(Rectangle):
-    """One label: between two there are no others."""
+    """A single label; labels must not be interpolated."""
 
     discrete = True
 
@@ -371,7 +370,7 @@ class _Label(Rectangle):
 def _lit(
     volume: Volume, shells: list[Callable[..., Shaped]], colors: np.ndarray, opacity: float
 ) -> Medium:
-    """Return the sum of shells, each as opaque as its size and its crossings allow."""
+    """Return the sum of shells, with opacities that depend on their areas and crossings."""
     drafts = [make(1.0, 1.0, "auto") for make in shells]
     unit = volume.expression_unit(drafts[0].expr)
     profiles = [Profile(*draft.profile(unit, None)) for draft in drafts]
@@ -387,8 +386,8 @@ def _lit(
 def _depths(found: list[Thickness]) -> np.ndarray:
     """Return the optical depth of a crossing of each shell.
 
-    It rises geometrically from the largest shell to the smallest. One that lines of sight cross
-    many times, because it is noisy or fills the volume, becomes so much fainter.
+    It rises geometrically from the largest shell to the smallest. It is divided by half the number
+    of crossings if lines of sight cross a shell (noisy or volume-filling) more than twice.
     """
     order = np.argsort([-shell.area for shell in found], kind="stable")
     rank = np.empty(len(found))

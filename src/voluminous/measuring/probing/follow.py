@@ -1,4 +1,4 @@
-"""What the fields and the expressions of a medium are in the segments of a ray."""
+"""Record fields, coefficients and intensity in each segment of one ray."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ...media import Medium
     from ...volume import Volume
 
-# The middle and the two halves of a segment, of which coefficients are the mean.
+# The two halves of a segment; its coefficients are the mean of theirs.
 _HALVES = ((0.0, 0.5), (0.5, 1.0))
 
 
@@ -45,7 +45,7 @@ class Tape:
         self.limit = dr.opaque(backend.UInt, capacity)
 
     def prepare(self, columns: dict[str, int]) -> None:
-        """Make room for so many numbers of each name."""
+        """Allocate columns; ``columns`` maps each name to its number of values per row."""
         for name, count in columns.items():
             kind = self.backend.UInt if name == "cell" else self.backend.Wide
             self.columns[name] = [dr.zeros(kind, self.capacity) for _ in range(count)]
@@ -59,7 +59,7 @@ class Tape:
                 dr.scatter(column, type(column)(number), row, there)
 
     def read(self, count: int) -> dict[str, np.ndarray]:
-        """Return the first rows, of each name an array of shape (count, numbers)."""
+        """Return the first ``count`` rows: for each name an array of shape (count, numbers)."""
         return {
             name: np.array([np.asarray(c)[:count] for c in columns]).reshape(len(columns), count).T
             for name, columns in self.columns.items()
@@ -67,10 +67,10 @@ class Tape:
 
 
 class SegmentRecorder(Scheme):
-    """A scheme that does what another one does, and writes it to a tape.
+    """Wrap a scheme and write the solution of each segment to a tape.
 
-    It carries the number of segments so far, the coefficients where the last one ended (of schemes
-    with coefficients at vertices), and what the other scheme carries.
+    The carried state is the number of segments so far, the coefficients at the end of the last
+    segment (only for schemes with coefficients at vertices), and the wrapped scheme's state.
     """
 
     def __init__(self, scheme: Scheme, tape: Tape, names: tuple[str, ...]) -> None:
@@ -80,7 +80,7 @@ class SegmentRecorder(Scheme):
         self.own = 1
 
     def start(self, position: Position, source: Any) -> list[Any]:
-        """Carry a count of zero."""
+        """Return the initial state, with a segment count of zero; allocate the tape."""
         numbers = source.numbers
         columns = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
         columns |= dict.fromkeys(("alpha", "transparency", "tau"), numbers.extinctions)
@@ -96,7 +96,7 @@ class SegmentRecorder(Scheme):
     def after_skip(
         self, position: Position, source: Any, carried: list[Float], moved: Mask
     ) -> list[Any]:
-        """Let the scheme know."""
+        """Interpolate the vertex coefficients again and forward to the wrapped scheme."""
         (row, *before), inner = carried[: self.own], carried[self.own :]
         if before:
             before = interpolated_at(position, source, before, moved)
@@ -104,14 +104,14 @@ class SegmentRecorder(Scheme):
         return [row, *before, *inner]
 
     def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
-        """Go on, and let the scheme know: what is not seen is written down, too."""
+        """Forward to the wrapped scheme; hidden segments are recorded, too."""
         inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
         return [*onward[: self.own], *inner]
 
     def solve(
         self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
-        """Return the segment's solution, and what to carry on."""
+        """Return the segment's solution and the new carried state; record the segment."""
         row, *before = carried[: self.own]
         inner = carried[self.own :]
         found, inner = self.scheme.solve(segment, source, inner)
@@ -129,7 +129,7 @@ class SegmentRecorder(Scheme):
     def _seen(
         self, source: Any, segment: Segment, before: list[Any]
     ) -> tuple[Any, dict[str, Any], list[Any]]:
-        """Return mean coefficients, fields in the middle, and coefficients at the end."""
+        """Return mean coefficients, fields at the midpoint, and coefficients at the end."""
         if self.coefficients_at == "cell":
             return source.at(segment), {}, []
         if self.coefficients_at == "vertex":
@@ -150,17 +150,17 @@ class SegmentRecorder(Scheme):
 
 
 def _distance(source: Any, segment: Segment, t: Any) -> Any:
-    """Return how far a point of a ray is from its origin, in the volume's unit."""
+    """Return the distance of a point of a ray from the ray's origin, in the volume's unit."""
     Wide = source.backend.Wide
     return (Wide(segment.track.entry) + Wide(t)) * Wide(segment.walk.scale)
 
 
-# Room for so many times the cells that a straight line through the middle crosses.
+# Tape capacity, in multiples of the cells that a straight line through the middle crosses.
 _ROOM = 2
 
 
 class Watched(RayTracer):
-    """Rays of a picture; remembers to which tolerance one pixel was drawn last."""
+    """Ray tracer that remembers the tolerance with which one pixel was drawn last."""
 
     watched = -1
     allowed: Any = ()
@@ -179,7 +179,7 @@ class Watched(RayTracer):
 
 @dataclass
 class ProbeJob(RenderJob):
-    """A job of which one pixel is looked at closely."""
+    """A render job with one watched pixel."""
 
     watched: int = 0
 
@@ -189,9 +189,9 @@ class ProbeJob(RenderJob):
         return tracer
 
     def source(self, brightest_background: float) -> Any:
-        """Return the source that this pixel is drawn with in the end.
+        """Return the source with which this pixel is finally drawn.
 
-        If errors are kept to a tolerance, the whole picture tells which; it is drawn.
+        With error control, the tolerance depends on the whole picture, so the picture is drawn.
         """
         if not self.scheme.controlled:
             return _everywhere(self._source())
@@ -202,7 +202,7 @@ class ProbeJob(RenderJob):
 
 
 def _everywhere(source: Any) -> Any:
-    """Return a source with which rays visit empty cells too, where steps are single cells."""
+    """Return a copy of the source whose rays also visit empty cells if steps are single cells."""
     source = copy.copy(source)
     if source.blocks is None or not getattr(source.blocks, "coarse", False):
         source.blocks = source.walk = None
@@ -211,17 +211,17 @@ def _everywhere(source: Any) -> Any:
 
 @dataclass(frozen=True)
 class Followed:
-    """A ray, and what was written down of it, from the observer on.
+    """A ray and its recorded segments, ordered from the observer on.
 
     Attributes
     ----------
     origin, direction : float64 array, shape (3,)
-        Of the ray; it runs away from the observer.
+        Origin and direction of the ray, which points away from the observer.
     rows : dict of str to array, shape (segment, numbers)
     path : Path
-        What the march itself gathered, as numbers.
+        Result of the march itself, as numbers.
     stopped : bool
-        It stopped early.
+        True if the march stopped early.
     """
 
     origin: np.ndarray
@@ -233,7 +233,7 @@ class Followed:
 
 
 class _Recording(RayTracer):
-    """Rays that are recorded."""
+    """Ray tracer that records one ray."""
 
     def follow(self, place: Any, names: tuple[str, ...], capacity: int) -> Followed:
         scheme, tape = self.scheme, Tape(self.backend, capacity)
@@ -257,7 +257,7 @@ class _Recording(RayTracer):
 def follow(
     job: ProbeJob, place: tuple[int, float, float], names: tuple[str, ...], brightest: float
 ) -> Followed:
-    """Follow one ray, and return all segments that it met."""
+    """Follow one ray and return all its segments."""
     tracer = _Recording(job, job.source(brightest), brightest)
     room = _ROOM * int(job.volume.grid.cells_across) + 64
     return tracer.follow(place, names, room)
@@ -274,14 +274,14 @@ def _vector(parts: Any) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PixelPlace:
-    """A point of the image plane, and the pixel that it is in or next to.
+    """A point of the image plane and the pixel that contains it, or the nearest one.
 
     Attributes
     ----------
     pixel : (int, int)
         ix, iy.
     offset : (float, float)
-        From the pixel's centre, in pixels.
+        Offset from the pixel's centre, in pixels.
     at : (float, float)
         Image-plane coordinates.
     """
@@ -292,7 +292,7 @@ class PixelPlace:
 
     @classmethod
     def of(cls, pixel: Any, at: Any, frame: Frame, unit: Any) -> PixelPlace:
-        """Return what a user asks for: one of the two."""
+        """Return the place given by exactly one of ``pixel`` and ``at``."""
         if (pixel is None) == (at is None):
             raise InputError("say which ray: pixel=(ix, iy), or at=(u, v) on the image plane")
         if pixel is not None:
@@ -329,7 +329,7 @@ def _point(at: Any, unit: Any) -> tuple[float, float]:
 
 
 def looked_at(medium: Medium) -> tuple[list[Expression], list[Expression]]:
-    """Return a medium's fields, and its expressions that are more than a field."""
+    """Return a medium's fields, and its expressions that are not just a field."""
     fields = [Expression(name) for name in medium.names]
     known = [feature.expr for feature in medium.known_features()]
     texts = {expr.text for expr in fields}
@@ -338,13 +338,13 @@ def looked_at(medium: Medium) -> tuple[list[Expression], list[Expression]]:
 
 
 def in_cells(volume: Volume, expr: Expression, cells: np.ndarray) -> np.ndarray:
-    """Return an expression in some cells; NaN where their number is negative."""
+    """Return an expression's values in cells; NaN for negative cell numbers."""
     known = {c: volume.evaluate_cells(expr, c, c + 1)[0] for c in np.unique(cells) if c >= 0}
     return np.array([known.get(c, np.nan) for c in cells], dtype=np.float64)
 
 
 def on_the_ray(expr: Expression, recorded: dict[str, np.ndarray]) -> np.ndarray:
-    """Return an expression of fields that were interpolated."""
+    """Evaluate an expression of the fields recorded along the ray."""
     with np.errstate(all="ignore"):
         values = expr.evaluate(NumpyOps(), {name: recorded[name] for name in expr.names})
     count = len(next(iter(recorded.values())))
@@ -352,7 +352,7 @@ def on_the_ray(expr: Expression, recorded: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def wanted(volume: Volume, expressions: Any) -> list[Expression]:
-    """Return expressions that a user asks for."""
+    """Return the additional expressions that the user requested."""
     several = isinstance(expressions, (list, tuple))
     listed = list(expressions) if several else [expressions]
     quantities = [CellQuantity.of(volume, expr, "also") for expr in listed]
