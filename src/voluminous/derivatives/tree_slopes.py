@@ -1,13 +1,13 @@
-"""Gradients and Laplacians of fields on trees of boxes, straight or bent, computed in kernels.
+"""Gradients and Laplacians on trees of boxes, Cartesian or curvilinear, computed in kernels.
 
-Gradients as in `neighbours`: the linear function through a cell's own value that fits those of the
-cells beyond its faces best, each difference weighted by the inverse cube of its distance. Four
-places are sampled beyond each face; a cell that holds several of them counts once.
+The gradient is that of `neighbours`: the linear function through the cell's value with the best
+(least-squares) fit to the cells beyond its faces, with weights of the inverse cube of the distance.
+Four places are sampled beyond each face; a cell that holds several of them counts once.
 
-At jumps of level the centres of neighbours lie aside of the axis, and parabolas along it have an
-error as large as the second derivative, however small the cells. There the quadratic function
-through the cell's own value is fitted instead (least squares, weighted by the inverse fourth power
-of the distance). It is exact for quadratic fields. For others, second derivatives have an error of
+At jumps of level the centres of neighbours lie off the axis, and the error of parabolas along it
+is as large as the second derivative for any cell size. There the quadratic function through the
+cell's value is fitted instead (least squares, weighted by the inverse fourth power of the
+distance). It is exact for quadratic fields. For others, second derivatives have an error of
 first order in the cell width, and slopes of second order. It is fitted to the cells at 56 places
 around the cell, a lattice with half its spacing and 4 points wide; a cell met twice counts twice.
 Where cells are much narrower along one axis, a second lattice is wider along that axis.
@@ -36,30 +36,31 @@ if TYPE_CHECKING:
     from ..backend.device import Backend
     from ..grids.contract import Grid
 
-# Where to look beyond a face, in widths of the cell: where centres of cells half as wide are.
+# Sampled places beyond a face, in cell widths: the centres of cells of half the width.
 _SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 _ASIDE = 0.25
 # Entries of a symmetric matrix.
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-# What keeps a direction in which no neighbour tells anything at no slope, relative to others.
+# Relative regularization: the slope is zero along directions without neighbours.
 _LEAST = 1e-13
-# Neighbours are aside of an axis if their centres are by so many finest units: by none or halves.
+# A neighbour is off-axis if its centre is offset by more than this, in finest units (the offset is
+# a multiple of one half).
 _ASIDE_LEAST = 0.25
-# Cells that are worked on at once.
+# Cells per chunk.
 _CHUNK = 1 << 18
 
 
 @dataclass
 class FaceSums:
-    """Sums over the faces of cells, and which one is next.
+    """Loop state: sums over the faces of cells, and the next face.
 
     Attributes
     ----------
     matrix : list of six arrays
     right : list of lists of three arrays
-        The symmetric matrix of the best fit, and the right side for each field.
+        The symmetric matrix of the least-squares fit, and the right side for each field.
     alone, aside : arrays of Bool
-        There is a face with nothing beyond; with a neighbour whose centre is aside.
+        Whether a face has no neighbour; whether a neighbour's centre is off the axis.
     """
 
     face: Any
@@ -71,7 +72,7 @@ class FaceSums:
 
 @dataclass
 class TreeCellsPart:
-    """Some cells: middles and sizes in finest units, and the values of each field."""
+    """Some cells: centres and sizes in finest units, and the values of each field."""
 
     middle: list[Any]
     size: list[Any]
@@ -80,18 +81,18 @@ class TreeCellsPart:
 
 @dataclass
 class Neighbour:
-    """A cell beside each one of a part.
+    """One neighbour of each cell of a part.
 
     Attributes
     ----------
     way, shift : lists of three arrays
-        From middle to middle, along the axes, in lengths and in finest units.
+        Vector between the centres, along the axes, in lengths and in finest units.
     rises : list of arrays
         Difference of the values of each field.
     there : array of Bool
-        Whether there is one.
+        Whether the neighbour exists.
     number : array of UInt
-        Which one it is.
+        Flat number of the neighbour.
     """
 
     way: list[Any]
@@ -101,7 +102,7 @@ class Neighbour:
     number: Any
 
     def aside(self, across: list[Any]) -> Any:
-        """Return whether its middle is aside of an axis: `across` is one there, zero else."""
+        """Return whether its centre is off the axis along which `across` is 1 (others: 0)."""
         off = sum((1.0 - a) * dr.abs(s) for a, s in zip(across, self.shift, strict=True))
         return self.there & (off > _ASIDE_LEAST)
 
@@ -115,12 +116,12 @@ class CellSlopes:
     fields : sequence of arrays
         Each for all cells, in any precision. Second derivatives are those of the first.
     backend : Backend
-        For which device; all is computed in double precision.
+        Selects the device; computations are in double precision.
     boxes : Boxes, optional
-        Where all cells are (`grids.trees.vertices`), if that is known already.
+        Boxes of all cells (`grids.trees.vertices`), if already computed.
     own : bool, optional
-        Derivatives of refined curvilinear grids are by their own coordinates, rather than by
-        lengths along the directions of these at each cell.
+        Differentiate with respect to the coordinates of refined curvilinear grids, rather than to
+        lengths along their directions at each cell.
     """
 
     def __init__(
@@ -135,9 +136,9 @@ class CellSlopes:
         self.backend = backend = backend.with_precision("double")
         self.around = (grid.surroundings if own else grid.neighbourhood)(backend)
         self.spacing = self.around.spacing(grid, backend)
-        # Of each face and axis: 1 or -1 across it, and 0 along it.
+        # For each face and axis: 1 or -1 normal to the face, 0 along it.
         sense = np.array([s * np.eye(3)[a] for a in range(3) for s in (-1, 1)])
-        # Of each axis: whether "aside" is along it, in the first or in the second of `_SIDES`.
+        # For each face and axis: 1 if the first (second) offset of `_SIDES` is along the axis.
         aside = np.array([np.roll([0, 1, 0], a) for a in range(3) for _ in range(2)])
         other = np.array([np.roll([0, 0, 1], a) for a in range(3) for _ in range(2)])
         self.tables = [
@@ -147,7 +148,7 @@ class CellSlopes:
         self.alike = from_host(backend.Bool, np.repeat(self.around.alike, 2))
 
     def parts(self) -> Iterator[tuple[int, TreeCellsPart]]:
-        """Yield all cells, some at a time, each time with the number of the first."""
+        """Yield all cells in chunks, with the number of the first."""
         for first in range(0, self.grid.size, _CHUNK):
             yield first, self.part([(first, min(first + _CHUNK, self.grid.size))])
 
@@ -176,9 +177,10 @@ class CellSlopes:
         return self.looked_at(part)[0]
 
     def looked_at(self, part: TreeCellsPart) -> tuple[list[list[Any]], Any, Any]:
-        """Return the gradients of all fields in some cells, and about their neighbours.
+        """Return gradients of all fields in some cells, and two masks.
 
-        Which have a face with nothing beyond, and which a neighbour aside.
+        The masks are of cells with a face without neighbour, and of cells with a neighbour off the
+        axis.
         """
         real, UInt = self.backend.Float, self.backend.UInt
 
@@ -211,25 +213,25 @@ class CellSlopes:
         return found, state.alone, state.aside
 
     def second_derivatives(self, part: TreeCellsPart) -> tuple[list[Any], list[Any], Any, Any]:
-        """Return those along the axes of some cells, and who may know where they are NaN.
+        """Return second derivatives along the axes, neighbours to replace NaN by, and two masks.
 
-        And which cells have neighbours aside, being of another size: those where others know more,
-        and those with neighbours on all sides, where quadratic functions are fitted. See
-        `neighbours.filled_up`.
+        Both masks are of cells with neighbours of another size, off the axis: those at the surface,
+        whose values other cells replace, and those with neighbours on all sides, where quadratic
+        functions are fitted. See `neighbours.filled_up`.
         """
         UInt, Bool = self.backend.UInt, self.backend.Bool
         gradient, count = self.gradients(part)[0], dr.width(part.middle)
         bends, inner = [], []
         aside, ends, inwards = Bool(False), Bool(False), UInt(0)
         for axis in range(3):
-            # Kept from being a literal: one kernel serves all axes.
+            # Not a literal, so that one kernel serves all axes.
             own = dr.opaque(UInt, axis, count)
             bend, beside, slanted, last = self._second(own, part, gradient)
             bends.append(bend)
             inner.append(beside)
             inwards = dr.select(last, beside, inwards)
             aside, ends = aside | slanted, ends | last
-        # At the surface what is further in tells more of all axes.
+        # At the surface the cell further in is more accurate for all axes.
         unknown = aside & ends
         inner = [dr.select(unknown, inwards, beside) for beside in inner]
         return bends, inner, unknown, aside & ~ends
@@ -237,11 +239,11 @@ class CellSlopes:
     def _second(
         self, axis: Any, part: TreeCellsPart, gradient: list[Any]
     ) -> tuple[Any, Any, Any, Any]:
-        """Return the second derivative along an axis, and a neighbour's number.
+        """Return the second derivative along an axis, a neighbour's number, and two masks.
 
-        NaN where there is none on one side; where there is none on both, what follows from the
-        gradient's turning with the axis: on Cartesian grids zero. And where
-        neighbours are aside of the axis, and where they are on one side only.
+        The derivative is NaN without neighbour on one side. Without neighbours on both it follows
+        from the rotation of the axis (zero on Cartesian grids). The masks are of cells with
+        neighbours off the axis, and of cells with neighbours on one side only.
         """
         (before, fell, below, left), (behind, rose, above, right) = (
             self._onto(2 * axis + side, part, gradient) for side in (0, 1)
@@ -258,16 +260,17 @@ class CellSlopes:
     def _onto(
         self, face: Any, part: TreeCellsPart, gradient: list[Any]
     ) -> tuple[Any, Any, Any, Any]:
-        """Return how far neighbours beyond a face are along its axis, the rise to there, and one.
+        """Return mean distance and rise along the axis to the neighbours beyond a face.
 
-        The distance is zero where there is none. And whether one is aside of the axis.
+        Also the number of one neighbour, and whether one is off the axis. The distance is zero
+        without neighbours.
         """
         real = self.backend.Float
         across = self._across(face)
         distance, total, count, beside = real(0), real(0), real(0), self.backend.UInt(0)
         slanted = self.backend.Bool(False)
         for found in self._beyond(face, part):
-            # What the gradient says of the way along the face is taken off.
+            # Subtract the rise along the face, given by the gradient.
             aside = sum(
                 (1.0 - a) * w * g for a, w, g in zip(across, found.way, gradient, strict=True)
             )
@@ -282,9 +285,9 @@ class CellSlopes:
     def _through(
         self, face: Any, part: TreeCellsPart
     ) -> tuple[list[Any], list[list[Any]], Any, Any]:
-        """Return the sums over the neighbours beyond a face, where there are any, or some aside.
+        """Return sums over the neighbours beyond a face, and two masks: any, and any off the axis.
 
-        Each face has the same share, but for those along axes where all is symmetric: no slope.
+        All faces have equal weight, except zero along axes of symmetry, where the slope is zero.
         """
         real, Bool = self.backend.Float, self.backend.Bool
         matrix, count = [real(0)] * 6, real(0)
@@ -307,7 +310,7 @@ class CellSlopes:
         return *sums, (count > 0.0) | alike, slanted
 
     def _sloping(self, way: list[Any]) -> list[Any]:
-        """Return ways without what is along axes where all is symmetric, rounding included."""
+        """Return vectors with their components along axes of symmetry set to exactly zero."""
         zero = self.backend.Float(0)
         return [zero if alike else w for w, alike in zip(way, self.around.alike, strict=True)]
 
@@ -328,7 +331,7 @@ class CellSlopes:
             yield self.towards(part, place, active)
 
     def towards(self, part: TreeCellsPart, place: list[Any], active: Any) -> Neighbour:
-        """Return the cells at places."""
+        """Return the cells at `place` as neighbours of the cells of a part."""
         cell, there = self.around.cell_at(place, active)
         corner, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]
@@ -344,7 +347,7 @@ def _sums(one: list[Any], other: list[Any]) -> list[Any]:
 
 
 def solved(matrix: list[Any], right: list[Any]) -> list[Any]:
-    """Return the solutions of small symmetric systems, the least ones where there are many.
+    """Return the solutions of symmetric 3 x 3 systems; of singular ones that of least norm.
 
     Rows and columns are scaled so that the diagonal is one: cells may be far wider than high.
 
@@ -377,13 +380,13 @@ _QUADRATIC_FIT_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Entries of a symmetric matrix of nine by nine, and of a vector.
 _COUNT = 9
 _ENTRIES = [(row, column) for row in range(_COUNT) for column in range(row + 1)]
-# A direction of which cells tell less than this part of what others do is left out.
+# Pivots below this (after scaling the diagonal to one) are left out.
 _LEAST_DIAGONAL = 1e-9
 
 
 @dataclass
 class PlaceSums:
-    """Sums over places, and which one is next: the matrix and the right side of the best fit."""
+    """Loop state: the next place, and the sums for matrix and right side of the fit."""
 
     place: Any
     matrix: list[Any]
@@ -398,9 +401,9 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
     Parameters
     ----------
     slopes : CellSlopes
-        Of the field, its first.
+        The first of its fields is differentiated.
     part : TreeCellsPart
-        The cells; there must be others all around.
+        The cells, which must have neighbours on all sides.
     """
     real, UInt = slopes.backend.Float, slopes.backend.UInt
     tables = [from_host(real, column) for column in _PLACES.T]
@@ -446,13 +449,13 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
 
 
 def _terms(way: list[Any]) -> list[Any]:
-    """Return what slopes, second derivatives and mixed ones are multiplied with."""
+    """Return the Taylor terms of first, second and mixed derivatives."""
     bends = [(0.5 if a == b else 1.0) * way[a] * way[b] for a, b in _QUADRATIC_FIT_PAIRS]
     return [*way, *bends]
 
 
 def _solved(matrix: dict[tuple[int, int], Any], right: list[Any]) -> list[Any]:
-    """Return the solutions of symmetric systems (Cholesky), given by their lower halves.
+    """Solve symmetric 9 x 9 systems, given by their lower triangles, by Cholesky factorization.
 
     Rows and columns are scaled so that the diagonal is one.
     """
@@ -482,18 +485,18 @@ def _solved(matrix: dict[tuple[int, int], Any], right: list[Any]) -> list[Any]:
 
 
 def is_tree(grid: Grid) -> bool:
-    """Return True for grids that kernels find neighbours on."""
+    """Return whether kernels support neighbour searches on the grid."""
     return bool(grid.has_neighbourhood)
 
 
 class BoxesOfTree:
-    """What `neighbours.Cells` is for grids of any kind, for those that `is_tree`.
+    """Counterpart of `neighbours.NeighbourDifferences` for grids that satisfy `is_tree`.
 
     Parameters
     ----------
     grid : TreeCells or RefinedCells
     evaluate : callable
-        Returns what is differentiated, for the cells between two numbers.
+        Returns the values to differentiate, for the cells between two numbers.
 
     Attributes
     ----------
@@ -510,7 +513,7 @@ class BoxesOfTree:
     def gradient(self, runs: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
         """Return gradients (3, n) of runs of cells, and which cells are at the surface (n,).
 
-        Those of linear functions: some cells are looked at without the others' being known.
+        They are those of linear functions, because only some of the cells are processed.
         """
         (slopes,), alone, _ = self.slopes.looked_at(self.slopes.part(runs))
         dr.eval(slopes, alone)
@@ -521,7 +524,7 @@ class BoxesOfTree:
         return found, np.array(alone)
 
     def derivative(self, operation: str) -> np.ndarray:
-        """Return a derivative in all cells; see `neighbours.Cells.derivative`."""
+        """Return a derivative in all cells; see `NeighbourDifferences.derivative`."""
         if operation == "laplacian":
             return self._laplacian()
         out = np.empty(self.grid.size)
@@ -535,7 +538,7 @@ class BoxesOfTree:
         return out
 
     def _slopes(self, part: TreeCellsPart) -> np.ndarray:
-        """Return gradients, those of quadratic functions beside cells of other sizes."""
+        """Return gradients, from quadratic fits beside cells of other sizes."""
         (slopes,), alone, aside = self.slopes.looked_at(part)
         at_jump = aside & ~alone
         dr.eval(slopes, at_jump)
@@ -544,16 +547,16 @@ class BoxesOfTree:
         return found
 
     def _turned(self, slopes: np.ndarray, first: int, last: int) -> np.ndarray:
-        """Return gradients per length along x, y and z, of those along the axes of the cells."""
+        """Rotate gradients along the cells' axes to x, y and z, and divide by the grid's scale."""
         slopes /= self.grid.scale
         if tuple(self.grid.coordinates) == CARTESIAN:
             return slopes
         return np.einsum("kan,kn->an", self.grid.basis(first, last), slopes)
 
     def _refit(self, found: np.ndarray, part: TreeCellsPart, which: Any, order: int) -> None:
-        """Write what quadratic functions tell of some cells of a part, given by their numbers.
+        """Replace derivatives of the cells `which` of a part by those of quadratic fits.
 
-        First derivatives (order 0) or second ones (1).
+        First derivatives for order 0, second ones for order 1.
         """
         if not dr.width(which):
             return

@@ -18,7 +18,7 @@ _BASE_CELLS = 8
 # The domain's volume may grow by this factor to reduce the number of base cells.
 _WASTE = 1.1
 _MARGIN = 1e-12
-# Particles within a smaller extent count as one place: its cube underflows.
+# Particles within a smaller extent count as one place: cubes of smaller lengths may underflow.
 _LEAST = 1e-90
 
 

@@ -30,13 +30,13 @@ from .table import named_fields
 if TYPE_CHECKING:
     from ..grids.contract import Grid
 
-# Boxes cut at once.
+# Boxes per chunk.
 _CHUNK = 1 << 18
-# Of a cell's width: thinner slices are what rounding makes of walls that coincide.
+# In cell widths: thinner slices result from rounding of coincident walls.
 _SLIVER = 1e-13
-# Rounding of a wall's place, in units of it.
+# Relative rounding error of a wall's coordinate.
 _ROUNDING = 8 * np.finfo(np.float64).eps
-# How often a box is halved whose middle is in a hole of the other grid.
+# Most halvings of a box whose centre is in a hole of the other grid.
 _HALVINGS = 12
 
 Overlap = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -44,7 +44,7 @@ Overlap = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass
 class BoxPieces:
-    """Boxes that wait for being cut: whose they are, corners (3, n), what is too thin, halvings."""
+    """Boxes to cut: their cells, corners (3, n), smallest widths (3, n) and halvings so far."""
 
     owner: np.ndarray
     low: np.ndarray
@@ -53,7 +53,7 @@ class BoxPieces:
     halved: np.ndarray
 
     def chosen(self, which: Any) -> BoxPieces:
-        """Return some of them."""
+        """Return the boxes selected by an index."""
         return BoxPieces(
             self.owner[which],
             self.low[:, which],
@@ -63,14 +63,14 @@ class BoxPieces:
         )
 
     def between(self, axis: int, low: np.ndarray, high: np.ndarray) -> BoxPieces:
-        """Return what lies between coordinates along an axis, where that is not too thin."""
+        """Return boxes cut to an interval along an axis, without those that are too thin."""
         new = replace(self, low=self.low.copy(), high=self.high.copy())
         new.low[axis], new.high[axis] = low, high
         return new.chosen(high - low > self.thin[axis])
 
 
 def overlaps(cells: Grid, others: Grid) -> Iterator[Overlap]:
-    """Yield what cells of one grid share with the cells of another.
+    """Yield the overlaps of the cells of one grid with those of another.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def overlaps(cells: Grid, others: Grid) -> Iterator[Overlap]:
     cell, other : int arrays, shape (n,)
         Flat numbers.
     volume : array, shape (n,)
-        Of what they share. A pair may come more than once.
+        Volume of the overlap. A pair may occur more than once.
     """
     centers, half = others.cell_centers(0, others.size), 0.5 * others.cell_sizes(0, others.size)
     for first in reported_range(cells.size, _CHUNK):
@@ -116,7 +116,7 @@ def _clipped(boxes: BoxPieces, bounds: np.ndarray) -> BoxPieces:
 
 
 def _left_over(boxes: BoxPieces, floor: np.ndarray, ceiling: np.ndarray) -> list[BoxPieces]:
-    """Return what there is of boxes around their parts between floor and ceiling."""
+    """Return the remainders of boxes outside their parts between floor and ceiling."""
     found = []
     for axis in range(3):
         found.append(boxes.between(axis, boxes.low[axis], floor[axis]))
@@ -128,7 +128,7 @@ def _left_over(boxes: BoxPieces, floor: np.ndarray, ceiling: np.ndarray) -> list
 
 
 def _halves(boxes: BoxPieces) -> list[BoxPieces]:
-    """Return both halves of boxes, along their longest axes compared with what is too thin."""
+    """Return both halves of boxes, cut across their longest axes."""
     if not len(boxes.owner):
         return []
     width = boxes.high - boxes.low
@@ -151,23 +151,23 @@ def _joined(parts: list[BoxPieces]) -> BoxPieces:
     )
 
 
-# Points looked at at once.
+# Sampling points per chunk.
 _SAMPLES_CHUNK = 1 << 20
-# Intervals of angles that a point stands for are not longer than this over the number of points per
-# axis: cells may go all around. With four points there a wedge kept its integral on an axisymmetric
-# grid to 30 %, with a 64th of the circle for each to 0.5 %.
+# The angle per sampling point is at most this over the number of points per axis, because cells may
+# go all around. On an axisymmetric grid the integral of a wedge had an error of 30 % with four
+# points all around, and of 0.5 % with a 64th of the circle per point.
 _ANGLE = np.pi / 8.0
 
 
 def sampled_overlaps(cells: Grid, others: Grid, count: int) -> Iterator[Overlap]:
-    """Yield what cells of one grid share with the cells of another, from count³ points or more.
+    """Yield estimated overlaps of the cells of two grids, from count³ points or more per cell.
 
     Yields
     ------
     cell, other : int arrays, shape (n,)
         Flat numbers.
     volume : array, shape (n,)
-        Of what they share, about. A pair comes more than once.
+        Estimated volume of the overlap. Pairs occur more than once.
     """
     yield from _smaller(cells, others, count, equal=True)
     for other, cell, volume in _smaller(others, cells, count, equal=False):
@@ -175,7 +175,7 @@ def sampled_overlaps(cells: Grid, others: Grid, count: int) -> Iterator[Overlap]
 
 
 def _smaller(cells: Grid, others: Grid, count: int, *, equal: bool) -> Iterator[Overlap]:
-    """Yield the same for places where the cells are smaller than the others, or equal."""
+    """Yield overlaps where the cells are smaller than the others, or with `equal` as large."""
     own, theirs = (grid.cell_volumes.reshape(-1) for grid in (cells, others))
     for cell, points, volume in points_in(cells, count):
         other = others.locate(points)
@@ -193,7 +193,7 @@ def points_in(grid: Grid, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, 
         The cells they are in.
     points : array, shape (n, 3)
     volume : array, shape (n,)
-        What each stands for; a cell's add up to its volume.
+        Volume that each point represents; the sum over a cell is its volume.
     """
     volumes, images = grid.cell_volumes.reshape(-1), mirror_images(grid)
     counts = points_along(grid, count)
@@ -222,7 +222,7 @@ def points_along(grid: Grid, count: int) -> list[int]:
 def _within(
     grid: Grid, offsets: np.ndarray, first: int, last: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return own coordinates (3, n, m) of points in cells, and volumes per coordinate (n, m)."""
+    """Return the grid coordinates (3, n, m) of points in cells, and Jacobians (n, m)."""
     system = tuple(grid.coordinates)
     centers = grid.native_centers(first, last)
     widths = grid.cell_sizes(first, last) / metric(system, centers)
@@ -231,7 +231,7 @@ def _within(
 
 
 def axis_means(values: np.ndarray, source: Grid, target: Grid) -> np.ndarray:
-    """Return the integral over each target cell divided by its volume; nothing is outside.
+    """Return the integral over each target cell divided by its volume; zero outside.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def _means(values: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     return out
 
 
-# Rounding of a volume that is covered entirely.
+# Relative rounding error of the covered part of a volume.
 _COVERED = 1e-9
 
 
@@ -276,7 +276,7 @@ def resampled(
     fill : float
         The value outside the source.
     samples : int
-        Points per axis and cell, where cells are no boxes.
+        Points per axis and cell, where cells are not boxes.
     """
     _check(source, target, samples)
     size = 8 * (len(fields) + 4) * target.size
@@ -291,7 +291,7 @@ def resampled(
 def _known_means(
     values: np.ndarray, source: Grid, target: Grid, fill: float, samples: int
 ) -> np.ndarray:
-    """Return means over what is known (not NaN); NaN where that is less than half."""
+    """Return means over the valid part (not NaN) of each cell; NaN where it is below half."""
     known = ~np.isnan(values)
     parts = {"sum": np.where(known, values, 0.0), "known": known, "there": np.ones(known.shape)}
     found = _resample_means(parts, source, target, 0.0, samples)
@@ -339,7 +339,7 @@ def _sampled(
 def _sums(
     fields: Mapping[str, np.ndarray], target: Grid, found: Iterator[Overlap]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the integrals of fields over target cells, and the volumes that were met."""
+    """Return integrals of fields over target cells, and the overlap volumes."""
     flat = {name: values.reshape(-1) for name, values in fields.items()}
     sums = {name: np.zeros(target.size) for name in fields}
     shared = np.zeros(target.size)
@@ -353,7 +353,7 @@ def _sums(
 
 
 def _box_overlaps(source: Grid, target: Grid) -> Iterator[Overlap]:
-    """Yield what cells share. Those are cut that are smaller, or whose grid has holes."""
+    """Yield overlaps of boxes, cutting the grid with more cells, or the one with holes."""
     if _has_holes(source) or (source.size > target.size and not _has_holes(target)):
         yield from overlaps(source, target)
         return
@@ -375,7 +375,7 @@ def _without(part: np.ndarray) -> np.ndarray:
 
 
 def _share(fill: float, rest: np.ndarray) -> np.ndarray:
-    """Return what the value outside adds: nothing where no part is outside, even if it is NaN."""
+    """Return the contribution of the outside value: zero if no part is outside, even for NaN."""
     return np.where(rest > 0.0, fill * rest, 0.0)
 
 
@@ -384,7 +384,7 @@ def _is_boxes(grid: Grid) -> bool:
 
 
 def _located(source: Grid, target: Grid, samples: int) -> Iterator[Overlap]:
-    """Yield the cells of the source at points in those of the target."""
+    """Yield overlaps from the source cells at points in the target cells."""
     for into, points, volume in points_in(target, samples):
         own = source.locate(points)
         there = own >= 0
@@ -443,7 +443,7 @@ def _meta_on(volume: Any, grid: Grid) -> dict[str, Any]:
     meta = dict(volume.meta)
     old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
     if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):
-        # Where the patient's axes are is then not known either.
+        # The patient's axes are then undefined too.
         del meta["direction"]
         meta.pop("orientation", None)
     return meta
