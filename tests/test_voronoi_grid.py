@@ -100,6 +100,7 @@ def test_verbs_that_work(volume):
 
 
 def test_verbs_that_are_refused_in_words(volume, tmp_path):
+    box = vm.grids.contract.CellBox((0,) * 3, (1,) * 3)
     refused = {
         "scheme='first-order'": lambda: vm.render(volume, MEDIUM, CAMERA),
         "second-order": lambda: vm.render(volume, MEDIUM, CAMERA, scheme="second-order"),
@@ -111,9 +112,7 @@ def test_verbs_that_are_refused_in_words(volume, tmp_path):
         ),
         "native file": lambda: volume.save(tmp_path / "cells.h5"),
         "cannot be resampled onto": lambda: volume.resample(volume.grid),
-        "confined": lambda: volume.grid.walk(
-            vm.backend.get_backend("cpu", "single"), box=vm.grids.contract.CellBox((0,) * 3, (1,) * 3)
-        ),
+        "confined": lambda: volume.grid.walk(vm.backend.get_backend("cpu", "single"), box=box),
     }
     for words, verb in refused.items():
         with pytest.raises(InputError, match=words):
