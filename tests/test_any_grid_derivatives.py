@@ -179,7 +179,7 @@ def flat_cells():
 def test_kernels_find_what_the_plain_rule_finds(kind, operation):
     """On trees derivatives are made in kernels; `NeighbourDifferences` is the same in plain NumPy.
 
-    Beside cells of other sizes `quadratic_fit` tells more, if there are cells on all sides.
+    Beside cells of other sizes `tree_slopes` tells more, if there are cells on all sides.
     """
     grid = flat_cells() if kind == "flat" else UNEVEN[kind]()
     volume = vm.Volume(grid, f=random_fields(grid))

@@ -140,8 +140,8 @@ class Gaussian(SampledShaped):
     def __init__(
         self,
         expr: Any,
-        center: Float,
-        sigma: Float,
+        center: Any,
+        sigma: Any,
         color: Any,
         opacity: Any,
         path_length: Any = "auto",

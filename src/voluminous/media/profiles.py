@@ -64,8 +64,8 @@ class Shaped(Medium):
     def __init__(
         self,
         expr: Any,
-        center: Float,
-        width: Float,
+        center: Any,
+        width: Any,
         color: Any,
         opacity: Any,
         path_length: Any = "auto",

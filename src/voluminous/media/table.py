@@ -120,7 +120,7 @@ class Table(Medium):
     def __init__(
         self,
         expr: Any,
-        values: Float,
+        values: Any,
         colors: Any,
         opacities: Any,
         path_length: Any = "auto",
@@ -156,7 +156,7 @@ class Table(Medium):
         return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @staticmethod
-    def plain_values(values: Float) -> tuple[Any, np.ndarray]:
+    def plain_values(values: Any) -> tuple[Any, np.ndarray]:
         """Return the unit of the entries' values, and plain numbers."""
         unit = unit_of(values)
         return unit, given_values(plain(values, unit, "values"))

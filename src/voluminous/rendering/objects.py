@@ -1,6 +1,6 @@
 """Stars and lines in a picture: additional pairs (b, θ), placed at their depths in the medium.
 
-Rays of pixels that objects cover are traced again up to them, see `layered`. Points of light
+Rays of pixels that objects cover are traced again up to them, see `layers`. Points of light
 are added, each attenuated by the medium along a ray to it.
 """
 

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from ..backend import Backend, dr
 from ..backend.types import Float, Mask
-from ..grids.contract import Corners, Segment
+from ..grids.contract import Corners, Cursor, Segment, Track, Walk
 from .path import Path
 
 # A solved segment is a piece of path like any other.
@@ -46,9 +46,9 @@ class Source(Protocol):
 class Position:
     """Where rays are in a walk: `track` is constant along a ray, `cursor` moves."""
 
-    walk: Any
-    track: Any
-    cursor: Any
+    walk: Walk
+    track: Track
+    cursor: Cursor
 
 
 class Scheme:

@@ -323,7 +323,7 @@ def _common_unit(axes: Any, unit: Any) -> Any:
     return space_unit(unit)
 
 
-def _edges(values: Float, unit: Any, axis: str) -> np.ndarray:
+def _edges(values: Any, unit: Any, axis: str) -> np.ndarray:
     if unit_of(values) is None and not is_quantity(values):
         edges = _plain_edges(values, axis)
     else:

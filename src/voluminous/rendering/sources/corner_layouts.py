@@ -95,7 +95,7 @@ class NodalValues(FieldLattice):
 
 @dataclass
 class CornerPackets(FieldLattice):
-    """The eight values of every cell of a tree side by side (`corner_values`)."""
+    """The eight values of every cell of a tree side by side (`vertex_values`)."""
 
     data: Any
     unit: float

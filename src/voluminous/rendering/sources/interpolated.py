@@ -55,7 +55,7 @@ class Interpolated:
         Expressions whose values are carried from one stretch to the next.
     tolerance : tuple of arrays
         The errors of emission and transparency allowed in the first stretch of a ray, and their
-        share of a pixel's error (`schemes.in_front`).
+        share of a pixel's error (`schemes.step_doubling.ErrorBudget`).
     neglected, neglected_depth : float
         Upper bounds of the emission and optical depth along a ray of faint places that are skipped.
     lost : float

@@ -71,7 +71,7 @@ class CellSamples:
 
 @dataclass
 class VertexStencil:
-    """Sums over the octants around a vertex, for `corner_values`.
+    """Sums over the octants around a vertex, for `vertex_values`.
 
     Attributes
     ----------
