@@ -36,6 +36,7 @@ _PUBLIC = {
     "OctreeGrid": "grids",
     "Orthographic": "cameras",
     "PatchGrid": "grids",
+    "Panorama": "cameras",
     "Perspective": "cameras",
     "Rectangle": "media",
     "Scene": "scene",
@@ -104,6 +105,7 @@ __all__ = [
     "Medium",
     "OctreeGrid",
     "Orthographic",
+    "Panorama",
     "PatchGrid",
     "Perspective",
     "Rectangle",
@@ -139,7 +141,7 @@ __all__ = [
 if TYPE_CHECKING:
     from . import errors, io, math, measuring, models, regions
     from .calibration import presets, suggest_medium
-    from .cameras import Orthographic, Perspective
+    from .cameras import Orthographic, Panorama, Perspective
     from .cli.demo import demo
     from .errors import (
         FileFormatError,

@@ -2,8 +2,9 @@
 
 from .contract import Camera, Frame
 from .orthographic import Orthographic
+from .panorama import Panorama
 from .perspective import Perspective
 
-CAMERAS = {"orthographic": Orthographic, "perspective": Perspective}
+CAMERAS = {"orthographic": Orthographic, "perspective": Perspective, "panorama": Panorama}
 
-__all__ = ["CAMERAS", "Camera", "Frame", "Orthographic", "Perspective"]
+__all__ = ["CAMERAS", "Camera", "Frame", "Orthographic", "Panorama", "Perspective"]

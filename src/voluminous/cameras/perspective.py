@@ -12,7 +12,7 @@ from ..errors import InputError, check_name
 from ..grids.contract import Ray
 from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import as_given, degrees, radians, unit_of
+from ..units import as_given, degrees, plain, radians, unit_of
 from .contract import (
     Camera,
     Frame,
@@ -24,6 +24,7 @@ from .contract import (
     point,
     vector_of,
 )
+from .stereo import SEEN_TWICE, check_stereo, doubled, halved, one_eye
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -62,6 +63,13 @@ class Perspective(Camera):
         angle to it, for planetariums and all-sky pictures.
     zenith : float or Quantity
         Tilts the dome: angle between its middle and the target.
+    stereo : {"side-by-side", "over-under"}, optional
+        Two pictures in one, for the left eye (on the left, or above) and the right one, on a flat
+        screen; what is as far as the target appears in the plane of the screen. The picture has
+        twice the pixels: `resolution` is that of one eye.
+    eye_distance : float or Quantity, optional
+        Distance between the eyes in the volume's unit. Default: a thirtieth of the distance to the
+        target.
 
     Raises
     ------
@@ -89,6 +97,8 @@ class Perspective(Camera):
         resolution: Any = 400,
         projection: str = "flat",
         zenith: Any = 0.0,
+        stereo: str | None = None,
+        eye_distance: Any = None,
     ) -> None:
         check_name("projection", projection, PROJECTIONS)
         if fov is not None and width is not None:
@@ -98,13 +108,18 @@ class Perspective(Camera):
         self.position, self.target = as_given(position, "position"), as_given(target, "target")
         vector_of(self.position, "position"), vector_of(self.target, "target")
         self.projection = projection
-        self.resolution = pixel_counts(resolution)
+        check_stereo(stereo, eye_distance)
+        if stereo is not None and projection != "flat":
+            raise InputError("stereo needs a flat screen; vm.Panorama has stereo in all directions")
+        self.stereo, self.eye_distance = stereo, eye_distance
+        pixels = pixel_counts(resolution)
+        self.resolution = doubled(pixels, stereo)
         self.zenith = finite_degrees(zenith, "zenith")
         self.posang = 0.0 if posang is None else finite_degrees(posang, "posang")
         self.up = None if up is None else vector_of(up, "up")
         self._refuse_no_direction()
         size = _screen(45.0 if fov is None else fov, projection) if width is None else width
-        self.width = plane_size(radians(size, "width"), self.resolution, "width")
+        self.width = doubled(plane_size(radians(size, "width"), pixels, "width"), stereo)
         if projection == "spherical" and max(self.width) > 2.0 * np.pi * (1.0 + 1e-12):
             raise InputError(f"a dome is at most 2π radians wide, got {max(self.width):g}")
 
@@ -181,10 +196,25 @@ class Perspective(Camera):
         tilt = self.zenith / _ZENITH_DEGREE
         c, s = np.cos(tilt), np.sin(tilt)
         tilted = np.stack([axes[0], c * axes[1] + s * axes[2], -s * axes[1] + c * axes[2]])
-        return Frame(self.resolution, self.width, (0.0, 0.0), np.vstack([position, tilted]))
+        vectors = [position, *tilted]
+        if self.stereo is not None:
+            away = float(np.linalg.norm(target - position))
+            eyes = away / 30.0
+            if self.eye_distance is not None:
+                eyes = float(plain(self.eye_distance, grid.unit, "eye_distance"))
+            half = 0.5 * self.width[0 if self.stereo == "side-by-side" else 1] / 2
+            vectors.append([0.5 * eyes, 0.5 * eyes / away, half])
+        return Frame(self.resolution, self.width, (0.0, 0.0), np.vstack(vectors))
 
     def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
-        position, ex, ey, ez = vectors
+        position, ex, ey, ez = vectors[:4]
+        zero = type(u)(0)
+        origin = [zero + p for p in position]
+        if self.stereo is not None:
+            half_eyes, parallax, half = vectors[4]
+            u, v, side = one_eye(self.stereo, u, v, half)
+            u = u - side * parallax
+            origin = [o + side * half_eyes * x for o, x in zip(origin, ex, strict=True)]
         if self.projection == "flat":
             inverse = 1.0 / dr.sqrt(1.0 + u * u + v * v)
             across, along, back = u * inverse, v * inverse, inverse
@@ -193,11 +223,11 @@ class Perspective(Camera):
             sinc = dr.select(q > 0, dr.sin(q) / dr.select(q > 0, q, 1.0), 1.0)
             across, along, back = u * sinc, v * sinc, dr.cos(q)
         direction = [across * x + along * y - back * z for x, y, z in zip(ex, ey, ez, strict=True)]
-        zero = type(u)(0)
-        return Ray([zero + p for p in position], direction, first=zero)
+        return Ray(origin, direction, first=zero)
 
     def key(self) -> Hashable:
-        return ("perspective", self.projection) if type(self) is Perspective else None
+        own = type(self) is Perspective
+        return ("perspective", self.projection, self.stereo) if own else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
@@ -205,6 +235,8 @@ class Perspective(Camera):
         return np.asarray(away / np.where(distance > 0, distance, 1.0))
 
     def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if self.stereo is not None:
+            raise InputError(SEEN_TWICE)
         position, *axes = self.frame(grid).vectors
         away = np.asarray(points, dtype=np.float64) - position[:, None]
         across, along, back = np.stack(axes) @ away
@@ -221,8 +253,12 @@ class Perspective(Camera):
     def describe(self) -> dict[str, Any]:
         told: dict[str, Any] = {"type": "perspective", "projection": self.projection}
         told["position"], told["target"] = described(self.position), described(self.target)
-        told["width"] = list(self.width)
-        told["resolution"] = list(self.resolution)
+        told["width"] = list(halved(self.width, self.stereo))
+        told["resolution"] = list(halved(self.resolution, self.stereo))
+        if self.stereo is not None:
+            told["stereo"] = self.stereo
+            if self.eye_distance is not None:
+                told["eye_distance"] = described(self.eye_distance)
         if self.up is not None:
             told["up"] = self.up.tolist()
         elif self.posang:
