@@ -51,7 +51,9 @@ _PUBLIC = {
     "demo": "cli.demo",
     "measure": "measuring",
     "moments": "measuring",
+    "movie": "movies",
     "open": "io",
+    "orbit": "movies",
     "plot_row": "image.row",
     "presets": "calibration",
     "probe": "measuring",
@@ -85,7 +87,7 @@ _RENAMED = {
     "from_xarray": "vm.Volume.from_xarray",
     "from_yt": "vm.Volume.from_yt",
 }
-_MODULES = ("errors", "io", "math", "measuring", "models", "regions")
+_MODULES = ("errors", "io", "math", "measuring", "models", "movies", "regions")
 
 __all__ = [
     "Axes",
@@ -127,7 +129,10 @@ __all__ = [
     "measuring",
     "models",
     "moments",
+    "movie",
+    "movies",
     "open",
+    "orbit",
     "plot_row",
     "presets",
     "probe",
@@ -139,7 +144,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from . import errors, io, math, measuring, models, regions
+    from . import errors, io, math, measuring, models, movies, regions
     from .calibration import presets, suggest_medium
     from .cameras import Orthographic, Panorama, Perspective
     from .cli.demo import demo
@@ -172,6 +177,7 @@ if TYPE_CHECKING:
         Rectangle,
         Table,
     )
+    from .movies import movie, orbit
     from .objects import Axes, Boxes, Lines, Spheres, Stars
     from .rendering import render
     from .scene import Scene

@@ -482,6 +482,20 @@ class Image:
         """
         return room("image.conversion").to_unit(self, unit, beam)
 
+    def anaglyph(self) -> Image:
+        """Return a picture for glasses with a red left and a cyan right eye.
+
+        For pictures of two eyes (``stereo`` of `Perspective`) with one channel, or three: red,
+        green and blue. Red is the brightness that the left eye sees (weights of ITU-R BT.709),
+        green and blue are what the right eye sees.
+
+        Raises
+        ------
+        InputError
+            If the camera has no ``stereo``, or there are other channels.
+        """
+        return room("image.anaglyph").anaglyph(self)
+
     def annotate(self, **options: Any) -> Any:
         """Return the picture with a scale bar, axes, colour bars …; its pixels stay unchanged.
 

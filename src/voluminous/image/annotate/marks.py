@@ -412,6 +412,13 @@ def readable_axes(image: Image) -> tuple[float, str]:
     return (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
 
 
+def readable_unit(image: Image) -> str | None:
+    """Return the unit of the scale bar that suits a picture, if it has one that can be typed."""
+    left, right, _, _ = image.extent
+    name = readable(_PART * abs(right - left), image.unit)[1]
+    return None if is_wide(image) or known_unit(name) is None else name
+
+
 def _is_screen(image: Image) -> bool:
     """Return True for a wide flat screen: its coordinates are tangents, not angles."""
     return is_wide(image) and (image.camera or {}).get("projection") == "flat"
