@@ -1,0 +1,164 @@
+"""The scene on the screen: plain values, changed by patches, with undo. Knows no volume's data."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import InputError
+from ..scene.sections import build_camera, build_medium, image_options, render_options
+
+Patch = list[tuple[str, Any]]
+# Sections that a page may change. Others name files, which no page may.
+_OPEN = ("medium", "camera", "render", "image", "bookmarks")
+_MOST_UNDONE = 200
+# Parts of a path, and elements of a list.
+_DEEPEST, _LONGEST = 6, 4096
+
+
+@dataclass
+class Document:
+    """Settings as in a scene file, a revision that grows, and what was before.
+
+    Attributes
+    ----------
+    settings : dict
+        Sections ``medium`` (a list of tables), ``camera``, ``render``, ``image``, ``bookmarks``.
+        A medium with ``hidden = true`` stays in the list, and is not drawn.
+    revision : int
+        Grows with every change.
+    """
+
+    settings: dict[str, Any]
+    revision: int = 0
+    _past: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    _future: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    _gesture: str | None = None
+
+    def __post_init__(self) -> None:
+        check(self.settings)
+
+    def apply(self, patch: Patch, label: str = "", *, moving: bool = False) -> None:
+        """Change values; all of them or, after an error, none.
+
+        Parameters
+        ----------
+        patch : list of (path, value)
+            Such as ``("medium.0.opacity", 0.3)``; None removes a key or an element of a list.
+        label : str
+            What `undo` is called in a list. Changes of one gesture are one entry.
+        moving : bool
+            The gesture goes on.
+
+        Raises
+        ------
+        InputError
+            If a path does not exist, or the scene would be wrong: the message says where.
+        """
+        changed = copy.deepcopy(self.settings)
+        for path, value in patch:
+            set_path(changed, path, value)
+        check(changed)
+        if self._gesture is None or self._gesture != label:
+            self._past.append((label, self.settings))
+            del self._past[:-_MOST_UNDONE]
+        self._gesture = label if moving else None
+        self._future.clear()
+        self.settings = changed
+        self.revision += 1
+
+    def undo(self) -> bool:
+        """Return to the settings before the last gesture; False if there is none."""
+        return self._go(self._past, self._future)
+
+    def redo(self) -> bool:
+        """Take back an `undo`; False if there is none."""
+        return self._go(self._future, self._past)
+
+    @property
+    def labels(self) -> tuple[list[str], list[str]]:
+        """What can be undone, and what redone; the next one last."""
+        return [label for label, _ in self._past], [label for label, _ in self._future]
+
+    def _go(self, source: list[Any], other: list[Any]) -> bool:
+        if not source:
+            return False
+        label, settings = source.pop()
+        other.append((label, self.settings))
+        # The camera is not a part of what is undone: it moves too often.
+        self.settings = {**settings, "camera": self.settings["camera"]}
+        self._gesture = None
+        self.revision += 1
+        return True
+
+    def look(self, camera: dict[str, Any]) -> None:
+        """Set the camera, without an entry for `undo`."""
+        build_camera(camera)
+        self.settings = {**self.settings, "camera": camera}
+
+
+def shown(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the tables of the media that are drawn, as a scene file has them."""
+    return [
+        {key: value for key, value in table.items() if key != "hidden"}
+        for table in settings["medium"]
+        if not table.get("hidden")
+    ]
+
+
+def check(settings: dict[str, Any]) -> None:
+    """Refuse settings of which no picture can be made."""
+    channels = 3
+    for k, table in enumerate(settings["medium"]):
+        if not isinstance(table, dict):
+            raise InputError(f"[[medium]] {k + 1} must be a table, got {table!r}")
+    if tables := shown(settings):
+        channels = build_medium(tables).channels
+    build_camera(settings["camera"])
+    render_options(settings.get("render", {}))
+    image_options(settings.get("image", {}), channels)
+
+
+def set_path(settings: dict[str, Any], path: str, value: Any) -> None:
+    """Set or remove the value at a path, such as ``"medium.0.opacity"``."""
+    keys = path.split(".")
+    if keys[0] not in _OPEN or len(keys) > _DEEPEST:
+        raise InputError(f"{path!r} cannot be changed; sections are {', '.join(_OPEN)}")
+    where: Any = settings
+    for depth, key in enumerate(keys[:-1]):
+        where = _step(where, key, path, make=depth == 0)
+    last = keys[-1]
+    if isinstance(where, list):
+        index = _index(last, len(where), path)
+        if value is None and index < len(where):
+            del where[index]
+        elif index == len(where) < _LONGEST:
+            where.append(value)
+        else:
+            where[index] = value
+    elif isinstance(where, dict):
+        if value is None:
+            where.pop(last, None)
+        else:
+            where[last] = value
+    else:
+        raise InputError(f"{path!r}: there is no such value")
+
+
+def _step(where: Any, key: str, path: str, *, make: bool) -> Any:
+    if isinstance(where, list):
+        index = _index(key, len(where) - 1, path)
+        return where[index]
+    if isinstance(where, dict):
+        if make:
+            where.setdefault(key, {})
+        if key in where:
+            return where[key]
+    raise InputError(f"{path!r}: there is no {key!r}")
+
+
+def _index(key: str, most: int, path: str) -> int:
+    if not key.isdecimal() or int(key) > most:
+        raise InputError(f"{path!r}: there is no {key!r}, counted from 0")
+    return int(key)

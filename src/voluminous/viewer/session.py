@@ -1,0 +1,128 @@
+"""One page: what it wants, what it was sent, and how large a picture it can take in time.
+
+Nothing waits in a queue: a new wish takes the place of the old one. Time is passed in.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+# Seconds for a preview, kernel and way; and of quiet after which the full picture is made.
+BUDGET, QUIET = 0.045, 0.15
+# Sides of a preview as parts of the full ones.
+SIZES = (1.0, 0.5, 1 / 3, 0.25)
+# A larger preview is tried after so many that were in time.
+_PATIENCE = 3
+_MOST_IN_FLIGHT = 4
+# Pixels of a picture.
+MOST_PIXELS = 16_000_000
+
+
+@dataclass
+class Session:
+    """The state of one page.
+
+    Attributes
+    ----------
+    camera : dict
+        Where it looks from.
+    size : (int, int)
+        Pixels of the full picture.
+    wanted, shown : int
+        The newest input, and the newest that a frame has shown.
+    moving : bool
+        A gesture goes on.
+    changed_at : float
+        When the last input came.
+    """
+
+    camera: dict[str, Any]
+    size: tuple[int, int] = (400, 400)
+    wanted: int = 0
+    shown: int = -1
+    moving: bool = False
+    visible: bool = True
+    leader: bool = True
+    changed_at: float = -1e9
+    revision: int = -1
+    exact: bool = False
+    level: int = 1
+    _good: int = 0
+    _in_flight: deque[tuple[int, float, float]] = field(default_factory=deque)
+    _way: float = 0.0
+    _kernel: float = 0.02
+
+    def want(self, number: int, now: float, *, moving: bool) -> None:
+        """Take an input; the next frame shows it, and no older one is made."""
+        self.wanted = max(self.wanted, number)
+        self.moving, self.changed_at, self.exact = moving, now, False
+
+    def wants_preview(self, now: float) -> bool:
+        """Return whether a quick picture of the newest input is due."""
+        return self.visible and self.shown < self.wanted and self.may_send(now)
+
+    def wants_rest(self, now: float) -> bool:
+        """Return whether the full picture is due: nothing has moved for a while."""
+        still = not self.moving and now - self.changed_at >= QUIET
+        return self.visible and not self.exact and still and self.shown >= self.wanted
+
+    @property
+    def window(self) -> int:
+        """Frames that may be on their way: one where the kernel is slower than the way."""
+        way = self._way / max(self._kernel, 1e-3)
+        return max(1, min(_MOST_IN_FLIGHT, 1 + int(way)))
+
+    def may_send(self, now: float) -> bool:
+        while self._in_flight and now - self._in_flight[0][1] > 2.0:  # lost, or a page that sleeps
+            self._in_flight.popleft()
+        return len(self._in_flight) < self.window
+
+    def sent(self, frame: int, number: int, now: float, kernel: float, *, preview: bool) -> None:
+        """Note a frame: the input that it shows, and how long its kernel took."""
+        self.shown = max(self.shown, number)
+        self._in_flight.append((frame, now, kernel))
+        if preview:
+            self._kernel += 0.3 * (kernel - self._kernel)
+            self._adapt(kernel)
+
+    def seen(self, frame: int, now: float) -> None:
+        """Take the page's word that it has drawn a frame."""
+        for number, at, _ in list(self._in_flight):
+            if number <= frame:
+                self._in_flight.popleft()
+            if number == frame:
+                way = now - at
+                # Up slowly, down at once: what waits for the kernel is no part of the way.
+                self._way = min(way, self._way + 0.3 * (way - self._way))
+
+    def _adapt(self, kernel: float) -> None:
+        took = kernel + self._way
+        if took > BUDGET:
+            self._good = 0
+            self.level = min(self.level + 1, len(SIZES) - 1)
+            return
+        # The next size costs about as much more as it has pixels, at most.
+        up = max(self.level - 1, 0)
+        growth = (SIZES[up] / SIZES[self.level]) ** 2
+        self._good = self._good + 1 if kernel * growth + self._way < BUDGET else 0
+        if self._good >= _PATIENCE and up < self.level:
+            self.level, self._good = up, 0
+
+    @property
+    def preview_size(self) -> tuple[int, int]:
+        """Pixels of a preview."""
+        return scaled(self.size, SIZES[self.level])
+
+    def resize(self, size: Any, scale: Any) -> None:
+        """Take the size of the page's picture in CSS pixels, and the screen's pixels per one."""
+        w, h = (max(1.0, min(float(n), 8192.0)) for n in size)
+        factor = max(0.25, min(float(scale), 2.0))
+        factor = min(factor, (MOST_PIXELS / (w * h)) ** 0.5)
+        self.size = scaled((round(w), round(h)), factor)
+
+
+def scaled(size: tuple[int, int], factor: float) -> tuple[int, int]:
+    """Return a size in pixels, at least one."""
+    return max(1, round(size[0] * factor)), max(1, round(size[1] * factor))
