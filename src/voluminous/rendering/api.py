@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Generator
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -24,9 +24,12 @@ from .layers import with_channels
 from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .prepare import prepare
-from .run import RenderResult, run
+from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
 from .sources.channel_layout import before
+from .tracer import exhausted
+
+Steps: TypeAlias = Generator[tuple[np.ndarray, np.ndarray, np.ndarray], None, Image]
 
 
 @with_progress
@@ -129,6 +132,51 @@ def render(
     MemoryNeededError
         If it does not fit into memory; raised before any is allocated.
     """
+    return exhausted(in_steps(**locals()))
+
+
+def in_steps(
+    volume: Volume,
+    medium: Medium | None,
+    camera: Any,
+    *,
+    seconds: float | None = None,
+    focus: tuple[float, float] | None = None,
+    view: str | None = None,
+    background: Any = 0.0,
+    samples: int = 1,
+    antialias: str | None = None,
+    order: str = "front-to-back",
+    precision: str = "single",
+    bounds: bool = False,
+    max_panels: int = 1024,
+    objects: Any = (),
+    progress: Progress = None,
+    **options: Any,
+) -> Steps:
+    """Render in batches of a given duration; to cancel, stop iterating.
+
+    Parameters
+    ----------
+    volume, medium, camera, view, background, …
+        As in `render`.
+    seconds : float, optional
+        Duration of a batch; by default there are as few as possible.
+    focus : (float, float), optional
+        The pixel around which to begin; by default the middle of the picture.
+
+    Yields
+    ------
+    pixel : array of int, shape (n,)
+        Flat indices of the pixels that were traced; some may be traced again later.
+    intensity : array, shape (n, channel)
+    transparency : array, shape (n, channel or 1)
+
+    Returns
+    -------
+    Image
+        With all that is not in the batches, such as objects and the background.
+    """
     if camera is not None and view is not None:
         raise InputError(f"give a camera or view={view!r}, not both")
     fitted = view is not None
@@ -141,21 +189,18 @@ def render(
         volume,
         medium,
         camera,
-        scheme=scheme,
-        tolerance=tolerance,
         precision=precision,
-        device=device,
         order=order,
-        cutoff=cutoff,
         samples=samples,
         antialias=antialias,
         progress=progress,
+        **options,
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     guaranteed = room("bounds.guaranteed")
     budget = guaranteed.check_bounds(bounds, max_panels, job)
     start = time.monotonic()
-    planes = run(job, float(np.max(np.abs(behind))))
+    planes = yield from run_in_batches(job, float(np.max(np.abs(behind))), seconds, focus)
     if not planes.finite:
         refuse_unusable(job.backend.precision)
     if planes.nothing and not things:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,25 +63,16 @@ def run(
 
 
 def run_in_batches(
-    job: RenderJob, seconds: float = 0.04, focus: tuple[float, float] | None = None
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Draw in batches of a given duration; to cancel, stop iterating.
-
-    Parameters
-    ----------
-    job : RenderJob
-    seconds : float
-    focus : (float, float), optional
-        The pixel around which to begin, the middle of the picture by default.
-
-    Yields
-    ------
-    pixel : array of int, shape (n,)
-        Flat indices of the pixels that were traced; some may be traced again later.
-    intensity : array, shape (n, channel)
-    transparency : array, shape (n, channel or 1)
-    """
-    for tracer, pixel, paths in _run(job, 0.0, seconds, focus):
+    job: RenderJob, background: float, seconds: float | None, focus: tuple[float, float] | None
+) -> Generator[tuple[np.ndarray, np.ndarray, np.ndarray], None, RenderResult]:
+    """Draw in batches: yield pixels, intensities and transparencies; see `api.in_steps`."""
+    drawing = _run(job, background, seconds, focus)
+    while True:
+        try:
+            tracer, pixel, paths = next(drawing)
+        except StopIteration as end:
+            result: RenderResult = end.value
+            return result
         batch = paths.some(pixel)
         intensity = tracer.source.numbers.mix(batch.emission)
         yield pixel, intensity, np.stack(batch.transparency, axis=-1)

@@ -356,7 +356,7 @@ def _write(rows: list[Float], numbers: list[Float], lanes: Lanes, first: int) ->
     dr.eval(rows)
 
 
-def exhausted(batches: Batches[Result]) -> Result:
+def exhausted(batches: Generator[Any, None, Result]) -> Result:
     """Return the return value of a generator of batches."""
     while True:
         try:
