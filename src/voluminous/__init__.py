@@ -61,6 +61,7 @@ _PUBLIC = {
     "render": "rendering",
     "suggest_medium": "calibration",
     "tau_surface": "measuring",
+    "view": "viewer",
 }
 # Names of earlier versions, and what to write in their place.
 _RENAMED = {
@@ -141,6 +142,7 @@ __all__ = [
     "render",
     "suggest_medium",
     "tau_surface",
+    "view",
 ]
 
 if TYPE_CHECKING:
@@ -181,6 +183,7 @@ if TYPE_CHECKING:
     from .objects import Axes, Boxes, Lines, Spheres, Stars
     from .rendering import render
     from .scene import Scene
+    from .viewer import view
     from .volume import Volume
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import InputError, unknown_name
@@ -33,7 +33,8 @@ _CAMERA: dict[str, Kind] = {
     **dict.fromkeys(("width", "position", "target", "center", "shift"), kinds.QUANTITIES),
     **dict.fromkeys(("up", "view_direction"), kinds.NUMBERS),
     "resolution": kinds.WHOLES,
-    "projection": kinds.TEXT,
+    "eye_distance": kinds.QUANTITY,
+    **dict.fromkeys(("projection", "stereo"), kinds.TEXT),
 }
 _OBJECT: dict[str, Kind] = {
     **dict.fromkeys(("colors",), kinds.COLORS),
@@ -65,7 +66,7 @@ _IMAGE: dict[str, Kind] = {
 }
 
 
-def build_medium(sections: list[Mapping[str, Any]]) -> Any:
+def build_medium(sections: Sequence[Mapping[str, Any]]) -> Any:
     """Return the sum of the media in ``[[medium]]``."""
     from ..media import MEDIA
 
@@ -83,7 +84,7 @@ def build_objects(sections: list[Mapping[str, Any]]) -> list[Any]:
 
 def _listed(
     name: str,
-    sections: list[Mapping[str, Any]],
+    sections: Sequence[Mapping[str, Any]],
     types: Mapping[str, Any],
     known: Mapping[str, Kind],
 ) -> list[Any]:

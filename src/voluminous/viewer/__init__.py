@@ -5,6 +5,6 @@ become bytes: these know neither sockets nor notebooks. `painter` renders in a t
 answers messages. `page` moves messages over a websocket, `widget` through a notebook's channel.
 """
 
-from .view import View, view
+from .views import View, view
 
 __all__ = ["View", "view"]

@@ -34,6 +34,10 @@ class Session:
         The newest input, and the newest that a frame has shown.
     moving : bool
         A gesture goes on.
+    level : int
+        Which of `SIZES` a preview has.
+    first_order : bool
+        Even the smallest preview takes too long with the usual scheme.
     changed_at : float
         When the last input came.
     """
@@ -49,6 +53,7 @@ class Session:
     revision: int = -1
     exact: bool = False
     level: int = 1
+    first_order: bool = False
     _good: int = 0
     _in_flight: deque[tuple[int, float, float]] = field(default_factory=deque)
     _way: float = 0.0
@@ -101,6 +106,7 @@ class Session:
         took = kernel + self._way
         if took > BUDGET:
             self._good = 0
+            self.first_order |= self.level == len(SIZES) - 1 and kernel > BUDGET
             self.level = min(self.level + 1, len(SIZES) - 1)
             return
         # The next size costs about as much more as it has pixels, at most.

@@ -1,0 +1,274 @@
+"""The explorer as a page: four constant files and one websocket (ASGI), served by uvicorn."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import socket
+import stat
+import tempfile
+import threading
+import time
+import webbrowser
+from collections.abc import Awaitable, Callable, Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..packages import require
+from .explorer import Explorer
+from .frames import packed
+from .guard import SUBPROTOCOL, Guard
+
+Receive = Callable[[], Awaitable[dict[str, Any]]]
+Transmit = Callable[[dict[str, Any]], Awaitable[None]]
+
+_FILES = {
+    "/": ("index.html", "text/html; charset=utf-8"),
+    "/explorer.js": ("explorer.js", "text/javascript; charset=utf-8"),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "/explorer.css": ("explorer.css", "text/css; charset=utf-8"),
+    "/icon.svg": ("icon.svg", "image/svg+xml"),
+}
+_HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+        "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+_MOST_PAGES = 64
+_LONGEST_MESSAGE = 1 << 20
+# Seconds without a page, after which the server ends.
+IDLE = 3600.0
+
+
+class App:
+    """The ASGI application: every request passes here, and here alone."""
+
+    def __init__(self, explorer: Explorer, guard: Guard) -> None:
+        self.explorer, self.guard = explorer, guard
+        folder = resources.files(__package__) / "static"
+        self.files = {
+            path: ((folder / name).read_bytes(), kind) for path, (name, kind) in _FILES.items()
+        }
+
+    async def __call__(self, scope: dict[str, Any], receive: Receive, send: Transmit) -> None:
+        if scope["type"] == "http":
+            await self._give(scope, send)
+        elif scope["type"] == "websocket":
+            await self._talk(scope, receive, send)
+
+    async def _give(self, scope: dict[str, Any], send: Transmit) -> None:
+        headers = _headers(scope)
+        host = headers.get("host", "")
+        content, kind, status = b"not found", "text/plain; charset=utf-8", 404
+        if not (
+            self.guard.knows_host(host) and self.guard.knows_origin(headers.get("origin"), host)
+        ):
+            content, status = b"this host or origin is not served", 403
+        elif scope["method"] not in ("GET", "HEAD"):
+            content, status = b"only GET is served", 405
+        elif scope["path"] in self.files:
+            (content, kind), status = self.files[scope["path"]], 200
+        told = {**_HEADERS, "content-type": kind, "content-length": str(len(content))}
+        pairs = [(name.encode(), value.encode()) for name, value in told.items()]
+        await send({"type": "http.response.start", "status": status, "headers": pairs})
+        body = b"" if scope["method"] == "HEAD" else content
+        await send({"type": "http.response.body", "body": body})
+
+    async def _talk(self, scope: dict[str, Any], receive: Receive, send: Transmit) -> None:
+        if (await receive())["type"] != "websocket.connect":
+            return
+        headers = _headers(scope)
+        allowed = scope["path"] == "/socket" and self.guard.lets_in(
+            headers.get("host", ""), headers.get("origin"), scope.get("subprotocols", ())
+        )
+        if not allowed or self.explorer.pages >= _MOST_PAGES:
+            await send({"type": "websocket.close", "code": 1008})  # before accept: HTTP 403
+            return
+        await send({"type": "websocket.accept", "subprotocol": SUBPROTOCOL})
+        outbox: asyncio.Queue[bytes | str] = asyncio.Queue()
+        loop = asyncio.get_running_loop()
+
+        def pass_on(message: dict[str, Any], payload: bytes) -> None:
+            block: bytes | str = packed(message, payload) if payload else json.dumps(message)
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(outbox.put_nowait, block)
+
+        client = self.explorer.connect(pass_on)
+        writer = asyncio.create_task(_write(outbox, send))
+        try:
+            while (event := await receive())["type"] == "websocket.receive":
+                text = event.get("text")
+                if text is None or len(text) > _LONGEST_MESSAGE:
+                    await send({"type": "websocket.close", "code": 1009})
+                    break
+                try:
+                    message = json.loads(text)
+                except (ValueError, RecursionError):
+                    message = None
+                client.receive(message)
+        finally:
+            client.close()
+            writer.cancel()
+
+
+async def _write(outbox: asyncio.Queue[bytes | str], send: Transmit) -> None:
+    with contextlib.suppress(Exception):  # the page is gone
+        while True:
+            block = await outbox.get()
+            key = "bytes" if isinstance(block, bytes) else "text"
+            await send({"type": "websocket.send", key: block})
+
+
+def _headers(scope: dict[str, Any]) -> dict[str, str]:
+    return {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+
+
+class Server:
+    """A running server of one explorer.
+
+    Parameters
+    ----------
+    explorer : Explorer
+    port : int
+        0 for any that is free. Only this machine's own address is served.
+    unix_socket : bool
+        Serve a socket in a folder that only this user can enter, for ``ssh -L``.
+    hosts : iterable of str
+        Names under which a proxy serves this machine.
+    idle : float
+        Seconds without a page, after which it ends.
+
+    Attributes
+    ----------
+    url : str
+        What to open, with the token in the part that browsers do not send.
+    """
+
+    def __init__(
+        self,
+        explorer: Explorer,
+        *,
+        port: int = 0,
+        unix_socket: bool = False,
+        hosts: Iterable[str] = (),
+        idle: float = IDLE,
+    ) -> None:
+        uvicorn = require("uvicorn", "view", "the explorer")
+        require("websockets", "view", "the explorer")
+        self.explorer, self.guard, self.idle = explorer, Guard(hosts), idle
+        self.socket_path: Path | None = None
+        if unix_socket:
+            self._socket, self.socket_path = _unix_socket()
+            self.port = 8080
+        else:
+            self._socket = _loopback(port)
+            self.port = self._socket.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/#token={self.guard.token}"
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                App(explorer, self.guard),
+                log_level="warning",
+                access_log=False,
+                ws_max_size=_LONGEST_MESSAGE,
+                ws_per_message_deflate=False,
+                lifespan="off",
+                server_header=False,
+            )
+        )
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Serve in a thread; returns when it listens."""
+        self._thread = threading.Thread(target=self.run, name="server", daemon=True)
+        self._thread.start()
+        while not self._server.started and self._thread.is_alive():
+            time.sleep(0.005)
+
+    def run(self) -> None:
+        """Serve until `close`, or until nobody has looked for a while."""
+        self._server.install_signal_handlers = lambda: None
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        watch = asyncio.create_task(self._watch())
+        try:
+            await self._server.serve(sockets=[self._socket])
+        finally:
+            watch.cancel()
+            if self.socket_path is not None:
+                self.socket_path.unlink(missing_ok=True)
+                self.socket_path.parent.rmdir()
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(min(1.0, self.idle))
+            explorer = self.explorer
+            if not explorer.pages and time.monotonic() - explorer.active_at > self.idle:
+                self._server.should_exit = True
+
+    def close(self) -> None:
+        """End."""
+        self._server.should_exit = True
+        if self._thread is not None:
+            self._thread.join(5.0)
+
+    def open_browser(self) -> None:
+        """Open the page. The token is in no command line, which others could list."""
+        folder = Path(tempfile.mkdtemp(prefix="voluminous-"))
+        redirect = folder / "open.html"
+        redirect.touch(0o600)
+        redirect.write_text(
+            f'<!doctype html><meta http-equiv="refresh" content="0; url={self.url}">'
+        )
+        webbrowser.open(redirect.as_uri())
+
+    def instructions(self) -> str:
+        """Return what to do to see the page, from another machine too."""
+        connection = os.environ.get("SSH_CONNECTION", "").split()
+        host = connection[2] if len(connection) == 4 else socket.gethostname()
+        if self.socket_path is not None:
+            there = str(self.socket_path)
+        elif connection:
+            there = f"127.0.0.1:{self.port}"
+        else:
+            return f"The explorer is at\n  {self.url}"
+        user = os.environ.get("USER", "")
+        name = f"{user}@{host}" if user else host
+        return (
+            f"On your own machine run\n  ssh -N -L {self.port}:{there} {name}\nand open\n"
+            f"  {self.url}"
+        )
+
+
+def _loopback(port: int) -> socket.socket:
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind(("127.0.0.1", port))
+    except OSError as error:
+        found.close()
+        raise InputError(f"port {port} is not free; leave out --port, or give another") from error
+    return found
+
+
+def _unix_socket() -> tuple[socket.socket, Path]:
+    if not hasattr(socket, "AF_UNIX"):
+        raise InputError("this system has no unix sockets; leave out --socket")
+    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    folder = Path(tempfile.mkdtemp(prefix="voluminous-", dir=base))
+    folder.chmod(stat.S_IRWXU)
+    path = folder / "view.sock"
+    found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    found.bind(str(path))
+    path.chmod(stat.S_IRUSR | stat.S_IWUSR)
+    return found, path

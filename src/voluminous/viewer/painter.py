@@ -1,0 +1,272 @@
+"""Renders for all pages in one thread: the newest wish first; gives up what nobody wants now."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..cameras import Camera
+from ..errors import VoluminousError
+from ..image import Image
+from ..media import Coefficients, Medium
+from ..rendering.api import in_steps, render
+from ..volume import Volume
+from .frames import float16, log_jpeg
+from .session import QUIET, Session
+
+# Seconds of a batch: so long a new input may wait.
+_BATCH = 0.03
+# Seconds between two pictures of a refinement.
+_UPDATE = 0.25
+
+
+class Page(Protocol):
+    """A page that is painted for."""
+
+    session: Session
+
+    def send(self, message: dict[str, Any], payload: bytes = b"") -> None:
+        """Send a message; called in the painter's thread."""
+        ...
+
+
+@dataclass(frozen=True)
+class Shot:
+    """All that decides one picture.
+
+    Attributes
+    ----------
+    options : dict
+        Of `render`.
+    number, revision : int
+        The input that it shows, and the document's revision.
+    """
+
+    volume: Volume
+    medium: Medium | None
+    camera: Camera
+    options: dict[str, Any]
+    number: int
+    revision: int
+    table: dict[str, Any]
+
+
+class Painter:
+    """The thread that renders.
+
+    Parameters
+    ----------
+    pages : callable
+        Returns the pages there are now.
+    shot : callable
+        Returns the `Shot` of a page for a size in pixels.
+    """
+
+    def __init__(
+        self,
+        pages: Callable[[], list[Page]],
+        shot: Callable[[Page, tuple[int, int]], Shot],
+    ) -> None:
+        self._pages, self._shot = pages, shot
+        self._woken, self._closed = threading.Condition(), False
+        self._frame = 0
+        self._turn = 0
+        self._exposures: dict[str, float] = {}
+        self._thread = threading.Thread(target=self._work, name="painter", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Look for wishes: something has changed."""
+        with self._woken:
+            self._woken.notify()
+
+    def close(self) -> None:
+        """End after the batch that is being rendered."""
+        self._closed = True
+        self.wake()
+        self._thread.join(5.0)
+
+    def _work(self) -> None:
+        while not self._closed:
+            page, paint = self._next()
+            if page is None:
+                with self._woken:
+                    self._woken.wait(QUIET / 4)
+                continue
+            try:
+                paint(page)
+            except Exception as error:
+                self._tell(page, error)
+
+    def _next(self) -> tuple[Any, Any]:
+        """Return the page whose turn it is, and what to do; previews come first."""
+        now, pages = time.monotonic(), self._pages()
+        kinds = ((Session.wants_preview, self._preview), (Session.wants_rest, self._rest))
+        for wants, paint in kinds:
+            for k in range(len(pages)):
+                page = pages[(self._turn + k) % len(pages)]
+                if wants(page.session, now):
+                    self._turn = (self._turn + k + 1) % len(pages)
+                    return page, paint
+        return None, None
+
+    def _tell(self, page: Page, error: Exception) -> None:
+        session = page.session
+        session.shown, session.exact = session.wanted, True
+        text = (
+            str(error) if isinstance(error, VoluminousError) else f"{type(error).__name__}: {error}"
+        )
+        page.send({"kind": "notice", "level": "error", "text": text})
+
+    def _preview(self, page: Page) -> None:
+        session = page.session
+        shot = self._shot(page, session.preview_size)
+        start = time.monotonic()
+        scheme = None
+        if session.first_order or "dual" not in shot.volume.grid.walk_kinds:
+            scheme = "first-order"
+        quick = {"scheme": shot.options.get("scheme", scheme), "tolerance": None}
+        intensity = self._quietly(shot, **quick).intensity
+        took = time.monotonic() - start
+        scale = session.preview_size[0] / session.size[0]
+        self._send(page, shot, intensity, took, scale=scale, done=0.0, preview=True)
+
+    def _rest(self, page: Page) -> None:
+        """Render the full picture in short batches, and give up where somebody else wants one."""
+        session = page.session
+        shot = self._shot(page, session.size)
+        start = last = time.monotonic()
+        nx, ny = session.size
+        made = 0
+        picture: np.ndarray | None = None
+        steps = self._steps(shot)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            while True:
+                try:
+                    pixel, intensity, _ = next(steps)
+                except StopIteration as end:
+                    image: Image = end.value
+                    break
+                now = time.monotonic()
+                if self._closed or self._is_wanted_elsewhere(page, shot, now):
+                    steps.close()
+                    return
+                made += len(pixel)
+                if picture is None:
+                    picture = self._first(shot, intensity.shape[-1], nx, ny)
+                picture[pixel] = intensity
+                if now - last > _UPDATE and session.may_send(now):
+                    done, last = min(made / (nx * ny), 0.99), now
+                    self._send(page, shot, picture.reshape(ny, nx, -1), now - start, done=done)
+        took = time.monotonic() - start
+        error = image.error
+        top = float(np.nanmax(np.abs(image.intensity), initial=0.0))
+        worst = None if error is None or not top > 0 else float(np.nanmax(error)) / top
+        session.exact = True
+        self._exposures[_look(shot)] = image.exposure
+        self._send(page, shot, image.intensity, took, done=1.0, exact=True, error=worst)
+        for warning in caught:
+            page.send({"kind": "notice", "level": "warning", "text": str(warning.message)})
+
+    def _steps(self, shot: Shot) -> Any:
+        medium = shot.medium if shot.medium is not None else _NOTHING
+        return in_steps(
+            shot.volume, medium, shot.camera, seconds=_BATCH, progress=_silent, **shot.options
+        )
+
+    def _quietly(self, shot: Shot, **quick: Any) -> Image:
+        medium = shot.medium if shot.medium is not None else _NOTHING
+        options = {**shot.options, **quick, "samples": 1, "antialias": None, "bounds": False}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return render(shot.volume, medium, shot.camera, progress=False, **options)
+
+    def _first(self, shot: Shot, channels: int, nx: int, ny: int) -> np.ndarray:
+        """Return what is shown of pixels that are not done: the quick picture, made larger."""
+        small = shot.camera.replace(resolution=(max(1, nx // 2), max(1, ny // 2)))
+        quick = Shot(**{**vars(shot), "camera": small})
+        intensity = self._quietly(quick, tolerance=None).intensity
+        rows, columns = (
+            np.minimum(np.arange(n) * have // n, have - 1)
+            for n, have in zip((ny, nx), intensity.shape[:2], strict=True)
+        )
+        return intensity[rows][:, columns].reshape(ny * nx, channels).copy()
+
+    def _is_wanted_elsewhere(self, page: Page, shot: Shot, now: float) -> bool:
+        if page.session.wanted != shot.number:
+            return True
+        return any(other.session.wants_preview(now) for other in self._pages())
+
+    def _send(
+        self,
+        page: Page,
+        shot: Shot,
+        intensity: np.ndarray,
+        took: float,
+        *,
+        done: float,
+        scale: float = 1.0,
+        preview: bool = False,
+        exact: bool = False,
+        error: float | None = None,
+    ) -> None:
+        self._frame += 1
+        head, payload = (float16 if exact else log_jpeg)(intensity)
+        look = _look(shot)
+        if look not in self._exposures:
+            self._exposures[look] = Image(intensity).exposure
+        message = {
+            "kind": "frame",
+            "number": self._frame,
+            "n": shot.number,
+            "revision": shot.revision,
+            "camera": shot.table,
+            "frame": geometry(shot.camera, shot.volume),
+            "scale": scale,
+            "done": done,
+            "exact": exact,
+            "error": error,
+            "ms": 1000.0 * took,
+            "exposure": self._exposures[look],
+            **head,
+        }
+        now = time.monotonic()
+        page.session.sent(self._frame, shot.number, now, took, preview=preview)
+        page.send(message, payload)
+
+
+_NOTHING = Coefficients(["0", "0", "0"], "0")
+
+
+def _silent(done: int, total: int) -> None:
+    """Report nothing."""
+
+
+def _look(shot: Shot) -> str:
+    """Return a key of what is seen, from wherever: its exposure stays while the camera moves."""
+    return json.dumps([repr(shot.medium), id(shot.volume)])
+
+
+def geometry(camera: Camera, volume: Volume) -> dict[str, Any]:
+    """Return the camera's axes and image plane, for what a page draws over a picture."""
+    frame = camera.frame(volume.grid)
+    first, right, up, last = frame.vectors[:4]
+    parallel = camera.parallel
+    return {
+        "center": first.tolist() if parallel else None,
+        "position": None if parallel else first.tolist(),
+        "right": right.tolist(),
+        "up": up.tolist(),
+        "ahead": (last if parallel else -last).tolist(),
+        "width": frame.width[0],
+        "height": frame.width[1],
+        "shift": list(frame.shift),
+    }

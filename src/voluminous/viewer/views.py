@@ -1,0 +1,160 @@
+"""`view`: the explorer for a volume, in a notebook's cell or in a browser."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..cameras import Camera
+from ..image import Image
+from ..media import Medium
+from ..scene import Scene
+from .explorer import Explorer
+from .page import Server
+from .widget import make_widget
+
+
+class View:
+    """An explorer that is open.
+
+    Attributes
+    ----------
+    medium : Medium
+        What is drawn now.
+    camera : Camera
+        From where the page that moved last looks.
+    scene : Scene
+        All of it; `Scene.save` writes a file.
+    url : str or None
+        The page's address, in a browser.
+    """
+
+    def __init__(self, explorer: Explorer, server: Server | None, widget: Any) -> None:
+        self._explorer, self._server, self._widget = explorer, server, widget
+
+    @property
+    def medium(self) -> Medium | None:
+        return self._explorer.medium
+
+    @property
+    def camera(self) -> Camera:
+        return self._explorer.camera
+
+    @property
+    def scene(self) -> Scene:
+        return self._explorer.scene()
+
+    @property
+    def url(self) -> str | None:
+        return None if self._server is None else self._server.url
+
+    def image(self, resolution: Any = None, **options: Any) -> Image:
+        """Render what is on the screen.
+
+        Parameters
+        ----------
+        resolution : int or (int, int), optional
+            Pixels; 400 by default.
+        **options
+            Those of `render`.
+        """
+        scene = self.scene
+        if resolution is not None:
+            scene = Scene(
+                {
+                    **scene.to_dict(),
+                    "camera": {**scene.to_dict()["camera"], "resolution": resolution},
+                },
+                volume=scene.volume(),
+            )
+        return scene.render(**options)
+
+    def close(self) -> None:
+        """End the page and its server."""
+        if self._server is not None:
+            self._server.close()
+        self._explorer.close()
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        if self._widget is None:
+            return {"text/plain": repr(self)}
+        return self._widget._repr_mimebundle_(**options)
+
+    def __repr__(self) -> str:
+        return f"<View at {self.url}>" if self.url else "<View in this notebook>"
+
+
+def view(
+    volume: Any,
+    medium: Medium | None = None,
+    camera: Camera | None = None,
+    *,
+    notebook: bool | None = None,
+    browser: bool = True,
+    port: int = 0,
+    **options: Any,
+) -> View:
+    """Open the explorer: turn a volume, edit its media, click pixels, save pictures and scenes.
+
+    Parameters
+    ----------
+    volume : Volume, Scene, path, or sequence of volumes or paths
+        What is seen; a sequence is a series in time.
+    medium : Medium, optional
+        By default `suggest_medium` finds one.
+    camera : Camera, optional
+        By default what the medium shows, from obliquely above.
+    notebook : bool, optional
+        Show it in the notebook's cell; by default where there is a notebook.
+    browser : bool
+        Open the page, where there is no notebook.
+    port : int
+        Of the page; by default any that is free.
+    **options
+        Those of `render`, such as ``tolerance``.
+
+    Returns
+    -------
+    View
+        What is on the screen, as values.
+
+    Raises
+    ------
+    MissingPackageError
+        Without ``pip install "voluminous[view]"``.
+    """
+    settings: dict[str, Any] = {"render": options}
+    if isinstance(volume, Scene):
+        scene = volume
+        given = scene.to_dict()
+        settings = {**given, "render": {**given.get("render", {}), **options}}
+        volume = scene.volume()
+        medium = scene.medium if medium is None else medium
+        camera = scene.camera if camera is None else camera
+    elif isinstance(volume, (str, Path)) and str(volume).endswith(".toml"):
+        return view(
+            Scene.load(volume),
+            medium,
+            camera,
+            notebook=notebook,
+            browser=browser,
+            port=port,
+            **options,
+        )
+    explorer = Explorer(volume, medium, camera, settings)
+    if _in_notebook() if notebook is None else notebook:
+        return View(explorer, None, make_widget(explorer))
+    server = Server(explorer, port=port)
+    server.start()
+    if browser:
+        server.open_browser()
+    return View(explorer, server, None)
+
+
+def _in_notebook() -> bool:
+    if "marimo" in sys.modules:
+        return True
+    shell: Any = sys.modules.get("IPython")
+    shell = None if shell is None else shell.get_ipython()
+    return shell is not None and "IPKernelApp" in shell.config

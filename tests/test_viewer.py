@@ -1,0 +1,456 @@
+"""The explorer without a browser: frames, document, session, painter, questions, and its guard."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.viewer import frames
+from voluminous.viewer.document import Document
+from voluminous.viewer.explorer import Explorer, python_of, tables_of
+from voluminous.viewer.session import QUIET, SIZES, Session
+
+GRID = vm.CartesianGrid.uniform(16, (-1, 1))
+AXIS = np.linspace(-0.95, 0.95, 16)
+VALUES = np.exp(-sum(np.meshgrid(AXIS**2, AXIS**2, AXIS**2, indexing="ij")))
+SHELL = vm.Gaussian("a", 0.6, 0.05, (1.0, 0.5, 0.2), 0.3, path_length=0.2)
+CORE = vm.Gaussian("a", 0.9, 0.05, (0.2, 0.5, 1.0), 0.3, path_length=0.2)
+CAMERA = vm.Orthographic(60, 30, width=2.5, resolution=64)
+
+
+@pytest.fixture
+def volume():
+    return vm.Volume(GRID, a=VALUES)
+
+
+# --- frames ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 5])
+@pytest.mark.parametrize("scale", [1.0, 1e-20, 1e20])
+def test_exact_frames_keep_eleven_binary_digits(channels, scale):
+    rng = np.random.default_rng(channels)
+    picture = (10.0 ** rng.uniform(-3, 0, (7, 9, channels)) * scale).astype(np.float32)
+    head, payload = frames.float16(picture)
+    np.testing.assert_allclose(frames.from_float16(head, payload), picture, rtol=2.0**-11)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 5])
+def test_previews_are_near(channels):
+    x, y = np.meshgrid(np.linspace(0, 1, 64), np.linspace(0, 1, 48))
+    picture = np.stack([np.exp(-((x - 0.5) ** 2) * 9 - y * k) for k in range(channels)], axis=-1)
+    head, payload = frames.log_jpeg(picture)
+    error = np.abs(frames.from_log_jpeg(head, payload) / picture - 1)
+    # Half a code of 254 for 16 factors of two is 2.2 %; the JPEG adds about as much.
+    assert np.median(error) < 0.03
+    assert np.quantile(error, 0.99) < 0.12
+
+
+def test_frames_of_odd_values():
+    picture = np.zeros((4, 4, 3))
+    picture[0, 0], picture[1, 1], picture[2, 2] = np.nan, np.inf, -1.0
+    for encode, decode in (
+        (frames.float16, frames.from_float16),
+        (frames.log_jpeg, frames.from_log_jpeg),
+    ):
+        assert np.isfinite(decode(*encode(picture))).all()
+        assert not decode(*encode(np.zeros((4, 4, 1)))).any()
+
+
+@given(st.dictionaries(st.text(), st.integers() | st.text()), st.binary())
+def test_blocks_are_taken_apart_again(message, payload):
+    assert frames.unpacked(frames.packed(message, payload)) == (message, payload)
+
+
+def test_a_preview_is_small():
+    core = vm.models.prestellar_core(32)
+    image = vm.render(core, vm.suggest_medium(core), vm.Orthographic(60, 30, resolution=400))
+    assert len(frames.log_jpeg(image.intensity)[1]) < 40 << 10
+    assert len(frames.float16(image.intensity)[1]) < 500 << 10
+
+
+# --- document -------------------------------------------------------------------------------------
+
+
+def make_document():
+    camera = {k: v for k, v in CAMERA.describe().items() if k != "resolution"}
+    return Document({"medium": tables_of(SHELL + CORE), "camera": camera})
+
+
+def test_changes_are_undone_and_done_again():
+    document = make_document()
+    start = document.settings
+    document.apply([("medium.0.opacity", 0.5)], "opacity")
+    document.apply([("medium.1", None)], "remove")
+    assert len(document.settings["medium"]) == 1
+    assert document.labels == (["opacity", "remove"], [])
+    assert document.undo()
+    assert document.undo()
+    assert document.settings == start
+    assert not document.undo()
+    assert document.redo()
+    assert document.settings["medium"][0]["opacity"] == 0.5
+    document.apply([("image.exposure", 2.0)], "exposure")
+    assert document.labels == (["opacity", "exposure"], [])
+
+
+def test_a_gesture_is_one_entry():
+    document = make_document()
+    for k in range(10):
+        document.apply([("medium.0.center", 0.5 + 0.01 * k)], "centre", moving=k < 9)
+    document.apply([("medium.0.center", 0.1)], "centre")
+    assert document.labels[0] == ["centre", "centre"]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("volume.path", "/etc/passwd", "cannot be changed"),
+        ("medium.7.opacity", 0.5, "no '7'"),
+        ("medium.0.opacity", -0.5, "opacity"),
+        ("medium.0.expr", "__import__('os')", "__import__"),
+        ("medium.0.nonsense", 1, "nonsense"),
+        ("medium.0.opacity.deep", 1, "no such"),
+        ("camera.incl", "north", "incl"),
+        ("render.tolerance", -1, "tolerance"),
+        ("image.stretch", "wide", "wide"),
+        ("medium", [3], "table"),
+    ],
+)
+def test_what_would_be_wrong_changes_nothing(path, value, message):
+    document = make_document()
+    before, revision = json.dumps(document.settings), document.revision
+    with pytest.raises(vm.VoluminousError, match=message):
+        document.apply([("medium.0.opacity", 0.9), (path, value)])
+    assert (json.dumps(document.settings), document.revision) == (before, revision)
+    assert document.labels == ([], [])
+
+
+# --- session --------------------------------------------------------------------------------------
+
+EVENTS = st.lists(
+    st.tuples(st.sampled_from(["want", "move", "paint", "seen", "lose"]), st.floats(0.0, 0.5)),
+    max_size=60,
+)
+
+
+@given(EVENTS)
+@settings(max_examples=200)
+def test_a_session_never_waits_in_a_queue_and_ends_with_the_last_input(events):
+    session, now, frame, number = Session({}), 0.0, 0, 0
+    flying: list[int] = []
+    displayed = -1
+
+    def paint():
+        nonlocal frame, displayed
+        if session.wants_preview(now):
+            frame += 1
+            session.sent(frame, session.wanted, now, 0.02, preview=True)
+            flying.append(frame)
+            assert session.shown >= displayed
+            displayed = session.shown
+        elif session.wants_rest(now):
+            frame += 1
+            session.exact = True
+            session.sent(frame, session.wanted, now, 0.1, preview=False)
+            flying.append(frame)
+
+    for event, wait in events:
+        now += wait
+        if event in ("want", "move"):
+            number += 1
+            session.want(number, now, moving=event == "move")
+        elif event == "paint":
+            paint()
+        elif event == "seen" and flying:
+            session.seen(flying.pop(0), now)
+        elif event == "lose":
+            flying.clear()
+        assert len(session._in_flight) <= 5  # the window, and the one that comes to rest
+        assert 0 <= session.level < len(SIZES)
+    session.want(number + 1, now, moving=False)
+    for _ in range(10):
+        now += 3.0
+        paint()
+        while flying:
+            session.seen(flying.pop(0), now)
+    assert session.shown == number + 1
+    assert session.exact
+
+
+def test_a_slow_kernel_makes_previews_small_and_a_fast_one_large():
+    session = Session({}, size=(800, 600))
+    for k in range(5):
+        session.sent(k, k, 0.1 * k, 0.2, preview=True)
+        session.seen(k, 0.1 * k + 0.001)
+    assert session.preview_size == (200, 150)
+    assert session.first_order
+    for k in range(5, 30):
+        session.sent(k, k, 0.1 * k, 0.001, preview=True)
+        session.seen(k, 0.1 * k + 0.001)
+    assert session.preview_size == (800, 600)
+
+
+def test_more_frames_fly_where_the_way_is_long():
+    near, far = Session({}), Session({})
+    for k in range(30):
+        for session, way in ((near, 0.002), (far, 0.16)):
+            session.sent(k, k, float(k), 0.05, preview=True)
+            session.seen(k, k + way)
+    assert near.window == 1
+    assert far.window == 4
+
+
+def test_nothing_is_painted_for_a_hidden_page():
+    session = Session({}, visible=False)
+    session.want(1, 0.0, moving=False)
+    assert not session.wants_preview(1.0)
+    assert not session.wants_rest(1.0)
+
+
+# --- the explorer, with a page that is a list -----------------------------------------------------
+
+
+class Page:
+    """Keeps what it is sent, and says that it has drawn each frame."""
+
+    def __init__(self, explorer, size=(48, 40), leader=True):
+        self.messages, self.lock = [], threading.Condition()
+        self.client = explorer.connect(self.take)
+        self.number = 0
+        self.say("hello", protocol=1, size=list(size), scale=1.0, leader=leader)
+
+    def take(self, message, payload):
+        json.dumps(message, allow_nan=False)
+        with self.lock:
+            self.messages.append((message, payload))
+            self.lock.notify_all()
+        if message["kind"] == "frame":
+            self.client.receive({"kind": "seen", "frame": message["number"]})
+
+    def say(self, kind, **rest):
+        self.client.receive({"kind": kind, **rest})
+
+    def put(self, kind, **rest):
+        self.number += 1
+        self.say(kind, n=100 + self.number, **rest)
+        return 100 + self.number
+
+    def wait(self, condition, seconds=60.0):
+        """Return the first message that fits, also of those that have come."""
+        end = time.monotonic() + seconds
+        with self.lock:
+            done = 0
+            while True:
+                for message, payload in self.messages[done:]:
+                    if condition(message):
+                        return message, payload
+                done = len(self.messages)
+                left = end - time.monotonic()
+                assert left > 0, [m["kind"] for m, _ in self.messages[-10:]]
+                self.lock.wait(left)
+
+    def exact(self, number):
+        return self.wait(lambda m: m["kind"] == "frame" and m["exact"] and m["n"] >= number)
+
+    def ask(self, kind, **rest):
+        self.number += 1
+        self.say(kind, id=self.number, **rest)
+        answer = self.number
+        return self.wait(lambda m: m["kind"] == "reply" and m["id"] == answer)[0]
+
+
+@pytest.fixture
+def explorer(volume):
+    explorer = Explorer(volume, SHELL + CORE, CAMERA)
+    yield explorer
+    explorer.close()
+
+
+def test_a_page_is_welcomed_and_gets_a_preview_and_the_exact_picture(explorer, volume):
+    page = Page(explorer)
+    welcome, _ = page.wait(lambda m: m["kind"] == "welcome")
+    assert welcome["volume"]["fields"][0]["name"] == "a"
+    assert welcome["volume"]["bounds"] == [[-1, 1]] * 3
+    preview, _ = page.wait(lambda m: m["kind"] == "frame")
+    assert preview["codec"] == "log-jpeg"
+    assert not preview["exact"]
+    frame, payload = page.exact(0)
+    picture = frames.from_float16(frame, payload)
+    image = vm.render(volume, SHELL + CORE, CAMERA.replace(resolution=(48, 40)))
+    top = image.intensity.max()
+    np.testing.assert_allclose(picture, image.intensity, atol=2e-3 * top, rtol=2.0**-11)
+    assert frame["error"] <= 1e-3
+    assert frame["exposure"] == pytest.approx(image.exposure, rel=1e-6)
+    np.testing.assert_allclose(frame["frame"]["right"], CAMERA.frame(GRID).vectors[1])
+
+
+def test_the_last_of_many_inputs_is_what_is_shown(explorer, volume):
+    page = Page(explorer)
+    for k in range(40):
+        last = page.put("look", camera={"type": "orthographic", "incl": k, "phi": 0}, moving=k < 39)
+    frame, payload = page.exact(last)
+    assert frame["camera"]["incl"] == 39
+    camera = vm.Orthographic(39, 0, resolution=(48, 40))
+    image = vm.render(volume, SHELL + CORE, camera)
+    np.testing.assert_allclose(
+        frames.from_float16(frame, payload), image.intensity, atol=2e-3 * image.intensity.max()
+    )
+    numbers = [m["n"] for m, _ in page.messages if m["kind"] == "frame"]
+    assert numbers == sorted(numbers)
+    assert len(numbers) < 60
+
+
+def test_media_are_edited_and_hidden(explorer, volume):
+    page = Page(explorer)
+    last = page.put("set", patch=[["medium.0.hidden", True]], label="hide")
+    frame, payload = page.exact(last)
+    image = vm.render(volume, CORE, CAMERA.replace(resolution=(48, 40)))
+    np.testing.assert_allclose(
+        frames.from_float16(frame, payload), image.intensity, atol=2e-3 * image.intensity.max()
+    )
+    last = page.put("set", patch=[["medium.1.hidden", True]], label="hide")
+    assert not frames.from_float16(*page.exact(last)).any()
+    page.put("undo")
+    page.put("undo")
+    page.wait(lambda m: m["kind"] == "document" and m["redo"] == ["hide", "hide"])
+    assert explorer.medium == SHELL + CORE
+
+
+def test_display_options_paint_nothing(explorer):
+    page = Page(explorer)
+    page.exact(0)
+    count = sum(m["kind"] == "frame" for m, _ in page.messages)
+    page.put("set", patch=[["image.exposure", 3.0]], label="exposure")
+    page.wait(lambda m: m["kind"] == "document" and m["document"]["image"] == {"exposure": 3.0})
+    time.sleep(2 * QUIET)
+    assert sum(m["kind"] == "frame" for m, _ in page.messages) == count
+
+
+def test_a_clicked_pixel_tells_what_probe_tells(explorer, volume):
+    page = Page(explorer)
+    page.exact(0)
+    reply = page.ask("probe", x=0.4, y=0.55)
+    assert reply["pixel"] == [19, 22]
+    ray = vm.probe(volume, SHELL + CORE, CAMERA.replace(resolution=(48, 40)), (19, 22))
+    np.testing.assert_array_equal(reply["intensity"], ray.intensity)
+    np.testing.assert_array_equal(reply["fields"]["a"], ray.fields["a"])
+    np.testing.assert_array_equal(np.transpose(reply["accumulated"]), ray.gathered)
+    np.testing.assert_array_equal(np.transpose(reply["extinction"]), ray.alpha)
+    light = ray.gathered.sum(axis=1)
+    assert ray.begin[0] <= reply["depth"] <= ray.end[-1]
+    inside = np.searchsorted(ray.end, reply["depth"])
+    assert light[max(inside - 1, 0)] <= 0.5 * light[-1] * 1.0001 <= light[inside] * 1.0002
+
+
+def test_histograms_slices_and_suggestions(explorer, volume):
+    page = Page(explorer)
+    reply = page.ask("histogram", expr="a", bins=64, log=False)
+    counts, edges = np.histogram(VALUES, 64)
+    assert reply["counts"] == counts.tolist()
+    np.testing.assert_allclose(reply["edges"], edges)
+    assert page.ask("histogram", expr="a - 1", log=True)["error"].startswith(
+        "a - 1 has no positive"
+    )
+    cut = page.ask("slice", expr="2*a", axis=2, at=0.5, size=32)
+    assert (cut["width"], cut["height"]) == (32, 32)
+    assert cut["high"] == pytest.approx(2 * VALUES[:, :, 8].max())
+    assert "error" not in page.ask("suggest", name=None)
+    assert repr(explorer.medium) == repr(vm.suggest_medium(volume))
+    assert "no preset" in page.ask("suggest", name="gold")["error"]
+
+
+def test_exports_make_the_same_picture(explorer, volume, tmp_path):
+    import base64
+
+    page = Page(explorer)
+    page.exact(0)
+    text = page.ask("export", what="python", width=96)["text"]
+    volume.save(tmp_path / "volume.npz")
+    code = text.replace('"volume.npz"', repr(str(tmp_path / "volume.npz"))).replace(
+        "'volume.npz'", repr(str(tmp_path / "volume.npz"))
+    )
+    scope: dict = {}
+    exec(code.replace("picture.png", str(tmp_path / "picture.png")), scope)
+    assert scope["medium"] == SHELL + CORE
+    assert scope["image"].shape == (80, 96, 3)
+    fits = page.ask("export", what="fits", width=96)
+    (tmp_path / "a.fits").write_bytes(base64.b64decode(fits["data"]))
+    np.testing.assert_array_equal(
+        vm.Image.load(tmp_path / "a.fits").intensity, scope["image"].intensity
+    )
+    scene = page.ask("export", what="toml", width=96)["text"]
+    (tmp_path / "scene.toml").write_text(scene)
+    assert vm.Scene.load(tmp_path / "scene.toml").medium == SHELL + CORE
+    assert "what must be" in page.ask("export", what="passwd")["error"]
+
+
+def test_a_follower_sees_what_the_leader_does_and_changes_nothing(explorer):
+    leader, follower = Page(explorer), Page(explorer, leader=False)
+    leader.put("look", camera={"type": "orthographic", "incl": 12, "phi": 7}, moving=False)
+    follower.wait(lambda m: m["kind"] == "frame" and m["exact"] and m["camera"]["incl"] == 12)
+    before = json.dumps(explorer.document.settings)
+    follower.put("look", camera={"type": "orthographic", "incl": 80, "phi": 7}, moving=False)
+    follower.put("set", patch=[["medium", []]], label="remove")
+    assert json.dumps(explorer.document.settings) == before
+
+
+def test_a_series_in_time(volume, tmp_path):
+    for k in range(3):
+        vm.Volume(GRID, a=VALUES * (1 - 0.1 * k)).save(tmp_path / f"{k}.npz")
+    explorer = Explorer(sorted(tmp_path.glob("*.npz")), SHELL, CAMERA)
+    page = Page(explorer)
+    last = page.put("time", index=2)
+    page.wait(lambda m: m["kind"] == "frame" and m["exact"] and m["revision"] >= 1)
+    assert explorer.document.settings["volume"]["path"].endswith("2.npz")
+    page.put("time", index=7)
+    page.wait(lambda m: m["kind"] == "notice" and "no file 7" in m["text"])
+    explorer.close()
+    assert last
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        None,
+        3,
+        [],
+        {},
+        {"kind": "format"},
+        {"kind": "look"},
+        {"kind": "look", "n": 1, "camera": {"type": "nothing"}},
+        {"kind": "look", "n": 1, "camera": {}, "extra": 1},
+        {"kind": "look", "n": "x", "camera": {}},
+        {"kind": "set", "n": 1, "patch": 3},
+        {"kind": "set", "n": 1, "patch": [["volume.path", "/etc/passwd"]]},
+        {"kind": "size", "n": 1, "size": [0]},
+        {"kind": "seen", "frame": None},
+        {"kind": "hello", "protocol": 99},
+        {"kind": "_open_numbers"},
+    ],
+)
+def test_wrong_messages_are_answered_and_nothing_breaks(explorer, message):
+    page = Page(explorer)
+    page.client.receive(message)
+    page.wait(lambda m: m["kind"] == "notice" and m["level"] == "error")
+    assert explorer.medium == SHELL + CORE
+    assert "intensity" in page.ask("probe", x=0.5, y=0.5)
+
+
+def test_an_error_of_the_renderer_is_told_and_the_next_picture_comes(explorer):
+    page = Page(explorer)
+    page.put("set", patch=[["medium.0.expr", "nothing_here"]], label="expression")
+    page.wait(lambda m: m["kind"] == "notice" and "nothing_here" in m["text"])
+    last = page.put("undo")
+    page.exact(last)
+
+
+def test_python_of_a_scene_is_code(explorer):
+    compile(python_of(explorer.scene((64, 48))), "scene.py", "exec")
