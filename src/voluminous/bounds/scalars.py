@@ -13,8 +13,8 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..expressions import Expression
-from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.interval_ops import interpolate_ranges
+from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import (
     TracedInterval,
     TracedIntervalOps,
