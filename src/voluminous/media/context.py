@@ -85,7 +85,7 @@ class Context:
         Formulas of a grid's curvilinear coordinates in x, y and z.
     """
 
-    real: Callable[..., Float]
+    real: Any
     number: Callable[[float], Float]
     unit: Unit
     unit_of: Callable[[Expression], Unit]
