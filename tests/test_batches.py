@@ -7,6 +7,7 @@ import pytest
 
 import voluminous as vm
 from voluminous.rendering.prepare import prepare
+from voluminous.rendering.run import run_in_batches
 
 VOLUME = vm.Volume(
     vm.CartesianGrid.uniform(24, (-1, 1)), a=np.random.default_rng(0).random((24, 24, 24))
@@ -28,7 +29,7 @@ def test_batches_add_up_to_the_picture(name):
     intensity = np.full((200 * 150, 3), np.nan, np.float32)
     transparency = np.full((200 * 150, 1), np.nan, np.float32)
     count = 0
-    for pixel, light, through in job.batches(seconds=0.005, focus=(20, 130)):
+    for pixel, light, through in run_in_batches(job, seconds=0.005, focus=(20, 130)):
         intensity[pixel], transparency[pixel] = light, through
         if name == "first-order" and not count:
             rows, columns = np.divmod(pixel, 200)
@@ -46,6 +47,6 @@ def test_batches_add_up_to_the_picture(name):
 
 def test_a_picture_is_cancelled_by_asking_no_more():
     job, _ = prepare(VOLUME, MEDIUM, CAMERA)
-    next(iter(job.batches(seconds=0.001)))
+    next(iter(run_in_batches(job, seconds=0.001)))
     image, again = (vm.render(VOLUME, MEDIUM, CAMERA) for _ in range(2))
     np.testing.assert_array_equal(image.intensity, again.intensity)

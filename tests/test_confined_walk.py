@@ -15,6 +15,7 @@ from voluminous.grids.contract import CellBox
 from voluminous.rendering.march import RayState, hand_on, march
 from voluminous.rendering.pixels import PixelOrder
 from voluminous.rendering.prepare import prepare
+from voluminous.rendering.run import make_tracer
 
 SHAPE = (9, 7, 8)
 UNIFORM = vm.CartesianGrid.uniform(SHAPE, [(-1, 1), (-0.8, 0.9), (-1.1, 1)])
@@ -50,7 +51,7 @@ def drawing_of(volume, medium, camera, scheme, tolerance):
     job, _ = prepare(
         volume, medium, camera, scheme=scheme, tolerance=tolerance, cutoff=0, device="cpu"
     )
-    drawing = job._drawing(0.0)
+    drawing = make_tracer(job, 0.0)
     if job.scheme.controlled:
         drawing.source.allow(1e-3, 1e-3, 0.05)
     return drawing

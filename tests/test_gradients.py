@@ -10,6 +10,7 @@ from voluminous.backend import dr, get_backend
 from voluminous.backend.functions import split_log
 from voluminous.rendering.pixels import whole_picture
 from voluminous.rendering.prepare import prepare
+from voluminous.rendering.run import make_tracer
 
 AXIS = np.linspace(-1, 1, 5)
 GRIDS = {
@@ -27,12 +28,11 @@ def light(volume, factor, precision, scheme):
     """Return the light of all pixels, of a volume whose coefficients are multiplied by a factor."""
     job, _ = prepare(volume, MEDIUM, CAMERA, scheme=scheme, cutoff=0.0)
     job.backend = get_backend("cpu", precision, derivatives=True)
-    tracer = job._drawing(0.0)
+    tracer = make_tracer(job, 0.0)
     tracer.source.packets = [packet * factor for packet in tracer.source.packets]
     lanes = whole_picture(job.frame.pixels, job.backend)
-    found = tracer.found(lanes, [job.backend.wide(0.0)] * 2)
-    seen = [dr.select(lanes.there, n, 0.0) for n in found.path.emission]
-    return dr.sum(sum(seen))
+    path = tracer.march(tracer._ray(lanes)).path
+    return dr.sum(sum(dr.select(lanes.there, n, 0.0) for n in path.emission))
 
 
 @pytest.mark.parametrize("grid", GRIDS)

@@ -65,8 +65,8 @@ class Scan(RayTracer):
     def nothing(self) -> Path:
         return NOTHING
 
-    def _followed(self, ray: Ray) -> MarchState:
-        state = super()._followed(ray)
+    def march(self, ray: Ray) -> MarchState:
+        state = super().march(ray)
         return replace(state, path=Path(state.carried[: self.counts[0]], [], []))
 
 
@@ -91,7 +91,8 @@ def scan(volume: Volume, medium: Medium, camera: Camera, scheme: Scheme, **optio
     """Follow the rays through the pixels' centres."""
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels
-    paths, numbers = job.drawn(Scan)
+    source = job.source()
+    paths, numbers = Scan(job, source, 0.0).frame(), source.numbers
     values = np.stack(paths.emission).astype(np.float64).reshape(-1, ny, nx)
     return Scanned(values, numbers.unit / volume.grid.scale, volume.grid.scale)
 

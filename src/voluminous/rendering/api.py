@@ -17,13 +17,14 @@ from ..packages import room
 from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
-from .empty_picture import warn_if_empty
+from .empty_picture import warn_of_nothing
 from .framing import first_camera, first_medium, framed
-from .job import RenderJob, RenderResult
+from .job import RenderJob
 from .layers import with_channels
 from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .prepare import prepare
+from .run import RenderResult, run
 from .sky import image_wcs
 from .sources.channel_layout import before
 
@@ -128,7 +129,13 @@ def render(
     MemoryNeededError
         If it does not fit into memory; raised before any is allocated.
     """
-    medium, camera = _chosen(volume, medium, camera, view)
+    if camera is not None and view is not None:
+        raise InputError(f"give a camera or view={view!r}, not both")
+    fitted = view is not None
+    if medium is None and isinstance(volume, Volume):
+        medium, fitted = first_medium(volume), True
+    if camera is None:
+        camera = framed(volume, medium, view=view) if fitted else first_camera(volume)
     things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,
@@ -145,48 +152,30 @@ def render(
         progress=progress,
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
-    budget = room("bounds.guaranteed").check_bounds(bounds, max_panels, job)
+    guaranteed = room("bounds.guaranteed")
+    budget = guaranteed.check_bounds(bounds, max_panels, job)
     start = time.monotonic()
-    planes = job.run(float(np.max(np.abs(behind))))
+    planes = run(job, float(np.max(np.abs(behind))))
     if not planes.finite:
         refuse_unusable(job.backend.precision)
-    warn_if_empty(job, planes, others=bool(things))
-    told: dict[str, Any] = {"samples": samples if antialias is None else antialias, "order": order}
+    if planes.nothing and not things:
+        warn_of_nothing(job)
+    rays = samples if antialias is None else antialias
+    provenance: dict[str, Any] = {"samples": rays, "order": order}
     if things:
         channels = channel_count(things, job)
         behind = wide_background(behind, job.medium.channels, channels)
         planes = with_objects(planes, job, things, behind, channels)
-        told["objects"] = [one.describe(MANY) for one in things]
+        provenance["objects"] = [one.describe(MANY) for one in things]
     if missing:
-        told["missing"] = missing
-    image = _image(job, planes, behind, budget, told)
-    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
-    fine = job.scheme.controlled and job.tolerance < FINEST_SINGLE
-    name_slow_choices(time.monotonic() - start, tolerance=fine, **slow)
-    return image
-
-
-def _chosen(volume: Any, medium: Any, camera: Any, view: str | None) -> tuple[Any, Any]:
-    if camera is not None and view is not None:
-        raise InputError(f"give a camera or view={view!r}, not both")
-    first = medium is None and isinstance(volume, Volume)
-    if first:
-        medium = first_medium(volume)
-    if camera is None:
-        around = first or view is not None
-        camera = framed(volume, medium, view=view) if around else first_camera(volume)
-    return medium, camera
-
-
-def _image(
-    job: RenderJob, planes: RenderResult, behind: np.ndarray, budget: int, told: dict[str, Any]
-) -> Image:
+        provenance["missing"] = missing
     intensity = planes.emission
     if np.any(behind):
         intensity = before(behind, intensity, planes.transparency)
-    lower, upper = room("bounds.guaranteed").bracket(job, budget, intensity, behind)
+    lower, upper = guaranteed.bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
-    return Image(
+    volume, context = job.volume, RangeContext(job.volume.unit, job.volume.expression_unit)
+    image = Image(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
@@ -195,19 +184,17 @@ def _image(
         upper=upper,
         x=x,
         y=y,
-        intensity_unit=_intensity_unit(job),
+        intensity_unit=unit_name(job.medium.intensity_unit(context)),
         pixel_size=job.frame.pixel,
-        unit=job.camera.plane_unit or unit_name(job.volume.unit),
-        wcs=image_wcs(job.volume, job.camera, job.frame),
+        unit=job.camera.plane_unit or unit_name(volume.unit),
+        wcs=image_wcs(volume, job.camera, job.frame),
         camera=job.camera.describe(),
-        provenance={**job.provenance(), **told},
+        provenance={**job.provenance(), **provenance},
     )
-
-
-def _intensity_unit(job: RenderJob) -> str:
-    volume = job.volume
-    context = RangeContext(volume.unit, volume.expression_unit)
-    return unit_name(job.medium.intensity_unit(context))
+    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
+    fine = job.scheme.controlled and job.tolerance < FINEST_SINGLE
+    name_slow_choices(time.monotonic() - start, tolerance=fine, **slow)
+    return image
 
 
 def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:
@@ -216,6 +203,6 @@ def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray
 
     def compute() -> np.ndarray:
         job.cutoff, job.progress = 0.0, silent
-        return with_channels(job.run(0.0).depth, channels, 0.0)
+        return with_channels(run(job, 0.0).depth, channels, 0.0)
 
     return compute

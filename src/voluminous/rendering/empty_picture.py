@@ -8,7 +8,7 @@ import numpy as np
 
 from ..media.ranges import RangeContext
 from ..units import unit_name
-from .job import RenderJob, RenderResult
+from .job import RenderJob
 
 # Coefficients below this fraction of their peak do not count.
 _TAIL = 1e-3
@@ -18,10 +18,8 @@ _NOT_MET = (
 )
 
 
-def warn_if_empty(job: RenderJob, result: RenderResult, *, others: bool) -> None:
-    """Warn if no pixel shows the medium, unless the picture has objects (`others`)."""
-    if others or not result.nothing:
-        return
+def warn_of_nothing(job: RenderJob) -> None:
+    """Warn that no pixel shows the medium."""
     volume, medium, statistics = job.volume, job.medium, job.cache.statistics
     context = RangeContext(volume.unit, volume.expression_unit, _TAIL)
     with np.errstate(all="ignore"):

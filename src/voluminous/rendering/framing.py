@@ -15,6 +15,7 @@ from ..media.contract import Medium
 from ..volume import Volume
 from .cache import Cache
 from .prepare import prepare
+from .run import run
 
 if TYPE_CHECKING:
     from ..cameras.contract import Frame
@@ -46,7 +47,7 @@ def framed(
     scheme = None if "dual" in volume.grid.walk_kinds else "first-order"
     coarse = camera.replace(resolution=_COARSE)
     job, _ = prepare(volume, medium, coarse, scheme=scheme, tolerance=None)
-    light = job.run(0.0).emission.sum(axis=-1, dtype=np.float64)
+    light = run(job, 0.0).emission.sum(axis=-1, dtype=np.float64)
     if not light.max() > 0.0:
         return camera
     limits = _limits(light, job.frame)

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Generator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .sources.channel_layout import fits_single
-from .tracer import MARGIN, Traced
-
-if TYPE_CHECKING:
-    from .tracer import Paths, RayTracer
-
+from .tracer import MARGIN, Batches, Paths, RayTracer
 
 # Error allowed in one segment, as a fraction of a pixel's; smaller in every round.
 _SHARES = (0.05, 0.01, 0.002)
@@ -38,7 +33,7 @@ def render_to_tolerance(
     background: float,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
-) -> Generator[Traced, None, tuple[Paths, bool]]:
+) -> Batches[tuple[Paths, bool]]:
     """Trace all pixels, then those again whose errors exceed the tolerance; yield each batch.
 
     Returns the paths, and False if the medium's faint places, which were skipped, may be visible.
@@ -47,7 +42,7 @@ def render_to_tolerance(
     source = tracer.source
     behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
-    scale = estimate_scale(tracer, behind)
+    scale = _estimate_scale(tracer, behind)
     if scale > 0.0:
         source.allow(tolerance * scale, tolerance, first)
     else:
@@ -55,45 +50,38 @@ def render_to_tolerance(
     paths = yield from tracer.batches(seconds, focus)
     for share in shares:
         scale = _brightness(tracer, paths, behind).max()
-        mended = mend(tracer, paths, tolerance, scale, behind, share)
-        if mended is None:
+        wrong, dim, _ = paths.error
+        floor, dim_floor = _floor(tracer, paths)
+        # Rounding counts up to half of the tolerance: where it alone exceeds it more panels do not
+        # help.
+        rounding = np.minimum(floor + dim_floor * behind, 0.5 * tolerance * scale)
+        exceeds = wrong + dim * behind + rounding > tolerance * scale
+        pixel = np.flatnonzero(exceeds | (dim > tolerance))
+        if not len(pixel):
             break
-        yield Traced(mended, paths)
+        source.allow(tolerance * scale, tolerance, share)
+        paths.put(pixel, tracer.pixels(pixel))
+        yield tracer, pixel, paths
     source.allow(tolerance * scale, tolerance, first)  # for rays still to come
     return paths, source.neglected <= tolerance * scale
 
 
-def mend(
-    tracer: RayTracer, paths: Paths, tolerance: float, scale: Any, behind: Any, share: float
-) -> np.ndarray | None:
-    """Trace pixels with too large an error again, each segment with a share of the tolerance.
-
-    Returns their flat indices; None if there are none.
-    """
-    wrong = _too_wrong(tracer, paths, tolerance, scale, behind)
-    if not len(wrong):
-        return None
-    tracer.source.allow(tolerance * scale, tolerance, share)
-    paths.put(wrong, tracer.pixels(wrong))
-    return wrong
-
-
 def in_kernel_unit(background: float, unit: float) -> Any:
     """Return a background in the kernel's unit, in double precision if its products need it."""
-    found = background / unit
-    return found if fits_single(found) else np.float64(found)
+    value = background / unit
+    return value if fits_single(value) else np.float64(value)
 
 
-def _brightness(tracer: RayTracer, paths: Paths, behind: Any) -> Any:
+def _brightness(tracer: RayTracer, paths: Paths, behind: Any) -> np.ndarray:
     """Return the brightness of pixels in their brightest channels, in the kernel's unit."""
-    seen = tracer.source.numbers.brightest_channel(paths.emission)
+    brightest = tracer.source.numbers.brightest_channel(paths.emission)
     through = functools.reduce(np.maximum, paths.transparency)
+    total: np.ndarray = brightest + through * behind
     # A picture without net emission is compared with the sum of magnitudes along the ray.
-    bright = seen + through * behind
-    return bright if np.any(bright) else paths.error[2]
+    return total if np.any(total) else paths.error[2]
 
 
-def estimate_scale(tracer: RayTracer, behind: Any) -> float:
+def _estimate_scale(tracer: RayTracer, behind: Any) -> float:
     """Return the maximum brightness of a sample of pixels at any error; 0 for a small picture."""
     tracer.source.allow(np.inf, np.inf, 1.0)
     nx, ny = tracer.job.frame.pixels
@@ -101,34 +89,17 @@ def estimate_scale(tracer: RayTracer, behind: Any) -> float:
         return 0.0
     step = nx * ny // _SAMPLES | 1  # odd: not in few columns
     pixel = np.arange(step // 2, nx * ny, step)
-    found = _brightness(tracer, tracer.pixels(pixel), behind)
-    brightest = float(np.max(found))
-    if brightest <= _PEAK * float(np.quantile(found, 0.99)):
+    values = _brightness(tracer, tracer.pixels(pixel), behind)
+    brightest = float(np.max(values))
+    if brightest <= _PEAK * float(np.quantile(values, 0.99)):
         return brightest
-    around = tracer.pixels(_around(pixel[np.argmax(found)], step, nx, ny))
-    return max(brightest, float(_brightness(tracer, around, behind).max()))
-
-
-def _around(pixel: int, step: int, nx: int, ny: int) -> np.ndarray:
-    reach = math.isqrt(step) + 1
+    reach, peak = math.isqrt(step) + 1, int(pixel[np.argmax(values)])
     x, y = (
         np.arange(max(place - reach, 0), min(place + reach + 1, count))
-        for place, count in ((pixel % nx, nx), (pixel // nx, ny))
+        for place, count in ((peak % nx, nx), (peak // nx, ny))
     )
-    return np.asarray((y[:, None] * nx + x).reshape(-1))
-
-
-def _too_wrong(
-    tracer: RayTracer, paths: Paths, tolerance: float, scale: Any, behind: Any
-) -> np.ndarray:
-    """Return which pixels exceed the tolerance, rounding included.
-
-    Rounding counts up to half of the tolerance: where it alone exceeds it more panels do not help.
-    """
-    wrong, dim, _ = paths.error
-    floor, dim_floor = _floor(tracer, paths)
-    total = wrong + dim * behind + np.minimum(floor + dim_floor * behind, 0.5 * tolerance * scale)
-    return np.flatnonzero((total > tolerance * scale) | (dim > tolerance))
+    around = tracer.pixels((y[:, None] * nx + x).reshape(-1))
+    return max(brightest, float(_brightness(tracer, around, behind).max()))
 
 
 def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
@@ -141,17 +112,13 @@ def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
 
 def _floor(tracer: RayTracer, paths: Paths) -> tuple[np.ndarray, float]:
     """Return the errors of emission and transparency besides those of segments."""
-    brightness = paths.error[2]
-    lost = _UNDERFLOW * float(np.max(brightness, initial=0.0)) + _flushed(tracer)
-    floor = fixed_relative_error(tracer) * brightness + (tracer.source.neglected + lost)
+    source, brightness = tracer.source, paths.error[2]
+    # Sums that were clamped to zero, given that colours are near one.
+    clamped = 2.0 * (source.numbers.emissions + 1) * MARGIN * tracer.backend.tiny
+    lost = _UNDERFLOW * float(np.max(brightness, initial=0.0)) + clamped
+    floor = fixed_relative_error(tracer) * brightness + (source.neglected + lost)
     # For rays that stop early, the transparency states how much of the background is missing.
-    return floor, _ROUNDING[tracer.backend.precision] + tracer.source.neglected_depth
-
-
-def _flushed(tracer: RayTracer) -> float:
-    """Return a bound of sums that were clamped to zero, given that colours are near one."""
-    sums = tracer.source.numbers.emissions + 1
-    return 2.0 * sums * MARGIN * float(np.finfo(tracer.backend.dtype).tiny)
+    return floor, _ROUNDING[tracer.backend.precision] + source.neglected_depth
 
 
 def fixed_relative_error(tracer: RayTracer) -> float:
@@ -159,11 +126,4 @@ def fixed_relative_error(tracer: RayTracer) -> float:
     lost = _ROUNDING[tracer.backend.precision]
     if tracer.ending is not None:
         lost += tracer.job.early_error
-    if tracer.job.scheme.controlled:
-        lost += tracer.source.lost
-    return lost
-
-
-def total_error(paths: Paths, background: float) -> Any:
-    """Return the error of intensities in front of a background."""
-    return paths.error[0] + paths.error[1] * background
+    return lost + tracer.source.lost if tracer.job.scheme.controlled else lost

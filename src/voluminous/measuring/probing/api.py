@@ -9,7 +9,7 @@ import numpy as np
 from ...progress import Progress, with_progress
 from ...rendering import prepare
 from ...rendering.options import background_array
-from .follow import PixelPlace, ProbeJob, assembled, follow, wanted
+from .follow import PixelPlace, assembled, follow, wanted
 from .result import Probe
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def probe(
     InputError, UnknownNameError, UnitsError
         For a pixel, point, field … that does not exist, and what cannot be rendered.
     """
-    told, _ = prepare(
+    job, _ = prepare(
         volume,
         medium,
         camera,
@@ -83,10 +83,10 @@ def probe(
         cutoff=cutoff,
         progress=progress,
     )
-    place = PixelPlace.of(pixel, at, told.frame, camera.plane_unit or volume.unit)
+    place = PixelPlace.of(pixel, at, job.frame, camera.plane_unit or volume.unit)
     ix, iy = place.pixel
-    flat = iy * told.frame.pixels[0] + ix
-    job, seen = ProbeJob(**vars(told), watched=flat), volume.seen_by(camera)
+    flat = iy * job.frame.pixels[0] + ix
+    seen = volume.seen_by(camera)
     more = wanted(seen, also)
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     names = job.medium.names if job.scheme.coefficients_at == "field" else ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import numbers
-from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +15,9 @@ from ...expressions import Expression, NumpyOps
 from ...grids.two_walks import cell_of
 from ...media.ranges import RangeContext
 from ...rendering.job import RenderJob
+from ...rendering.run import run
 from ...rendering.sources.channel_layout import before
-from ...rendering.tracer import Paths, RayTracer, Traced
+from ...rendering.tracer import Batches, Paths, RayTracer
 from ...schemes.base import Position, Scheme, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
@@ -162,12 +162,12 @@ _ROOM = 2
 class Watched(RayTracer):
     """Ray tracer that remembers the tolerance with which one pixel was drawn last."""
 
-    watched = -1
+    watched: int
     allowed: Any = ()
 
     def batches(
         self, seconds: float | None = None, focus: tuple[float, float] | None = None
-    ) -> Generator[Traced, None, Paths]:
+    ) -> Batches[Paths]:
         self.allowed = self.source.tolerance
         return super().batches(seconds, focus)
 
@@ -177,28 +177,23 @@ class Watched(RayTracer):
         return super().pixels(pixel)
 
 
-@dataclass
-class ProbeJob(RenderJob):
-    """A render job with one watched pixel."""
+def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
+    """Return the source with which a pixel is finally drawn.
 
-    watched: int = 0
+    With error control, the tolerance depends on the whole picture, so the picture is drawn.
+    """
+    if not job.scheme.controlled:
+        return _everywhere(job.source())
 
-    def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Watched:
-        tracer = Watched(self, self._source(faintest), brightest_background)
-        tracer.watched = self.watched
+    def watched(*scene: Any) -> Watched:
+        tracer = Watched(*scene)
+        tracer.watched = pixel
         return tracer
 
-    def source(self, brightest_background: float) -> Any:
-        """Return the source with which this pixel is finally drawn.
-
-        With error control, the tolerance depends on the whole picture, so the picture is drawn.
-        """
-        if not self.scheme.controlled:
-            return _everywhere(self._source())
-        tracer: Any = self.run(brightest_background).tracer
-        source = _everywhere(tracer.source)
-        source.tolerance = tracer.allowed
-        return source
+    tracer: Any = run(job, brightest_background, watched).tracer
+    source = _everywhere(tracer.source)
+    source.tolerance = tracer.allowed
+    return source
 
 
 def _everywhere(source: Any) -> Any:
@@ -239,7 +234,7 @@ class _Recording(RayTracer):
         scheme, tape = self.scheme, Tape(self.backend, capacity)
         self.scheme = SegmentRecorder(scheme, tape, names)
         ray = self.ray_through(*(np.array([part]) for part in place))
-        state = self._followed(ray)
+        state = self.march(ray)
         dr.eval(state, tape.columns)
         self.scheme = scheme
         count = int(state.carried[0][0])
@@ -255,10 +250,10 @@ class _Recording(RayTracer):
 
 
 def follow(
-    job: ProbeJob, place: tuple[int, float, float], names: tuple[str, ...], brightest: float
+    job: RenderJob, place: tuple[int, float, float], names: tuple[str, ...], brightest: float
 ) -> Followed:
     """Follow one ray and return all its segments."""
-    tracer = _Recording(job, job.source(brightest), brightest)
+    tracer = _Recording(job, _source_of(job, place[0], brightest), brightest)
     room = _ROOM * int(job.volume.grid.cells_across) + 64
     return tracer.follow(place, names, room)
 
@@ -365,7 +360,7 @@ def units_of(volume: Volume, expressions: list[Expression]) -> dict[str, str]:
 
 
 def assembled(
-    job: ProbeJob,
+    job: RenderJob,
     volume: Volume,
     place: PixelPlace,
     found: Followed,
@@ -466,14 +461,14 @@ def _ending(found: Followed, background: np.ndarray) -> dict[str, np.ndarray]:
     return {"intensity": total, "transparency": through, "optical_depth": depth}
 
 
-def _cells(job: ProbeJob, position: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
+def _cells(job: RenderJob, position: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
     """Return the grid's own cells: schemes on interpolated fields walk between their centres."""
     if job.scheme.coefficients_at == "field" and job.hidden is None:
         return np.asarray(job.volume.grid.locate(position), dtype=np.int64)
     return rows["cell"][:, 0].astype(np.int64)
 
 
-def _hidden(job: ProbeJob, cell: np.ndarray) -> np.ndarray:
+def _hidden(job: RenderJob, cell: np.ndarray) -> np.ndarray:
     if job.hidden is None:
         return np.zeros(len(cell), bool)
     return np.asarray((job.hidden.words[cell >> 5] >> (cell & 31).astype(np.uint32)) & 1 == 1)
@@ -487,7 +482,7 @@ def _index(grid: Grid, cell: np.ndarray) -> np.ndarray | None:
 
 
 def _values(
-    job: ProbeJob,
+    job: RenderJob,
     volume: Volume,
     rows: dict[str, np.ndarray],
     cell: np.ndarray,

@@ -1,0 +1,173 @@
+"""Draws a `RenderJob`: the planes of an image, at once or batch by batch."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .antialias import refine
+from .flux_conserving import FluxConserving
+from .job import RenderJob
+from .sources.channel_layout import channels_last, in_units_of
+from .tolerance import add_rounding_error, in_kernel_unit, render_to_tolerance
+from .tracer import Batches, KernelCache, RayTracer, exhausted
+
+TracerType = Callable[[RenderJob, Any, float], RayTracer]
+
+
+@dataclass
+class RenderResult:
+    """The pixels' paths as NumPy arrays (ny, nx, channel or 1), and whether rays stopped early.
+
+    Attributes
+    ----------
+    error : array, shape (ny, nx), or None
+        Error of an intensity in its worst channel.
+    tracer : RayTracer
+        The tracer of the picture, for further rays.
+    """
+
+    emission: np.ndarray
+    transparency: np.ndarray
+    depth: np.ndarray
+    error: np.ndarray | None
+    stopped: bool
+    tracer: RayTracer
+
+    @functools.cached_property
+    def ends(self) -> tuple[float, float]:
+        """The smallest emission, which may be negative, and the largest; NaN if one is."""
+        return float(self.emission.min()), float(self.emission.max())
+
+    @functools.cached_property
+    def finite(self) -> bool:
+        """Whether all results are finite; testing only their extremes takes a fifth of the time."""
+        return bool(np.all(np.isfinite([*self.ends, self.depth.max(), self.depth.min()])))
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing emits or absorbs."""
+        through = self.transparency
+        return self.ends == (0.0, 0.0) and through.min() == 1.0 == through.max()
+
+
+def run(
+    job: RenderJob, brightest_background: float, tracer_type: TracerType | None = None
+) -> RenderResult:
+    """Draw all pixels."""
+    return exhausted(_run(job, brightest_background, tracer_type=tracer_type))
+
+
+def run_in_batches(
+    job: RenderJob, seconds: float = 0.04, focus: tuple[float, float] | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Draw in batches of a given duration; to cancel, stop iterating.
+
+    Parameters
+    ----------
+    job : RenderJob
+    seconds : float
+    focus : (float, float), optional
+        The pixel around which to begin, the middle of the picture by default.
+
+    Yields
+    ------
+    pixel : array of int, shape (n,)
+        Flat indices of the pixels that were traced; some may be traced again later.
+    intensity : array, shape (n, channel)
+    transparency : array, shape (n, channel or 1)
+    """
+    for tracer, pixel, paths in _run(job, 0.0, seconds, focus):
+        batch = paths.some(pixel)
+        intensity = tracer.source.numbers.mix(batch.emission)
+        yield pixel, intensity, np.stack(batch.transparency, axis=-1)
+
+
+def _run(
+    job: RenderJob,
+    background: float,
+    seconds: float | None = None,
+    focus: tuple[float, float] | None = None,
+    tracer_type: TracerType | None = None,
+) -> Batches[RenderResult]:
+    """Draw all pixels; in double precision where results of single precision are not finite.
+
+    In a quotient of two fields that vanish at the same place, rounding makes the denominator zero
+    first on one ray in some thousand.
+    """
+    result = yield from _draw(job, background, seconds, focus, tracer_type)
+    if not result.finite and job.backend.precision == "single" and job.backend.device != "metal":
+        job.take_double()
+        result = yield from _draw(job, background, seconds, focus, tracer_type)
+    return result
+
+
+def _draw(
+    job: RenderJob,
+    background: float,
+    seconds: float | None,
+    focus: tuple[float, float] | None,
+    tracer_type: TracerType | None,
+) -> Batches[RenderResult]:
+    tracer = make_tracer(job, background, tracer_type)
+    if job.scheme.controlled:
+        limits = job.tolerance, background, seconds, focus
+        paths, enough = yield from render_to_tolerance(tracer, *limits)
+        if not enough:  # everything visible is as faint as the skipped places
+            tracer = make_tracer(job, background, tracer_type, faintest=True)
+            paths, _ = yield from render_to_tolerance(tracer, *limits)
+    else:
+        paths = yield from tracer.batches(seconds, focus)
+    if job.adaptive:
+        refine(tracer, paths, job.tolerance)
+    if job.scheme.controlled:
+        add_rounding_error(tracer, paths)
+    (nx, ny), numbers = job.frame.pixels, tracer.source.numbers
+    emission, through, depth, error = (
+        [row.reshape(ny, nx) for row in rows]
+        for rows in (paths.emission, paths.transparency, paths.depth, paths.error)
+    )
+    wrong = None
+    if error:
+        behind = in_kernel_unit(background, numbers.unit)
+        wrong = in_units_of(numbers.unit, error[0] + error[1] * behind)
+    planes = numbers.mix(emission), channels_last(through), channels_last(depth), wrong
+    return RenderResult(*planes, paths.stopped, tracer)
+
+
+def make_tracer(
+    job: RenderJob,
+    background: float,
+    tracer_type: TracerType | None = None,
+    *,
+    faintest: bool = False,
+) -> RayTracer:
+    """Return the tracer of a job's pixels."""
+    kind = tracer_type or (FluxConserving if job.recursive else RayTracer)
+    tracer = kind(job, job.source(faintest), background)
+    if tracer_type is None:
+        tracer.kernels = _kernels(job, tracer, faintest)
+    return tracer
+
+
+def _kernels(job: RenderJob, tracer: RayTracer, faintest: bool) -> KernelCache | None:
+    """Return the cache of traced batches: the volume's, if all its dependencies have keys."""
+    if job.backend.device != "cpu" or job.backend.derivatives:
+        return None
+    parts = job.medium.key(), job.camera.key(), job.scheme.key()
+    statistics, names = job.cache.statistics, job.medium.names
+    if None in parts or not statistics.is_hashed(names):
+        return KernelCache()
+    source, ending = tracer.source, tracer.ending
+    key = (
+        "kernels",
+        *parts,
+        statistics.digests(names),
+        (job.backend, job.backward, job.tolerance, faintest, job.hidden is None),
+        (type(source), type(tracer.walk), None if ending is None else len(ending.weights)),
+    )
+    return job.cache.get_or_make(key, KernelCache)
