@@ -1,6 +1,7 @@
 """The command line: what it writes, what it says, and how it fails."""
 
 import contextlib
+import io
 import re
 import subprocess
 import sys
@@ -12,7 +13,6 @@ import pytest
 import voluminous as vm
 from voluminous import progress
 from voluminous.cli import COMMANDS, doctor, main
-from voluminous.cli.statistics import histogram, numbers, statistics
 from voluminous.progress import progress_bar
 
 SCENE = """
@@ -48,31 +48,22 @@ def run(*arguments):
 
 
 def process(*arguments, cwd):
-    """Run the command as a user does: in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "voluminous", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        cwd=cwd,
-        check=False,
-    )
+    """Run Python as a user does: in a process of its own."""
+    options = {"capture_output": True, "text": True, "encoding": "utf-8", "check": False}
+    return subprocess.run([sys.executable, *arguments], cwd=cwd, **options)
 
 
 # The command as a process
 
 
 def test_the_process_renders_and_fails_as_it_should(scene, tmp_path):
-    done = process("render", "scene.toml", cwd=tmp_path)
+    done = process("-m", "voluminous", "render", "scene.toml", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")  # no progress bar in a pipe
     assert done.stdout.startswith("scene.png: 6 x 6 pixels, 2 channels, post-classified, single")
     assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
-    failed = process("render", "scene.tomm", cwd=tmp_path)
+    failed = process("-m", "voluminous", "render", "scene.tomm", cwd=tmp_path)
     assert (failed.returncode, failed.stdout) == (2, "")
-    assert (
-        failed.stderr
-        == "voluminous: error: there is no file scene.tomm; did you mean scene.toml?\n"
-    )
+    assert failed.stderr.endswith(": there is no file scene.tomm; did you mean scene.toml?\n")
 
 
 def test_help_and_version_import_nothing_heavy(tmp_path):
@@ -85,9 +76,7 @@ def test_help_and_version_import_nothing_heavy(tmp_path):
         "heavy = {'drjit', 'astropy', 'matplotlib', 'h5py', 'numpy', 'PIL', 'tqdm'}\n"
         "sys.exit(', '.join(heavy & set(sys.modules)) or 0)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=False
-    )
+    done = process("-c", script, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert f"voluminous {vm.__version__}" in done.stdout
     assert all(name in done.stdout for name in COMMANDS)
@@ -102,9 +91,7 @@ def test_a_reader_that_goes_away_is_no_error(scene, tmp_path):
         "os.dup2(start, 1); os.close(start); os.close(end)\n"
         "sys.exit(main(['info', 'scene.toml']))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=False
-    )
+    done = process("-c", script, cwd=tmp_path)
     assert "Traceback" not in done.stderr
     assert "Exception" not in done.stderr
 
@@ -112,23 +99,18 @@ def test_a_reader_that_goes_away_is_no_error(scene, tmp_path):
 # render
 
 
-def test_render_writes_all_outputs(scene, tmp_path):
-    assert run("render", scene, "-o", "a.png", "-o", "a.npz", "-q") == 0
-    image = vm.Image.load("a.npz")
-    np.testing.assert_array_equal(image.intensity, vm.Scene.load(scene).render().intensity)
-    # Eight bits: half a step is 1/510.
-    np.testing.assert_allclose(
-        vm.Image.load("a.png").intensity, image.to_rgb(exposure=1), atol=2e-3
-    )
-
-
-def test_options_and_set_change_the_scene(scene, capsys):
+def test_options_and_outputs(scene, capsys):
     options = ["--scheme", "first-order", "--precision", "double", "--set", "camera.incl=40"]
-    assert run("render", scene, *options, "--set", "medium.1.extinction=0 * inside") == 0
+    change = ["--set", "medium.1.extinction=0 * inside"]
+    assert run("render", scene, *options, *change, "-o", "a.png", "-o", "a.npz") == 0
     assert "first-order, double precision" in capsys.readouterr().out
-    image = vm.Image.load("scene.png")
+    image, picture = vm.Image.load("a.npz"), vm.Image.load("a.png")
     assert image.camera["incl"] == 40
-    assert vm.Scene.load("scene.png").to_dict()["medium"][0]["extinction"] == "0 * inside"
+    # Eight bits: half a step is 1/510.
+    np.testing.assert_allclose(picture.intensity, image.to_rgb(exposure=1), atol=2e-3)
+    again = vm.Scene.load("a.png")
+    assert again.to_dict()["medium"][0]["extinction"] == "0 * inside"
+    np.testing.assert_array_equal(image.intensity, again.render().intensity)
 
 
 def test_an_image_is_a_scene(scene, tmp_path):
@@ -203,51 +185,37 @@ def test_ctrl_c_leaves_no_half_written_file(scene, tmp_path, capsys, monkeypatch
 # progress
 
 
-class Terminal:
-    """An error stream that is a terminal."""
+class Terminal(io.StringIO):
+    """An error stream that is a terminal, or not."""
 
-    encoding = "utf-8"
-
-    def __init__(self):
-        self.text = ""
+    is_terminal = False
 
     def isatty(self):
-        return True
-
-    def write(self, text):
-        self.text += text
-
-    def flush(self):
-        pass
+        return self.is_terminal
 
 
 def test_a_bar_on_a_terminal_only(monkeypatch):
-    terminal = Terminal()
-    terminal.isatty = lambda: False
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(progress, "_DELAY", 0.0)
     monkeypatch.setenv("COLUMNS", "80")
 
-    def shown(wanted):
-        terminal.text = ""
+    def shown(wanted, is_terminal, delay):
+        terminal = Terminal()
+        terminal.is_terminal = is_terminal
+        monkeypatch.setattr(sys, "stderr", terminal)
+        monkeypatch.setattr(progress, "_DELAY", delay)
         with progress_bar(wanted, "core") as report:
-            report(0, 1)
-            report(50, 200)
-            report(20, 100)
-            report(100, 100)
-        return "core" in terminal.text
+            for done, total in ((0, 1), (50, 200), (20, 100), (100, 100)):
+                report(done, total)
+        return "core" in terminal.getvalue()
 
-    assert (shown(None), shown(True), shown(False)) == (False, True, False)
-    terminal.isatty = lambda: True
-    assert (shown(None), shown(True), shown(False)) == (True, True, False)
-    monkeypatch.setattr(progress, "_DELAY", 60.0)
-    assert (shown(None), shown(True), shown(False)) == (False, True, False)
+    assert [shown(w, False, 0.0) for w in (None, True, False)] == [False, True, False]
+    assert [shown(w, True, 0.0) for w in (None, True, False)] == [True, True, False]
+    assert [shown(w, True, 60.0) for w in (None, True, False)] == [False, True, False]
 
 
 # demo
 
 
-def test_demo_draws_three_panels_and_says_so(tmp_path, monkeypatch, capsys):
+def test_demo_draws_three_panels_and_what_it_tells_to_type_works(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run("demo", "--resolution", "40", "--cells", "20") == 0
     out = capsys.readouterr().out
@@ -256,11 +224,10 @@ def test_demo_draws_three_panels_and_says_so(tmp_path, monkeypatch, capsys):
     assert all(name in out for name in names)
     assert out.count("40 x 40 pixels, 3 channels, first-order, single precision") == 1
     assert out.count("40 x 40 pixels, 3 channels, second-order, single precision") == 2
-    assert "s in all" in out
-    first, second, third = (vm.Image.load(name).intensity for name in names[:3])
-    assert first.shape == (40, 40, 3)
-    assert not np.array_equal(first, second)
-    assert not np.array_equal(first, third)
+    command = out.strip().splitlines()[-1].split()
+    assert command[0] == "voluminous"
+    assert main(command[1:]) == 0
+    assert vm.Image.load("oblique.png").camera["incl"] == 60
 
 
 def test_demo_in_python_gives_the_panels(tmp_path):
@@ -268,38 +235,12 @@ def test_demo_in_python_gives_the_panels(tmp_path):
     assert [i.provenance["scheme"] for i in images] == ["first-order", *["second-order"] * 2]
     _, second, third = (i.intensity[10, 10] for i in images)
     assert third[0] < second[0]  # what is inside absorbs
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        *(f"figure-{k}.png" for k in (1, 2, 3)),
-        "figure.png",
-    ]
     # One exposure: the note's panels can be compared.
     again = vm.Image.load(tmp_path / "figure-3.png").intensity
     shown = images[2].to_rgb(exposure=images[0].exposure)
     np.testing.assert_allclose(again, shown, atol=0.5 / 255 + 1e-6)
     with pytest.raises(vm.InputError, match="is a PNG"):
         vm.demo(tmp_path / "figure.pdf")
-
-
-def test_what_demo_tells_to_type_works(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    run("demo", "--resolution", "10", "--cells", "10", "--scheme", "first-order")
-    command = capsys.readouterr().out.strip().splitlines()[-1].split()
-    assert command[0] == "voluminous"
-    assert main(command[1:]) == 0
-    assert vm.Image.load("oblique.png").camera["incl"] == 60
-
-
-def test_a_scheme_is_looked_up_before_a_file_is_read(tmp_path, capsys):
-    damaged = tmp_path / "damaged.npy"
-    np.save(damaged, np.zeros((8, 8, 8)))
-    damaged.write_bytes(damaged.read_bytes()[:1000])
-    for option, wrong, right in (
-        ("--scheme", "first-odrer", "first-order"),
-        ("--precision", "duoble", "double"),
-        ("--device", "cdua", "cuda"),
-    ):
-        assert run("render", damaged, option, wrong) == 2
-        assert f"unknown {option[2:]} '{wrong}'; did you mean '{right}'" in capsys.readouterr().err
 
 
 # info
@@ -356,16 +297,6 @@ def test_info_of_an_image(scene, capsys, name):
     assert "an image of 6 x 6 pixels" in out
     assert "camera: type orthographic" in out
     assert f"voluminous render {name}" in out
-
-
-def test_statistics():
-    array = np.array([[1.0, 10.0], [np.nan, 100.0], [-np.inf, 10.0]])
-    found = statistics(array)
-    assert (found.least, found.greatest, found.nan, found.infinite) == (1, 100, 1, 1)
-    assert numbers(found) == "1 … 100, mean 30.25, 1 NaN, 1 infinite"
-    bars = histogram(array, found, logarithmic=True)
-    assert [bars[1], bars[-2], bars.count("█")] == ["▄", "▄", 1]
-    assert numbers(statistics(np.full(3, np.nan))) == "no finite value, 3 NaN"
 
 
 # doctor

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import h5py
@@ -47,17 +45,6 @@ def run(*arguments):
     return main([str(argument) for argument in arguments])
 
 
-def process(script):
-    """Run a script in a Python of its own."""
-    return subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=False,
-    )
-
-
 def told(capsys, *arguments):
     """Return what a command says; it must succeed."""
     assert run(*arguments) == 0
@@ -78,14 +65,11 @@ def refused(capsys, *arguments):
 @pytest.mark.parametrize(
     ("names", "first"),
     [
-        (("pressure", "density"), "density"),
         (("dust_density", "rho"), "rho"),
         (("temperature", "dust_density"), "dust_density"),
         (("velocity_x", "pressure", "temperature"), "pressure"),
         (("ra", "velocity", "flux"), "flux"),
-        (("x_", "velocity_x"), "velocity_x"),
         (("level", "index"), "level"),
-        (("Density", "n"), "Density"),
     ],
 )
 def test_the_first_field(names, first):
@@ -140,18 +124,6 @@ def test_render_takes_options_of_the_format_and_of_the_scene(capsys):
     # The picture is a scene with all that, wherever it is rendered again.
     assert run("render", "cube.png", "-o", "again.png", "-q") == 0
     assert Path("again.png").read_bytes()[:4] == b"\x89PNG"
-
-
-def test_labels_are_shown_cell_by_cell(capsys):
-    labels = np.zeros((6, 6, 6), np.uint8)
-    labels[1:3, 1:5, 1:5], labels[3:5, 2:4, 2:4] = 1, 4
-    labels[1, 1, 1], labels[1, 1, 2] = 2, 3
-    np.save("organs.npy", labels)
-    out = told(capsys, "render", "organs.npy", "--set", "camera.resolution=8")
-    assert out.startswith("organs: 4 labels, cell by cell: 1, 2, 3, 4, seen from")
-    assert "first-order" in out
-    out = told(capsys, "render", "organs.npy", *FAST[:2], "--scheme", "second-order")
-    assert "second-order" in out
 
 
 def test_fields_that_do_not_fit_together(capsys):
@@ -247,14 +219,6 @@ def test_info_tells_all_there_is(snapshot, capsys):
     assert out.count("|  l") == 4
 
 
-def test_info_tells_that_cells_under_finer_ones_are_left_out(capsys):
-    grid = vm.PatchGrid([[0, 0, 0]] * 2, [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
-    vm.Volume(grid, a=[np.zeros((4, 4, 4)), np.ones((2, 2, 2))]).save("patches.h5")
-    out = told(capsys, "info", "patches.h5")
-    assert "\ngrid: patches, 71 cells" in out
-    assert "\n  1 more cells, under finer ones, are left out" in out
-
-
 def test_what_info_says_to_type_works(snapshot, capsys):
     np.savez("b.npz", rho=snapshot.array("rho"), y=np.ones((2, 2)))
     options = ["--set", "bounds=[[0, 1], [0, 2], [0, 3]]", "--set", "unit=pc"]
@@ -291,43 +255,39 @@ def test_info_shows_the_scene_that_would_be_drawn(snapshot, capsys):
     assert max(len(number.replace(".", "").lstrip("0")) for number in numbers) <= 5
 
 
-def test_info_of_some_fields(snapshot, capsys):
-    out = told(capsys, "info", "snapshot.h5", "--fields", "rho,temperature", "--no-histogram")
-    assert "|" not in out
-    assert "\nrho: " in out
-    assert "velocity_x:" not in out
-    assert "\nmore fields (--fields): velocity_x, level\n" in out
-    out = told(capsys, "info", "snapshot.h5", "--fields", "n=rho")
-    assert "\nn: float32, 4 x 5 x 6, g / cm3\n" in out
-    assert "did you mean 'rho'" in refused(capsys, "info", "snapshot.h5", "--fields", "roh")
-
-
-def test_info_tells_of_a_field_that_is_damaged(snapshot, capsys):
+def test_info_of_some_fields_of_which_one_is_damaged(snapshot, capsys):
     snapshot.save("snapshot.h5", compress=True)
     with h5py.File("snapshot.h5", "r+") as file:
         file["fields/temperature"].id.write_direct_chunk((0, 0, 0), b"no gzip at all")
-    out = told(capsys, "info", "snapshot.h5")
+    out = told(capsys, "info", "snapshot.h5", "--fields", "n=rho,temperature", "--no-histogram")
     assert "temperature: float64, 4 x 5 x 6, K\n  cannot be read: snapshot.h5" in out
-    assert "\nrho: float32" in out
+    assert "\nn: float32, 4 x 5 x 6, g / cm3\n" in out
+    assert "|" not in out
+    assert "\nmore fields (--fields): rho, velocity_x, level\n" in out
+    assert "did you mean 'rho'" in refused(capsys, "info", "snapshot.h5", "--fields", "roh")
 
 
-@pytest.mark.parametrize("dtype", ["f4", "f8", "i2", "u1", "?"])
+@pytest.mark.parametrize("dtype", ["f4", "u1", "?"])
 def test_statistics_in_pieces_are_those_of_the_whole(monkeypatch, dtype):
     monkeypatch.setattr(stats, "_PIECE", 7)
     values = (np.random.default_rng(1).random((5, 4, 3)) * 9).astype(dtype)
-    if values.dtype.kind == "f":
+    if dtype == "f4":
         values[1, 2, 0] = values[2, 0, 0] = np.nan
         values[3, 0, 1] = -np.inf
     good = values[np.isfinite(values)]
     found = stats.statistics(values)
-    assert (found.size, found.finite, found.nan) == (60, good.size, int(np.isnan(values).sum()))
+    assert (found.size, found.finite) == (60, good.size)
     assert (found.least, found.greatest) == (good.min(), good.max())
     assert found.positive == good[good > 0].min()
     # Sums of 60 numbers, in another order.
     assert found.total == pytest.approx(good.sum(dtype=float), rel=1e-14)
-    if values.dtype.kind == "f":
+    if dtype == "f4":
         text = stats.numbers(found, values.shape)
         assert "2 NaN (first at [1, 2, 0]), 1 infinite (first at [3, 0, 1])" in text
+        array = np.array([1.0, 10.0, 100.0, 10.0])
+        _, bars, scale = stats.histogram(array, stats.statistics(array)).split("|")
+        assert [bars[0], bars[-1], bars.count("█"), scale] == ["▄", "▄", 1, "  logarithmic"]
+    assert stats.numbers(stats.statistics(np.full(3, np.nan))) == "no finite value, 3 NaN"
 
 
 # convert
@@ -475,63 +435,13 @@ def test_formats_are_listed(capsys):
     assert "did you mean 'npz'" in refused(capsys, "formats", "npzz")
 
 
-# Scenes
-
-
-def test_scenes_give_options_to_readers(snapshot):
-    values = np.arange(24, dtype="<i2").reshape(2, 3, 4)
-    Path("data").mkdir()
-    values.transpose().tofile("data/cube.raw")
-    Path("scene.toml").write_text(
-        """
-        [volume]
-        path = "data/cube.raw"
-        format = "raw"
-        shape = [2, 3, 4]
-        dtype = "int16"
-        unit = "kpc"
-        spacing = ["1 kpc", "500 pc", 2.0]
-
-        [[medium]]
-        type = "coefficients"
-        emissivity = "cube"
-        extinction = 0
-        """
-    )
-    volume = vm.Scene.load("scene.toml").volume()
-    assert volume.unit == u.kpc
-    np.testing.assert_array_equal(volume.array("cube"), values.transpose().reshape(4, 3, 2).T)
-
-
-def test_the_frame_is_drawn_around_what_shows(tmp_path, capsys):
-    grid = vm.CartesianGrid.uniform(48, (-10, 10), unit="pc")
-    volume = vm.Volume(grid)
-    volume["density"] = "max(0, 4 - ((x - 5)**2 + y**2 + z**2))"
-    volume.save(tmp_path / "a.h5")
-    assert main(["render", str(tmp_path / "a.h5"), "-o", str(tmp_path / "a.png")]) == 0
-    assert "pc wide" in capsys.readouterr().out
-    scene = vm.Scene.load(tmp_path / "a.png")
-    camera = scene.to_dict()["camera"]
-    assert 2 < camera["width"] < 12
-    across = vm.Orthographic(60, 30).frame(grid).vectors[1] @ [5, 0, 0]
-    assert camera["shift"][0] == pytest.approx(across, abs=0.5)
-
-
-# Format and fields among the options
-
-
-def bare():
-    """Write a file whose format nothing but the user says, with bytes that make another, too."""
-    np.arange(60, dtype=np.uint8).reshape(5, 4, 3).tofile("cells.bin")
-    return ["--set", "shape=[3, 4, 5]", "--set", "dtype=uint8"]
+# Paths
 
 
 @pytest.mark.parametrize(
     ("typed", "meant"),
     [
         ("snapshto.h5", "snapshot.h5"),
-        ("Snapshot.H5", "snapshot.h5"),
-        ("snapshot.hdf5", "snapshot.h5"),
         ("rusn/a/x.toml", "runs/a/x.toml"),
     ],
 )

@@ -37,12 +37,6 @@ def told(capsys, *arguments):
     return capsys.readouterr().out
 
 
-def refused(capsys, *arguments):
-    """Return the error of a command that must fail."""
-    assert main(["measure", *arguments]) == 2
-    return capsys.readouterr().err
-
-
 def test_the_mass_is_measured_by_default(gas, capsys):
     names, units, _, row = told(capsys, "gas.h5", "--unit", "density=Msun").splitlines()
     mass = vm.measure(gas, "density")["density"]
@@ -69,15 +63,13 @@ def test_angles_conditions_and_tables(gas, capsys):
 
 
 def test_a_scene_is_seen_by_its_camera(gas, capsys):
-    told(capsys, "gas.toml", "--quantity", f"p={MOMENTUM}", "-o", "one.fits")
     told(
         capsys, "gas.toml", "--quantity", f"p={MOMENTUM}", "--set", "camera.incl=20", "-o", "b.fits"
     )
-    for path, incl in (("one.fits", 60), ("b.fits", 20)):
-        table = QTable.read(path)
-        momentum = vm.measure(gas, {"p": MOMENTUM}, camera=vm.Orthographic(incl, 30))["p"]
-        assert table["incl"][0] == incl * u.deg
-        assert u.isclose(table["p"][0], momentum, rtol=1e-12)
+    (row,) = QTable.read("b.fits")
+    momentum = vm.measure(gas, {"p": MOMENTUM}, camera=vm.Orthographic(20, 30))["p"]
+    assert row["incl"] == 20 * u.deg
+    assert u.isclose(row["p"], momentum, rtol=1e-12)
 
 
 def test_a_region_is_that_of_python(gas, capsys):
@@ -103,40 +95,25 @@ def test_an_aperture_fills_the_frame(gas, capsys):
         column = vm.column(gas, "density", camera, method="exact", unit="g / pc2")
         total = column.intensity.sum() * column.pixel_area
         assert row["density"].to_value("g") == pytest.approx(total, rel=1e-10)
-    # Seen from above a cell is as high as the domain.
-    x, y = (np.linspace(-1, 1, n + 1) for n in (4, 5))
-    shares = [np.diff(np.clip(e, *ends)) for e, ends in ((x, (-0.3, 0.4)), (y, (-1, 0.5)))]
-    columns = gas.array("density").sum(axis=2) / 3 * (1 * u.pc).to_value("cm") ** 3
-    seen = shares[0] @ columns @ shares[1]
-    assert table["density"].to_value("g")[0] == pytest.approx(seen, rel=1e-10)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--quantity", f"p={MOMENTUM}"], "give --angles INCL,PHI"),
-        (["--quantity", "mass="], "--quantity expects NAME=EXPR"),
         (["--quantity", "a=density", "--quantity", "a=density"], "names 'a' twice"),
         (["--quantity", "mass=densty"], "did you mean 'density'"),
         (["--angles", "60"], "--angles expects INCL,PHI"),
         (["--unit", "density=km"], "density is in g, not km"),
-        (["--unit", "mass=Msun"], "unknown total 'mass'"),
         (["--unit", "Msun"], "--unit expects"),
         (["-o", "table.txt"], ".ecsv, .csv, .fits"),
-        (["-o", "no/where.csv"], "does not exist"),
         (["--where", "density > 5 km"], "5 km"),
         (["--region", "sphre((0, 0, 0), 1)"], "did you mean 'sphere'"),
-        (["--region", "sphere((0, 0, 0), raduis=1)"], "did you mean 'radius'"),
         (["--region", "sphere((0, 0, 0), 1 s)"], "radius is in s, expected pc"),
-        (["--region", "sphere(0, 0, 0, 1)"], "points are in parentheses"),
         (["--aperture", "circle((0, 0), 1)"], "give --angles INCL,PHI"),
-        (["--aperture", "circel((0, 0), 1)", "--angles", "0,0"], "did you mean 'circle'"),
-        (
-            ["--aperture", "polygon((1, 2 s))", "--angles", "0,0"],
-            "a polygon has three points or more",
-        ),
         (["--aperture", "polygon((0, 0), (1, 0), (2, 0))", "--angles", "0,0"], "has no area"),
     ],
 )
 def test_what_cannot_be_measured(arguments, words, capsys):
-    assert words in refused(capsys, "gas.h5", *arguments)
+    assert main(["measure", "gas.h5", *arguments]) == 2
+    assert words in capsys.readouterr().err

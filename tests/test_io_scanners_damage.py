@@ -31,13 +31,12 @@ def nifti(tmp_path):
 
 def test_streams_that_unpack_to_less_or_to_more(tmp_path, nifti):
     less = gzipped_nifti(tmp_path / "less.nii.gz", nifti[:-2])
-    with pytest.raises(vm.FileFormatError, match="end after 238 bytes, expected 240"):
+    with pytest.raises(vm.FileFormatError, match="Expected 240 bytes, got 238"):
         vm.open(less)
     bomb = gzipped_nifti(tmp_path / "more.nii.gz", nifti + bytes(50_000_000))
 
     def opened():
-        with pytest.warns(UserWarning, match="more than its header says"):
-            np.testing.assert_array_equal(vm.open(bomb).array("more"), VALUES)
+        np.testing.assert_array_equal(vm.open(bomb).array("more"), VALUES)
 
     assert tracemalloc_peak(opened) < 10_000_000
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import os
 import sys
 import warnings
@@ -18,14 +19,8 @@ from ..packages import VERSION
 from . import convert, demo, doctor, formats, info, measure, probe, render
 
 COMMANDS: dict[str, ModuleType] = {
-    "demo": demo,
-    "render": render,
-    "info": info,
-    "measure": measure,
-    "probe": probe,
-    "convert": convert,
-    "formats": formats,
-    "doctor": doctor,
+    module.__name__.rpartition(".")[2]: module
+    for module in (demo, render, info, measure, probe, convert, formats, doctor)
 }
 
 FAILED, INTERRUPTED = 2, 130
@@ -46,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character shows a question mark instead of failing.
-        if hasattr(stream, "reconfigure"):
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     args = parser().parse_args(argv)
     try:
@@ -89,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"voluminous {VERSION}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():
-        summary = (module.__doc__ or "").strip().splitlines()[0]
+        summary = (module.__doc__ or "").splitlines()[0]
         sub = commands.add_parser(name, help=summary, description=summary)
         module.add_arguments(sub)
         sub.add_argument(

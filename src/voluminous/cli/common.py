@@ -1,9 +1,8 @@
-"""Render options and messages shared by several commands."""
+"""Options, checks and messages shared by several commands."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,28 +13,59 @@ if TYPE_CHECKING:
     from ..image import Image
     from ..scene import Scene
 
+_RENDER = {
+    "scheme": "post-classified (default), pre-integrated, first-order, second-order or "
+    "olson-kunasz",
+    "precision": "single (default) or double",
+    "device": "auto (default), cpu, cuda or metal",
+}
 
-def add_render_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that override ``[render]`` in a scene.
 
-    They are not validated here, so that ``--help`` does not import the renderer.
-    """
-    parser.add_argument(
-        "--scheme",
-        help="post-classified (default), pre-integrated, first-order, second-order or olson-kunasz",
-    )
-    parser.add_argument("--precision", help="single (default) or double")
-    parser.add_argument("--device", help="auto (default), cpu, cuda or metal")
+def add_several(
+    parser: argparse._ActionsContainer, name: str, metavar: str, help: str, **more: Any
+) -> None:
+    """Add an option that may be given several times."""
+    options = {"action": "append", "default": [], "metavar": metavar, "help": help, **more}
+    parser.add_argument(*name.split(), **options)
+
+
+def add_quiet(parser: argparse._ActionsContainer) -> None:
+    """Add the option that turns messages off."""
     parser.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
 
 
+def add_render_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that override ``[render]`` in a scene, and ``--quiet``.
+
+    They are not validated here, so that ``--help`` does not import the renderer.
+    """
+    for name, help in _RENDER.items():
+        parser.add_argument(f"--{name}", help=help)
+    add_quiet(parser)
+
+
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the changes to a scene that the options request."""
+    """Return the keyword arguments of `render` that the options give."""
     from ..scene.sections import render_options
 
-    names = ("scheme", "precision", "device")
-    given = {n: getattr(args, n) for n in names if getattr(args, n) is not None}
-    return {f"render.{name}": value for name, value in render_options(given).items()}
+    given = {name: getattr(args, name) for name in _RENDER}
+    return render_options({name: value for name, value in given.items() if value is not None})
+
+
+def assignment(text: str, option: str, example: str) -> tuple[str, str]:
+    """Return both sides of ``unit=pc``."""
+    key, _, value = (part.strip() for part in text.partition("="))
+    if not key or not value:
+        raise InputError(f"{option} expects {example}, got {text!r}")
+    return key, value
+
+
+def settings(texts: list[str], example: str) -> dict[str, Any]:
+    """Return keys and values of ``--set``; values are written as in TOML, or texts."""
+    from ..scene.settings import value
+
+    pairs = (assignment(text, "--set", f"KEY=VALUE such as {example}") for text in texts)
+    return {key: value(text) for key, text in pairs}
 
 
 def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
@@ -48,19 +78,24 @@ def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
     return image, time.perf_counter() - start
 
 
-def check_output(path: Path) -> Path:
-    """Raise before any work if the output file cannot be written."""
-    from ..image.formats import format_of
-
-    format_of(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a directory; give the name of a file in it")
+def check_directory(path: Path) -> Path:
+    """Raise before any work if the directory of an output file does not exist."""
     if not path.resolve().parent.is_dir():
         raise InputError(f"the directory {path.parent} does not exist; create it first")
     return path
 
 
-def told(image: Image, seconds: float) -> str:
+def check_output(path: Path) -> Path:
+    """Raise before any work if an image cannot be written to a path."""
+    from ..image.formats import format_of
+
+    format_of(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; give the name of a file in it")
+    return check_directory(path)
+
+
+def summary(image: Image, seconds: float) -> str:
     """Return a line with size, scheme, precision, device, time and automatic exposure."""
     ny, nx, channels = image.shape
     how = image.provenance or {}
@@ -73,5 +108,5 @@ def told(image: Image, seconds: float) -> str:
 
 def say(quiet: bool, *lines: str) -> None:
     """Print lines unless `quiet`."""
-    if not quiet:
-        print(*lines, sep="\n", file=sys.stdout, flush=True)
+    if lines and not quiet:
+        print(*lines, sep="\n", flush=True)

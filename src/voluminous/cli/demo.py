@@ -5,41 +5,26 @@ from __future__ import annotations
 import argparse
 import shlex
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
-from .common import add_render_options, check_output, given_options, render_scene, say, told
+from .common import (
+    add_render_options,
+    check_output,
+    given_options,
+    render_scene,
+    say,
+    summary,
+)
 
 if TYPE_CHECKING:
     from ..image import Image
 
-# The two shells of section 5.
-_OUTER = {"center": 3.5, "width": 0.05, "color": [0.4, 0.4, 0.8]}
-_INNER = {"center": 4.0, "width": 0.10, "color": [0.89, 0.47, 0.06]}
-_PATH_LENGTH = "2.5e16 cm"
+# The two shells of section 5: centre, width and colour.
+_SHELLS = ((3.5, 0.05, [0.4, 0.4, 0.8]), (4.0, 0.10, [0.89, 0.47, 0.06]))
+_EXPR = "log10(density)"
 _IN_A_ROW = 3
-
-
-def _shells(kind: str, width: str, inside: float) -> list[dict[str, Any]]:
-    """Return both shells; `width` is the name of the width key, `inside` the inner opacity."""
-    return [
-        {
-            "type": kind,
-            "expr": "log10(density)",
-            "center": shell["center"],
-            width: shell["width"],
-            "color": shell["color"],
-            "opacity": opacity,
-            "path_length": _PATH_LENGTH,
-        }
-        for shell, opacity in ((_OUTER, 0.001), (_INNER, inside))
-    ]
-
-
-def _surfaces(**changes: Any) -> dict[str, Any]:
-    return {"type": "isosurface", "expr": "log10(density)", "shading": 0.8, **changes}
 
 
 class DemoPanel(NamedTuple):
@@ -48,6 +33,19 @@ class DemoPanel(NamedTuple):
     scheme: str
     title: str
     media: list[dict[str, Any]]
+
+
+def _shells(kind: str, width_name: str, inside: float) -> list[dict[str, Any]]:
+    """Return both shells; `inside` is the opacity of the inner one."""
+    shared = {"type": kind, "expr": _EXPR, "path_length": "2.5e16 cm"}
+    return [
+        {**shared, "center": center, width_name: width, "color": color, "opacity": opacity}
+        for (center, width, color), opacity in zip(_SHELLS, (0.001, inside), strict=True)
+    ]
+
+
+def _surface(**options: Any) -> dict[str, Any]:
+    return {"type": "isosurface", "expr": _EXPR, "shading": 0.8, **options}
 
 
 PANELS = (
@@ -62,18 +60,15 @@ MORE_PANELS = (
     DemoPanel(
         "post-classified",
         "isosurfaces without thickness",
-        [
-            _surfaces(level=shell["center"], color=shell["color"], opacity=0.4)
-            for shell in (_OUTER, _INNER)
-        ],
+        [_surface(level=level, color=color, opacity=0.4) for level, _, color in _SHELLS],
     ),
     DemoPanel(
         "post-classified",
         "seven isosurfaces, cut open",
         [
-            _surfaces(
+            _surface(
                 level=[3.4, 3.6, 3.8, 4.0, 4.2, 4.4, 4.6],
-                color={"expr": "log10(density)", "cmap": "plasma", "vmin": 3.2, "vmax": 4.6},
+                color={"expr": _EXPR, "cmap": "plasma", "vmin": 3.2, "vmax": 4.6},
                 opacity=1.0,
                 where="z < 0",
             )
@@ -103,22 +98,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render the panels, save them, and draw them side by side."""
+    from ..schemes import SCHEMES
+
     start = time.perf_counter()
     output = _output(args.output)
-    options = {k.removeprefix("render."): v for k, v in given_options(args).items()}
-    _check_scheme(options.get("scheme"), args.all)
-    say(
-        args.quiet, f"A prestellar core of {args.cells}^3 cells, density ~ 1/r^2, seen face-on:", ""
-    )
-
-    def report(path: str, title: str, image: Image, seconds: float) -> None:
-        say(args.quiet, f"  {path}: {title}", f"    {told(image, seconds)}")
-
-    size = {"resolution": args.resolution, "cells": args.cells, "quiet": args.quiet}
-    _draw(output, args.all, options, report, **size)
-    say(args.quiet, f"  {output}: all of them side by side", "")
+    options = given_options(args)
+    scheme = options.get("scheme")
+    if args.all and scheme is not None and SCHEMES[scheme].coefficients_at != "field":
+        raise InputError(
+            f"--all shows surfaces without thickness, which {scheme} cannot draw; leave out "
+            "--scheme or --all"
+        )
+    quiet = args.quiet
+    say(quiet, f"A prestellar core of {args.cells}^3 cells, density ~ 1/r^2, seen face-on:", "")
+    _draw(output, args.all, args.resolution, args.cells, options, quiet=quiet, tell=not quiet)
+    say(quiet, f"  {output}: all of them side by side", "")
     first = output.with_name(f"{output.stem}-1.png")
-    say(args.quiet, *_outlook(first, time.perf_counter() - start))
+    say(
+        quiet,
+        f"{time.perf_counter() - start:.1f} s in all; the first picture includes compiling, which "
+        "is kept.",
+        "Each panel carries its scene. Look at it from elsewhere:",
+        f"  voluminous render {shlex.quote(str(first))} -o oblique.png "
+        "--set camera.incl=60 --set camera.phi=30",
+    )
     return 0
 
 
@@ -154,8 +157,7 @@ def demo(
     InputError
         If `path` is no PNG or its directory does not exist.
     """
-    output = None if path is None else _output(Path(path))
-    return _draw(output, all, {}, None, resolution=resolution, cells=cells, quiet=False)
+    return _draw(None if path is None else _output(Path(path)), all, resolution, cells, {})
 
 
 def _output(path: Path) -> Path:
@@ -165,50 +167,37 @@ def _output(path: Path) -> Path:
     return output
 
 
-def _check_scheme(scheme: str | None, all: bool) -> None:
-    """Raise before any work if a panel does not support the scheme."""
-    from ..schemes import SCHEMES
-
-    if all and scheme is not None and SCHEMES[scheme].coefficients_at != "field":
-        raise InputError(
-            f"--all shows surfaces without thickness, which {scheme} cannot draw; leave out "
-            "--scheme or --all"
-        )
-
-
 def _draw(
     output: Path | None,
     all: bool,
-    options: dict[str, Any],
-    report: Callable[[str, str, Image, float], None] | None,
-    *,
     resolution: int,
     cells: int,
-    quiet: bool,
+    options: dict[str, Any],
+    *,
+    quiet: bool = False,
+    tell: bool = False,
 ) -> list[Image]:
     from ..scene import Scene
 
-    panels = (*PANELS, *MORE_PANELS) if all else PANELS
     camera = {"incl": 0.0, "phi": 0.0, "width": "0.25 pc", "resolution": resolution}
     volume = {"model": "prestellar_core", "resolution": cells}
     scene = Scene({"volume": volume, "medium": PANELS[0].media, "camera": camera})
     images: list[Image] = []
     titles = []
-    for number, panel in enumerate(panels, start=1):
+    for number, panel in enumerate((*PANELS, *MORE_PANELS) if all else PANELS, start=1):
         own = {"scheme": panel.scheme, **options}
-        scene = scene.replaced(
-            {"medium": panel.media, **{f"render.{k}": v for k, v in own.items()}}
-        )
+        changes = {f"render.{name}": value for name, value in own.items()}
+        scene = scene.replaced({"medium": panel.media, **changes})
         titles.append(panel.title.format(scheme=own["scheme"].replace("-", " ")))
-        name = f"{output.stem if output else 'core'}-{number}.png"
-        image, seconds = render_scene(scene, name, quiet)
+        path = output or Path("core.png")
+        path = path.with_name(f"{path.stem}-{number}.png")
+        image, seconds = render_scene(scene, path.name, quiet)
         images.append(image)
         if output is not None:
             # All panels of the paper's figure share the exposure of the first.
             like = images[0] if number <= len(PANELS) else image
-            image.save(output.with_name(name), exposure=like.exposure)
-            if report is not None:
-                report(str(output.with_name(name)), titles[-1], image, seconds)
+            image.save(path, exposure=like.exposure)
+            say(not tell, f"  {path}: {titles[-1]}", f"    {summary(image, seconds)}")
     if output is not None:
         _save_figure(images, titles, output)
     return images
@@ -230,12 +219,3 @@ def _save_figure(images: list[Image], titles: list[str], output: Path) -> None:
         plot_row([image], [place], titles=[title], **look)
     with replacing(output) as temporary:
         figure.savefig(temporary, dpi=120)
-
-
-def _outlook(panel: Path, seconds: float) -> tuple[str, ...]:
-    return (
-        f"{seconds:.1f} s in all; the first picture includes compiling, which is kept.",
-        "Each panel carries its scene. Look at it from elsewhere:",
-        f"  voluminous render {shlex.quote(str(panel))} -o oblique.png "
-        "--set camera.incl=60 --set camera.phi=30",
-    )

@@ -26,25 +26,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the results of the checks; return 1 if one fails."""
-    failed = [name for name, check in CHECKS.items() if not _examine(name, check)]
+    failed = []
+    for name, check in CHECKS.items():
+        title = name
+        try:
+            for line in check():
+                print(f"{title:9} {line}", flush=True)
+                title = ""
+        except Exception as error:  # a failure must not stop the other checks
+            kind = "" if isinstance(error, VoluminousError) else f"{type(error).__name__}: "
+            print(f"{title:9} WRONG: {kind}{error}", flush=True)
+            failed.append(name)
     if failed:
         print(f"\nWrong: {', '.join(failed)}. The lines above say what to do.")
         return 1
     print("\nAll is well. Next: voluminous demo")
     return 0
-
-
-def _examine(name: str, check: Callable[[], Iterator[str]]) -> bool:
-    title = name
-    try:
-        for line in check():
-            print(f"{title:9} {line}", flush=True)
-            title = ""
-    except Exception as error:  # a failure must not stop the other checks
-        kind = "" if isinstance(error, VoluminousError) else f"{type(error).__name__}: "
-        print(f"{title:9} WRONG: {kind}{error}", flush=True)
-        return False
-    return True
 
 
 def _system() -> Iterator[str]:
@@ -98,7 +95,8 @@ def _devices() -> Iterator[str]:
 
 def _cache() -> Iterator[str]:
     """Yield the folder of the cache of compiled kernels."""
-    folder = _cache_folder()
+    usual = tempfile.gettempdir() + "/drjit" if sys.platform == "win32" else "~/.drjit"
+    folder = Path(os.environ.get(_CACHE_VARIABLE) or usual).expanduser()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -111,46 +109,33 @@ def _cache() -> Iterator[str]:
     yield str(folder)
 
 
-def _cache_folder() -> Path:
-    chosen = os.environ.get(_CACHE_VARIABLE)
-    if chosen:
-        return Path(chosen)
-    if sys.platform == "win32":
-        return Path(tempfile.gettempdir()) / "drjit"
-    return Path.home() / ".drjit"
-
-
 def _rays() -> Iterator[str]:
     """Yield the deviation of rays through a slab from j/α (1 - exp(-α L)), for all devices."""
     from ..backend import available_devices
+    from ..cameras import Orthographic
+    from ..media import Coefficients
+    from ..models import uniform_slab
+    from ..rendering import render
     from ..schemes import SCHEMES
 
+    slab, medium = uniform_slab(_EMISSIVITY, _EXTINCTION, _THICKNESS), Coefficients("j", "a")
+    camera = Orthographic(width=0.5, resolution=1)
+    expected = _EMISSIVITY / _EXTINCTION * -math.expm1(-_EXTINCTION * _THICKNESS)
     for device in available_devices():
         for precision, tolerance in _TOLERANCE.items():
             if (device, precision) == ("metal", "double"):
                 continue
-            error = max(_slab_error(device, precision, scheme) for scheme in SCHEMES)
+            images = (
+                render(slab, medium, camera, scheme=scheme, precision=precision, device=device)
+                for scheme in SCHEMES
+            )
+            error = max(abs(image.intensity.item() / expected - 1.0) for image in images)
             if not error <= tolerance:
                 raise DeviceError(
                     f"rays on {device!r} in {precision} precision are off by {error:.1e}, more "
                     f"than {tolerance:.0e}: another LLVM (or driver) may help; please report this"
                 )
             yield f"{device}, {precision} precision: right to {error:.0e} (slab, all schemes)"
-
-
-def _slab_error(device: str, precision: str, scheme: str) -> float:
-    from ..cameras import Orthographic
-    from ..media import Coefficients
-    from ..models import uniform_slab
-    from ..rendering import render
-
-    slab = uniform_slab(_EMISSIVITY, _EXTINCTION, _THICKNESS)
-    camera = Orthographic(width=0.5, resolution=1)
-    image = render(
-        slab, Coefficients("j", "a"), camera, scheme=scheme, precision=precision, device=device
-    )
-    expected = _EMISSIVITY / _EXTINCTION * -math.expm1(-_EXTINCTION * _THICKNESS)
-    return abs(float(image.intensity[0, 0, 0]) / expected - 1.0)
 
 
 CHECKS: dict[str, Callable[[], Iterator[str]]] = {

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..errors import unknown_name
-from ..packages import install_line
+from ..packages import install_line, is_installed
 
 if TYPE_CHECKING:
     from ..io import Reader
@@ -28,18 +28,18 @@ def run(args: argparse.Namespace) -> int:
     from ..io import readers
 
     known = {reader.name: reader for reader in readers()}
-    if args.name is None:
-        print(*_table(sorted(known.values(), key=lambda r: r.name.lower())), sep="\n")
-    elif args.name in known:
-        print(*_one(known[args.name]), sep="\n")
-    else:
+    if args.name is not None and args.name not in known:
         raise unknown_name("format", args.name, known)
+    listed = sorted(known.values(), key=lambda reader: reader.name.lower())
+    print(*(_table(listed) if args.name is None else _one(known[args.name])), sep="\n")
     return 0
 
 
 def _table(readers: list[Reader]) -> Iterator[str]:
     rows = [("format", "", "files", "needs", "what it is")]
-    rows += [(r.name, _modes(r), _files(r, _MOST), _needs(r), _what(r)) for r in readers]
+    for reader in readers:
+        mode = "rw" if reader.writes else "r"
+        rows.append((reader.name, mode, _files(reader, _MOST), _needs(reader), _what(reader)))
     widths = [max(len(row[k]) for row in rows) for k in range(4)]
     for row in rows:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
@@ -55,28 +55,20 @@ def _one(reader: Reader) -> Iterator[str]:
     if needs := _needs(reader):
         yield f"  needs: {needs}"
         yield f"    {install_line(reader.extra)}" if reader.extra else ""
-    yield from _options("options (--set KEY=VALUE, voluminous.open)", reader.options)
-    yield from _options("options for writing (volume.save)", reader.write_options)
-
-
-def _options(title: str, options: dict[str, str]) -> Iterator[str]:
-    if not options:
-        return
-    yield ""
-    yield f"{title}:"
-    width = max(map(len, options))
-    for name, line in options.items():
-        indent = " " * (width + 4)
-        yield textwrap.fill(f"  {name:{width}}  {line}", _WIDTH, subsequent_indent=indent)
+    for title, options in (
+        ("options (--set KEY=VALUE, voluminous.open)", reader.options),
+        ("options for writing (volume.save)", reader.write_options),
+    ):
+        yield from ("", f"{title}:") if options else ()
+        width = max(map(len, options), default=0)
+        for name, line in options.items():
+            indent = " " * (width + 4)
+            yield textwrap.fill(f"  {name:{width}}  {line}", _WIDTH, subsequent_indent=indent)
 
 
 def _what(reader: Reader) -> str:
     foreign = "" if type(reader).__module__.startswith("voluminous.") else " (from another package)"
     return reader.description + foreign
-
-
-def _modes(reader: Reader) -> str:
-    return "rw" if reader.writes else "r"
 
 
 def _files(reader: Reader, most: int | None = None) -> str:
@@ -86,11 +78,8 @@ def _files(reader: Reader, most: int | None = None) -> str:
 
 
 def _needs(reader: Reader) -> str:
-    from ..packages import is_installed
-
-    packages = reader.packages
-    if not packages:
+    if not reader.packages:
         return ""
-    missing = [name for name in packages if not is_installed(name)]
-    state = "installed" if not missing else f"{', '.join(missing)} not installed"
-    return f"{', '.join(packages)} ({state})"
+    missing = [name for name in reader.packages if not is_installed(name)]
+    state = f"{', '.join(missing)} not installed" if missing else "installed"
+    return f"{', '.join(reader.packages)} ({state})"

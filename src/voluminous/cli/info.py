@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import InputError
@@ -21,27 +20,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print a description of the file, and commands to try next."""
-    for line in lines(args):
+    is_scene = args.file.suffix.lower() == ".toml"
+    of_data = args.format is not None or not (is_scene or is_image(args.file))
+    from .info_text import describe_image, describe_scene, describe_volume
+
+    if of_data:
+        lines = describe_volume(data_file(args.file, args), bars=not args.no_histogram)
+    else:
+        given = {"--fields": args.fields, "--set": args.set, "--no-histogram": args.no_histogram}
+        if wrong := [name for name, value in given.items() if value]:
+            raise InputError(f"{' and '.join(wrong)}: for data files only")
+        lines = (describe_scene if is_scene else describe_image)(args.file)
+    for line in lines:
         print(line, flush=True)
     return 0
-
-
-def lines(args: argparse.Namespace) -> Iterator[str]:
-    """Return the lines about a file; name and content decide: scene, image or volume."""
-    path: Path = args.file
-    is_scene = path.suffix.lower() == ".toml"
-    if args.format is None and (is_scene or is_image(path)):
-        _refuse_options(args)
-        from .info_text import describe_image, describe_scene
-
-        return (describe_scene if is_scene else describe_image)(path)
-    from .info_text import describe_volume
-
-    return describe_volume(data_file(path, args), histogram=not args.no_histogram)
-
-
-def _refuse_options(args: argparse.Namespace) -> None:
-    given = {"--fields": args.fields, "--set": args.set, "--no-histogram": args.no_histogram}
-    wrong = [name for name, value in given.items() if value]
-    if wrong:
-        raise InputError(f"{' and '.join(wrong)}: for data files only")

@@ -34,8 +34,7 @@ from .scanners.dicom import DICOMReader
 from .scanners.hdf5_images import ImarisReader, ITKReader
 from .scanners.metaimage import MetaImageReader
 from .scanners.mrc import MRCReader
-from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
-from .scanners.nifti import NIfTIReader
+from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, NIfTIReader, PARRECReader
 from .scanners.nrrd import NRRDReader
 from .scanners.tiff import PicturesReader, TIFFReader
 from .vtk.anything import PyVistaReader, VTKReader

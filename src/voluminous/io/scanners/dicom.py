@@ -1,8 +1,15 @@
-"""DICOM: a directory of slices, one of them, a file with many frames, or a DICOMDIR."""
+"""DICOM: a directory of slices, one of them, a file with many frames, or a DICOMDIR.
+
+pydicom reads the files: only the elements in use, since parsing all takes most of the time.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import os
+import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
@@ -10,13 +17,21 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import FileFormatError, InputError, UnitsError
+from ...packages import require
 from ...units import parse_unit
 from ..guard import by_library, reading
-from ..payload import inside
-from .dicom_file import is_dicom, is_mosaic, quiet, read_header, starts_dicom, take_apart
-from .dicom_slices import DicomSlice, read_values, slices_of, stacked, value_type
+from .dicom_slices import (
+    DicomSlice,
+    is_mosaic,
+    read_values,
+    slices_of,
+    stacked,
+    take_apart,
+    value_type,
+)
 from .voxels import VoxelReader, Voxels, times_meta
 
+_MAGIC, _MAGIC_AT = b"DICM", 128
 # So many files of a directory are tried: other directories are left alone quickly.
 _FEW = 16
 _ENDINGS = (".dcm", ".dicom", ".ima")
@@ -24,7 +39,18 @@ _ENDINGS = (".dcm", ".dicom", ".ima")
 _COMMON = ("Rows", "Columns", "BitsAllocated", "BitsStored", "PixelRepresentation")
 # The class of a DICOMDIR: the table of contents of a disc or an export, which names files below.
 _CONTENTS = "1.2.840.10008.1.3.10"
-_MOST_FILES = 100_000
+_KEYWORDS = re.findall(
+    r"\w+",
+    """
+    AnatomicalOrientationType BitsAllocated BitsStored Columns DoseGridScaling DoseUnits
+    FrameIncrementPointer GridFrameOffsetVector ImageOrientationPatient
+    ImagePositionPatient ImageType InstanceNumber Modality NumberOfFrames
+    PerFrameFunctionalGroupsSequence PixelRepresentation PixelSpacing RescaleIntercept
+    RescaleSlope RescaleType Rows SamplesPerPixel SeriesDescription SeriesInstanceUID
+    SeriesNumber SharedFunctionalGroupsSequence SliceThickness SpacingBetweenSlices
+    Units
+    """,
+)
 
 _Headers = list[tuple[Path, Any]]
 
@@ -45,15 +71,16 @@ class DICOMReader(VoxelReader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         if head:
-            return starts_dicom(head)
+            return head[_MAGIC_AT:].startswith(_MAGIC)
         try:
-            return path.is_dir() and any(is_dicom(file) for file in islice(_files(path), _FEW))
+            return path.is_dir() and any(map(_is_dicom, islice(_files(path), _FEW)))
         except OSError:
             return False
 
     @by_library("pydicom")  # elements are converted when they are first asked for
     def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
-        header, found = _slices(path, series)
+        with _quiet():
+            header, found = _slices(path, series)
         slices, placement, times = stacked(found, time)
         if header.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
             placement = replace(placement, space="")
@@ -64,11 +91,16 @@ class DICOMReader(VoxelReader):
             "series": header.get("SeriesDescription"),
             "rescale_type": header.get("RescaleType"),
         }
+
+        def load(_: int) -> Any:
+            with _quiet():
+                return read_values(slices, shape, dtype)
+
         return Voxels(
             shape=shape,
             dtype=dtype,
             placement=placement,
-            load=lambda _: read_values(slices, shape, dtype),
+            load=load,
             name=str(header.get("Modality") or "dicom").lower(),
             unit=_unit(str(header.get("Units") or header.get("DoseUnits")).upper()),
             meta={name: str(value) for name, value in meta.items() if value}
@@ -86,13 +118,44 @@ def _unit(name: str) -> str:
     return {"BQML": "Bq / ml"}.get(name, "")
 
 
-@quiet()
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence pydicom's remarks on unusual headers."""
+    logger = logging.getLogger("pydicom")
+    before, logger.disabled = logger.disabled, True
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.disabled = before
+
+
+def _is_dicom(path: Path) -> bool:
+    with open(path, "rb") as file:
+        return file.read(_MAGIC_AT + len(_MAGIC)).endswith(_MAGIC)
+
+
+def _files(directory: Path) -> Iterator[Path]:
+    with os.scandir(directory) as entries:
+        for entry in entries:
+            if not entry.name.startswith(".") and entry.is_file():
+                yield Path(entry.path)
+
+
+def _read_header(path: Path) -> Any:
+    pydicom = require("pydicom", "medical", "reading DICOM")
+    with reading(path, "a DICOM file"), by_library("pydicom"):
+        return pydicom.dcmread(path, stop_before_pixels=True, specific_tags=_KEYWORDS)
+
+
 def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
     """Return the first header of a series, once all agree, and the slices."""
     headers = _chosen(path, series)
     for file, header in headers:
-        with reading(file, "a DICOM file"):
-            take_apart(file, header)
+        if is_mosaic(header):
+            with reading(file, "a DICOM file"):
+                take_apart(file, header)
     first_file, first = headers[0]
     for file, header in headers:
         for keyword in _COMMON:
@@ -110,16 +173,9 @@ def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
     return first, found
 
 
-def _files(directory: Path) -> Iterator[Path]:
-    with os.scandir(directory) as entries:
-        for entry in entries:
-            if not entry.name.startswith(".") and entry.is_file():
-                yield Path(entry.path)
-
-
 def _chosen(path: Path, series: Any) -> _Headers:
     """Return the files and headers of one series."""
-    header = None if path.is_dir() else read_header(path)
+    header = None if path.is_dir() else _read_header(path)
     if header is None or _is_contents(header):
         groups = _by_series(path, path) if header is None else _by_contents(path)
         return groups[_named(groups, series)]
@@ -134,18 +190,17 @@ def _chosen(path: Path, series: Any) -> _Headers:
 
 def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
     """Return all images of a directory by series; files are sorted by name."""
-    groups: dict[str, _Headers] = {}
-    contents = None
+    files = []
     for file in sorted(_files(directory)):
-        if is_dicom(file):
-            header = read_header(file)
-            contents = file if _is_contents(header) else contents
-            if _is_image(header):
-                groups.setdefault(_uid(header), []).append((file, header))
+        if _is_dicom(file):
+            files.append(file)
         elif file == asked or file.suffix.lower() in _ENDINGS:
             raise FileFormatError(f"{file.name} is named like a DICOM file, but is none")
-    if not groups and contents is not None:
-        return _by_contents(contents)
+    headers = [(file, _read_header(file)) for file in files]
+    groups = _grouped(headers)
+    contents = [file for file, header in headers if _is_contents(header)]
+    if not groups and contents:
+        return _by_contents(contents[-1])
     if not groups:
         raise FileFormatError(f"there is no DICOM image in {directory}")
     return groups
@@ -153,27 +208,19 @@ def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
 
 def _by_contents(path: Path) -> dict[str, _Headers]:
     """Return the images that a DICOMDIR names, by their series."""
-    records = read_header(path, "DirectoryRecordSequence").get("DirectoryRecordSequence") or ()
-    names = [
-        name if isinstance(name, str) else "/".join(map(str, name))
-        for record in records
-        if str(record.get("DirectoryRecordType", "")) == "IMAGE"
-        and (name := record.get("ReferencedFileID"))
-    ]
-    if not 0 < len(names) <= _MOST_FILES:
-        raise FileFormatError(
-            f"it is a table of contents of {len(names)} images, expected 1 to {_MOST_FILES}"
-        )
+    fileset = require("pydicom.fileset", "medical", "reading DICOM")
+    files = [Path(item.path) for item in fileset.FileSet(path)]
+    groups = _grouped([(file, _read_header(file)) for file in files])
+    if not groups:
+        raise FileFormatError("its table of contents names no image that is there")
+    return groups
+
+
+def _grouped(headers: _Headers) -> dict[str, _Headers]:
     groups: dict[str, _Headers] = {}
-    for name in names:
-        # Discs say in capitals what systems may show in small letters.
-        small = not (path.parent / name).exists() and (path.parent / name.lower()).is_file()
-        file = inside(path.parent, name.lower() if small else name)
-        header = read_header(file)
+    for file, header in headers:
         if _is_image(header):
             groups.setdefault(_uid(header), []).append((file, header))
-    if not groups:
-        raise FileFormatError("it is a table of contents of files that hold no images")
     return groups
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import FileFormatError, MissingPackageError
+from ...errors import FileFormatError
+from ...memory import check_memory
 from ...packages import require
 from ..guard import by_library, reading
-from .dicom_file import check_size, is_mosaic, is_native, quiet, read_whole, tiles
 from .placement import LPS, Placement
 from .voxels import time_step
 
@@ -48,17 +49,15 @@ class DicomSlice:
 
 def slices_of(path: Path, header: Any) -> list[DicomSlice]:
     """Return the slices in one file: one, or as many as it has frames."""
-    count = int(_number(header, "NumberOfFrames", 1))
+    count = int(header.get("NumberOfFrames") or 1)
     if not 1 <= count <= _MOST_FRAMES:
         raise FileFormatError(f"NumberOfFrames must be from 1 to {_MOST_FRAMES}, got {count}")
-    check_size(path, header, count)
+    frames = list(header.get("PerFrameFunctionalGroupsSequence") or ())
+    frames = frames or ([header] if count == 1 else _offset_frames(header, count))
+    if len(frames) != count:
+        raise FileFormatError(f"NumberOfFrames is {count}, but {len(frames)} frames are described")
     shared = [*(header.get("SharedFunctionalGroupsSequence") or ()), header]
-    each = list(header.get("PerFrameFunctionalGroupsSequence") or ())
-    if each and len(each) != count:
-        raise FileFormatError(f"NumberOfFrames is {count}, but {len(each)} frames are described")
-    if not each:
-        each = [header] if count == 1 else _offset_frames(header, count)
-    return [_slice(path, header, number, (own, *shared)) for number, own in enumerate(each)]
+    return [_slice(path, header, number, [own, *shared]) for number, own in enumerate(frames)]
 
 
 def _offset_frames(header: Any, count: int) -> list[Any]:
@@ -67,49 +66,38 @@ def _offset_frames(header: Any, count: int) -> list[Any]:
         raise FileFormatError(
             f"its {count} frames were taken one after the other (FrameTime): a film, no volume"
         )
-    offsets = _numbers(header, "GridFrameOffsetVector")
-    first = _numbers(header, "ImagePositionPatient", 3)
-    axes = _unit_axes(_numbers(header, "ImageOrientationPatient", 6))
-    if offsets is None or first is None or np.isnan(axes).any():
-        return [{} for _ in range(count)]
-    if len(offsets) != count:
-        raise FileFormatError(f"expected {count} offsets of frames, got {len(offsets)}")
-    normal = np.cross(*axes)
+    offsets = np.asarray(header.get("GridFrameOffsetVector") or (), float)
+    first = _numbers([header], "", "ImagePositionPatient", 3)
+    axes = _numbers([header], "", "ImageOrientationPatient", 6)
+    if not offsets.size or first is None or axes is None:
+        return [{}] * count
+    normal = np.cross(*_unit_axes(axes))
     return [{"ImagePositionPatient": first + d * normal} for d in offsets - offsets[0]]
 
 
-def _slice(path: Path, header: Any, number: int, places: tuple[Any, ...]) -> DicomSlice:
-    def numbers(sequence: str, keyword: str, count: int) -> np.ndarray | None:
-        for place in places:
-            inner = place.get(sequence)
-            found = _numbers(inner[0] if inner else place, keyword, count)
-            if found is not None:
-                return found
-        return None
-
+def _slice(path: Path, header: Any, number: int, places: list[Any]) -> DicomSlice:
     def one(sequence: str, keyword: str, default: float) -> float:
-        found = numbers(sequence, keyword, 1)
+        found = _numbers(places, sequence, keyword, 1)
         return default if found is None else float(found[0])
 
     measures, values = "PixelMeasuresSequence", "PixelValueTransformationSequence"
-    spacing = numbers(measures, "PixelSpacing", 2)
-    position = numbers("PlanePositionSequence", "ImagePositionPatient", 3)
+    spacing = _numbers(places, measures, "PixelSpacing", 2)
+    position = _numbers(places, "PlanePositionSequence", "ImagePositionPatient", 3)
+    axes = _numbers(places, "PlaneOrientationSequence", "ImageOrientationPatient", 6)
     return DicomSlice(
         path,
         number,
         np.full(3, np.nan) if position is None else position,
-        _unit_axes(numbers("PlaneOrientationSequence", "ImageOrientationPatient", 6)),
+        np.full((2, 3), np.nan) if axes is None else _unit_axes(axes),
         None if spacing is None else tuple(spacing),
         one(measures, "SpacingBetweenSlices", one(measures, "SliceThickness", 1.0)),
-        one(values, "RescaleSlope", _number(header, "DoseGridScaling", 1.0)),
+        one(values, "RescaleSlope", float(header.get("DoseGridScaling") or 1.0)),
         one(values, "RescaleIntercept", 0.0),
-        int(_number(header, "InstanceNumber", 0)),
+        int(header.get("InstanceNumber") or 0),
     )
 
 
-def _unit_axes(numbers: np.ndarray | None) -> np.ndarray:
-    if numbers is None:
-        return np.full((2, 3), np.nan)
+def _unit_axes(numbers: np.ndarray) -> np.ndarray:
     axes = numbers.reshape(2, 3)
     lengths = np.linalg.norm(axes, axis=1)
     if not np.allclose(lengths, 1, atol=0.01) or abs(axes[0] @ axes[1]) > 0.01:
@@ -120,21 +108,54 @@ def _unit_axes(numbers: np.ndarray | None) -> np.ndarray:
     return unit
 
 
-def _numbers(place: Any, keyword: str, count: int | None = None) -> np.ndarray | None:
-    value = place.get(keyword)
-    if value is None or (isinstance(value, str) and not value):
-        return None
-    found = np.atleast_1d(np.asarray(value, dtype=float))
-    if found.size == 0:
-        return None
-    if not np.all(np.isfinite(found)) or (count is not None and found.size != count):
-        raise FileFormatError(f"{keyword} must be {count or 'finite'} numbers, got {value}")
-    return found
+def _numbers(places: list[Any], sequence: str, keyword: str, count: int) -> np.ndarray | None:
+    """Return the numbers at the first place that has them, in a sequence or directly."""
+    for place in places:
+        inner = place.get(sequence) if sequence else None
+        value = (inner[0] if inner else place).get(keyword)
+        if value is None or str(value) in ("", "[]"):
+            continue
+        found = np.atleast_1d(np.asarray(value, float))
+        if found.shape != (count,) or not np.isfinite(found).all():
+            raise FileFormatError(f"{keyword} must be {count} numbers, got {value}")
+        return found
+    return None
 
 
-def _number(place: Any, keyword: str, default: float) -> float:
-    found = _numbers(place, keyword, 1)
-    return default if found is None else float(found[0])
+def is_mosaic(header: Any) -> bool:
+    """Return True for a Siemens mosaic: all slices of a volume as tiles of one picture."""
+    return "MOSAIC" in (header.get("ImageType") or ())
+
+
+def take_apart(path: Path, header: Any) -> None:
+    """Make the header of a mosaic one of a frame per slice.
+
+    The header's position is that of the whole picture, about whose centre all slices lie
+    (nibabel's notes on the mosaic). The private CSA header has the number of slices.
+    """
+    pydicom = require("pydicom", "medical", "reading DICOM")
+    csareader = require("nibabel.nicom.csareader", "medical", "reading Siemens mosaics")
+    csa = csareader.get_csa_header(pydicom.dcmread(path, stop_before_pixels=True))
+    if csa is None:
+        raise FileFormatError(
+            "it is a Siemens mosaic without the private header that says how many slices it has; "
+            "convert the original file with 'dcm2niix'"
+        )
+    count = csareader.get_n_mosaic(csa)
+    side = math.ceil(math.sqrt(count))
+    rows, columns = header.Rows // side, header.Columns // side
+    first, axes, spacing = (
+        np.array(header[name].value, float)
+        for name in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
+    )
+    along, down = axes.reshape(2, 3)
+    first += (header.Columns - columns) / 2 * spacing[1] * along
+    first += (header.Rows - rows) / 2 * spacing[0] * down
+    step = float(header.get("SpacingBetweenSlices") or header.get("SliceThickness") or 1.0)
+    step *= np.sign(np.cross(along, down) @ csareader.get_slice_normal(csa))
+    header.Rows, header.Columns, header.NumberOfFrames = rows, columns, count
+    header.ImagePositionPatient = first.tolist()
+    header.GridFrameOffsetVector = (step * np.arange(count)).tolist()
 
 
 def stacked(slices: Sequence[DicomSlice], time: int) -> tuple[list[DicomSlice], Placement, int]:
@@ -150,8 +171,7 @@ def stacked(slices: Sequence[DicomSlice], time: int) -> tuple[list[DicomSlice], 
         raise FileFormatError(
             "its slices are not parallel (a scout, or a series of views?): they make no volume"
         )
-    normal = np.cross(along, down)
-    places = _places(slices, normal)
+    places = _places(slices, np.cross(along, down))
     counts = sorted({len(place) for place in places})
     if len(counts) > 1:
         raise FileFormatError(
@@ -173,16 +193,14 @@ def _places(slices: Sequence[DicomSlice], normal: np.ndarray) -> list[list[Dicom
     def taken(s: DicomSlice) -> tuple[int, int, str]:
         return s.order, s.number, str(s.path)
 
-    pairs = [(float(normal @ s.position), s) for s in slices]
-    pairs.sort(key=lambda pair: (pair[0], *taken(pair[1])))
+    pairs = sorted(
+        ((float(normal @ s.position), s) for s in slices), key=lambda p: (p[0], *taken(p[1]))
+    )
     gaps = np.diff([distance for distance, _ in pairs])
     # With time steps most gaps are none: the largest is of the kind that separates places.
     same = min(_SAME * max(gaps, default=0.0), _SAME_LENGTH)
-    places = [[pairs[0][1]]]
-    for gap, (_, found) in zip(gaps, pairs[1:], strict=True):
-        if gap > same:
-            places.append([])
-        places[-1].append(found)
+    starts = [0, *(np.flatnonzero(gaps > same) + 1), len(pairs)]
+    places = [[s for _, s in pairs[a:b]] for a, b in pairwise(starts)]
     return [sorted(place, key=taken) for place in places]
 
 
@@ -192,8 +210,7 @@ def _across(slices: Sequence[DicomSlice], normal: np.ndarray) -> tuple[np.ndarra
         return normal * (abs(slices[0].thickness) or 1.0), None
     first = slices[0].position
     step = (slices[-1].position - first) / (len(slices) - 1)
-    width = float(np.linalg.norm(step))
-    stations = np.array([(s.position - first) @ step / width for s in slices])
+    stations = np.array([(s.position - first) @ step for s in slices]) / np.linalg.norm(step)
     gaps = np.diff(stations)
     usual = float(np.median(gaps))
     if np.max(np.abs(gaps - usual)) <= _EVEN * usual:
@@ -211,13 +228,10 @@ def _across(slices: Sequence[DicomSlice], normal: np.ndarray) -> tuple[np.ndarra
 
 def value_type(header: Any, slices: Sequence[DicomSlice]) -> np.dtype[Any]:
     """Return the type of the true values: integer where slopes and intercepts are whole numbers."""
-    if _is_float(header):
+    # Only integers have a representation.
+    if header.BitsAllocated in (32, 64) and header.get("PixelRepresentation") is None:
         return np.dtype(np.float32 if header.BitsAllocated == 32 else np.float64)
-    allocated, stored, high = _bits(header)
-    if allocated not in (8, 16, 32) or not 1 <= stored <= high + 1 <= allocated:
-        raise FileFormatError(
-            f"expected pixels of 8, 16 or 32 bits, got {stored} up to bit {high} of {allocated}"
-        )
+    stored = int(header.get("BitsStored") or header.BitsAllocated)
     numbers = {(s.slope, s.intercept) for s in slices}
     if not all(float(a).is_integer() and float(b).is_integer() for a, b in numbers):
         return np.dtype(np.float32)
@@ -230,71 +244,31 @@ def value_type(header: Any, slices: Sequence[DicomSlice]) -> np.dtype[Any]:
     return np.dtype(np.float32)
 
 
-@quiet()
 def read_values(
     slices: Sequence[DicomSlice], shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> np.ndarray:
     """Return the values of slices, shape (columns, rows, slices)."""
+    check_memory(math.prod(shape) * dtype.itemsize, "reading the slices", "are sizes right?")
     out = np.empty(shape[::-1], dtype)
     ordered = sorted(enumerate(slices), key=lambda pair: str(pair[1].path))
     for path, group in groupby(ordered, key=lambda pair: pair[1].path):
         with reading(path, "a DICOM image"), by_library("pydicom"):
-            pixels = _stored_pixels(path, shape)
-        for k, found in group:
-            stored = pixels[found.number]
-            if dtype.kind == "f":
-                np.multiply(stored, found.slope, out=out[k], casting="unsafe")
-                out[k] += dtype.type(found.intercept)
-            else:  # the result fits, what is between may not
-                out[k] = stored.astype(np.int64) * int(found.slope) + int(found.intercept)
+            pixels = _stored_pixels(path, shape[1], shape[0])
+            for k, found in group:
+                stored = pixels[found.number]
+                if dtype.kind == "f":
+                    np.multiply(stored, found.slope, out=out[k], casting="unsafe")
+                    out[k] += dtype.type(found.intercept)
+                else:  # the result fits, what is between may not
+                    out[k] = stored.astype(np.int64) * int(found.slope) + int(found.intercept)
     return out.transpose()
 
 
-def _stored_pixels(path: Path, shape: tuple[int, ...]) -> np.ndarray:
-    whole = read_whole(path)
-    _check_decoder(whole)
-    pixels = np.asarray(whole.pixel_array)
-    if is_mosaic(whole):
-        pixels = tiles(pixels, shape[1::-1])
-    pixels = pixels if pixels.ndim == 3 else pixels[None]
-    if pixels.shape[1:] != shape[1::-1]:
-        raise FileFormatError(
-            f"{path.name} holds pixels of shape {pixels.shape}, expected {shape[1::-1]}"
-        )
-    allocated, stored, high = _bits(whole)
-    if _is_float(whole) or stored == allocated or not is_native(whole):
-        return pixels
-    # Without the bits beside them, where old files keep overlays (PS3.5, 8.1.1).
-    return pixels << (allocated - 1 - high) >> (allocated - stored)
-
-
-def _check_decoder(header: Any) -> None:
-    """Raise the error that names packages if nothing installed can decode the pixels."""
-    syntax = header.file_meta.TransferSyntaxUID
-    if is_native(header):
-        return
-    try:
-        decoder = require("pydicom.pixels", "medical", "reading DICOM").get_decoder(syntax)
-    except NotImplementedError:
-        raise FileFormatError(
-            f"its pixels are packed as {syntax.name!r}, which pydicom does not know"
-        ) from None
-    if not decoder.is_available:
-        needed = "; or ".join(decoder.missing_dependencies)
-        raise MissingPackageError(
-            f"its pixels are packed as {syntax.name!r}, for which pydicom needs another package: "
-            f"{needed}. Install one, e.g. pip install pylibjpeg[all]"
-        )
-
-
-def _bits(header: Any) -> tuple[int, int, int]:
-    """Return how many bits a pixel has, how many of them count, and the highest of these."""
-    allocated = int(header.BitsAllocated)
-    stored = int(header.get("BitsStored") or allocated)
-    high = header.get("HighBit")
-    return allocated, stored, stored - 1 if high is None else int(high)
-
-
-def _is_float(header: Any) -> bool:
-    # Only integers have a representation.
-    return header.BitsAllocated in (32, 64) and header.get("PixelRepresentation") is None
+def _stored_pixels(path: Path, rows: int, columns: int) -> np.ndarray:
+    """Return the stored numbers of a file, shape (frames, rows, columns)."""
+    image = require("pydicom", "medical", "reading DICOM").dcmread(path)
+    pixels: np.ndarray = np.asarray(image.pixel_array)
+    if is_mosaic(image):  # tiles, row by row
+        down, across = pixels.shape[0] // rows, pixels.shape[1] // columns
+        pixels = pixels.reshape(down, rows, across, columns).swapaxes(1, 2)
+    return pixels.reshape(-1, rows, columns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from ..guard import by_library
 from ..hdf5 import data_set, holds, opened, read
 from ..payload import checked_shape
 from .placement import LPS, Placement, length_unit
-from .stored import real_numbers
 from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
@@ -49,30 +48,29 @@ class ImarisReader(VoxelReader):
             place = f"{_LEVEL} {level}/TimePoint {step}"
             groups = [file[f"{place}/Channel {k}"] for k in range(len(file[place]))]
             # Blocks at the end are filled up: the data sets can be larger than the image.
-            sizes = {tuple(_number(g, f"ImageSize{a}") for a in "XYZ") for g in groups}
-            types = {data_set(path, group, "Data").dtype for group in groups}
-            if len(sizes) != 1 or len(types) != 1:
+            sizes = {tuple(_numbers(g, f"ImageSize{a}")[0] for a in "XYZ") for g in groups}
+            items = [data_set(path, group, "Data") for group in groups]
+            if len(sizes) != 1 or len({item.dtype for item in items}) != 1:
                 raise FileFormatError(f"expected channels of one size and type, got {sizes}")
             shape = checked_shape(sizes.pop(), "ImageSizeX, Y and Z")
-            for group in groups:
-                if group["Data"].ndim != 3 or np.any(np.less(group["Data"].shape[::-1], shape)):
-                    raise FileFormatError(f"{group.name} has fewer values than its size {shape}")
+            if any(i.ndim != 3 or np.any(np.less(i.shape[::-1], shape)) for i in items):
+                raise FileFormatError(f"a channel has fewer values than its size {shape}")
             low, high = (
-                np.array([_number(info, f"{end}{k}") for k in range(3)])
+                np.array([_numbers(info, f"{end}{k}")[0] for k in range(3)])
                 for end in ("ExtMin", "ExtMax")
             )
             widths = (high - low) / shape
             unit = length_unit(_text(info, "Unit") or "um")
             channels = [_channel(file.get(f"DataSetInfo/Channel {k}")) for k in range(len(groups))]
-        return Voxels(
-            shape=shape,
-            dtype=types.pop().newbyteorder("="),
-            placement=Placement(low + widths / 2, np.diag(widths), unit),
-            load=functools.partial(_load_channel, path, place, shape),
-            components=component_names(len(groups)),
-            channels=channels,
-            meta=times_meta(times, step),
-        )
+            return Voxels(
+                shape=shape,
+                dtype=items[0].dtype.newbyteorder("="),
+                placement=Placement(low + widths / 2, np.diag(widths), unit),
+                load=functools.partial(_load_channel, path, place, shape),
+                components=component_names(len(groups)),
+                channels=channels,
+                meta=times_meta(times, step),
+            )
 
 
 def _load_channel(path: Path, place: str, shape: tuple[int, ...], number: int) -> np.ndarray:
@@ -86,19 +84,15 @@ def _text(group: h5py.Group, name: str) -> str:
     return "" if value is None else b"".join(np.ravel(value)).decode("utf-8", "replace").strip()
 
 
-def _number(group: h5py.Group, name: str) -> float:
-    return real_numbers(_text(group, name), f"{name} of {group.name}", 1)[0]
+def _numbers(group: h5py.Group, name: str) -> list[float]:
+    return [float(word) for word in _text(group, name).split()]
 
 
 def _channel(group: h5py.Group | None) -> Channel:
     if group is None:
         return {}
-    color, window = _text(group, "Color"), _text(group, "ColorRange")
-    return channel(
-        _text(group, "Name"),
-        [255 * c for c in real_numbers(color, "Color", 3)] if color else None,
-        real_numbers(window, "ColorRange", 2) if window else None,
-    )
+    color = [255 * c for c in _numbers(group, "Color")]
+    return channel(_text(group, "Name"), color, _numbers(group, "ColorRange"))
 
 
 class ITKReader(VoxelReader):
@@ -112,26 +106,18 @@ class ITKReader(VoxelReader):
         return holds(path, head, lambda file: f"{_ITK}/VoxelData" in file)
 
     def voxels(self, path: Path) -> Voxels:
-        def numbers(name: str) -> np.ndarray:
-            item = data_set(path, group, name)
-            if item.size > 16:
-                raise FileFormatError(
-                    f"expected a few numbers in {name}, got the shape {item.shape}"
-                )
-            return np.asarray(item[()])
-
-        with opened(path) as file:
-            group: Any = file[_ITK]
-            item = data_set(path, group, "VoxelData")
-            shape = tuple(int(n) for n in numbers("Dimension"))
+        with by_library("h5py"), opened(path) as file:
+            item = data_set(path, file[_ITK], "VoxelData")
+            sizes, origin, spacing, rows = (
+                file[f"{_ITK}/{name}"][()]
+                for name in ("Dimension", "Origin", "Spacing", "Directions")
+            )
+            shape = tuple(int(n) for n in sizes)
             if len(shape) != 3 or item.shape[:3] != shape[::-1] or item.ndim > 4:
                 raise FileFormatError(
                     f"expected an image of three dimensions, got Dimension {shape} and values of "
                     f"shape {item.shape}"
                 )
-            origin, spacing, rows = map(numbers, ("Origin", "Spacing", "Directions"))
-            if (len(origin), len(spacing), rows.shape) != (3, 3, (3, 3)):
-                raise FileFormatError("expected Origin, Spacing and Directions in three dimensions")
             count = item.shape[3] if item.ndim == 4 else 1
             vector = VECTOR if count == 3 and item.dtype.kind == "f" else ()
             return Voxels(

@@ -8,24 +8,15 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import FileFormatError
+from ..guard import by_library
 from ..payload import checked_shape
 from .placement import LPS, Placement, lattice, single_field, slabs
-from .stored import (
-    AT_THE_END,
-    PLAIN,
-    TEXT,
-    ZLIB,
-    StoredNumbers,
-    data_files,
-    header_lines,
-    real_numbers,
-    whole_numbers,
-)
+from .stored import StoredNumbers, data_files, header_lines
 from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
@@ -34,9 +25,6 @@ if TYPE_CHECKING:
 _FIRST_KEY = re.compile(rb"\s*(ObjectType\s*=\s*Image|NDims\s*=|Comment\s*=)")
 _NEEDED_KEY = re.compile(rb"^\s*NDims\s*=", re.MULTILINE)
 _DATA = "ElementDataFile"
-_LONGEST_LIST = 4 << 20
-# One thing has had several names.
-_MATRIX = ("TransformMatrix", "Rotation", "Orientation")
 _TYPES = {
     "MET_CHAR": "i1",
     "MET_UCHAR": "u1",
@@ -71,30 +59,38 @@ class MetaImageReader(VoxelReader):
         return bool(_FIRST_KEY.match(head) and _NEEDED_KEY.search(head))
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
-        lines, end, found = header_lines(
-            path, lambda line: "=" in line and line.partition("=")[0].strip() == _DATA
-        )
-        if not found:
-            raise FileFormatError(f"expected a line '{_DATA} = …' at the end of its header")
-        pairs = (line.partition("=") for line in lines if "=" in line)
+        lines, end = header_lines(path, lambda line: line.partition("=")[0].strip() == _DATA)
+        pairs = (line.partition("=") for line in lines)
         header = {key.strip(): value.strip() for key, _, value in pairs}
-        shape = checked_shape(whole_numbers(header.get("DimSize", ""), "DimSize"), "DimSize")
-        if len(shape) != _one(header, "NDims", 0) or len(shape) not in (3, 4):
-            raise FileFormatError(
-                "expected NDims = 3 (or 4 with time) and as many in DimSize, got "
-                f"{header.get('NDims')!r} and {shape}"
-            )
+        if not header.get(_DATA):
+            raise FileFormatError(f"expected a line '{_DATA} = …' at the end of its header")
+        with by_library("its header"):
+            shape = checked_shape(_numbers(header, "DimSize", dtype=int), "DimSize")
+            ndims, skipped = int(header.get("NDims", 0)), int(header.get("HeaderSize", 0))
+            channels = int(header.get("ElementNumberOfChannels", 1))
+            if len(shape) != ndims or ndims not in (3, 4) or channels < 1:
+                raise FileFormatError(
+                    f"expected NDims = 3 (or 4 with time) and as many sizes, got {ndims}, {shape}"
+                )
+            placement = _placement(header, ndims)
         code = header.get("ElementType", "").removesuffix("_ARRAY")
         if code not in _TYPES:
             raise FileFormatError(f"ElementType must be one of {', '.join(_TYPES)}, got {code!r}")
-        big = _is_true(_first(header, ("BinaryDataByteOrderMSB", "ElementByteOrderMSB")))
+        big = any(
+            _is_true(header, key) for key in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB")
+        )
         dtype = np.dtype(_TYPES[code]).newbyteorder(">" if big else "<")
-        channels = _one(header, "ElementNumberOfChannels", 1)
-        if not 1 <= channels <= 1 << 16:
-            raise FileFormatError(f"ElementNumberOfChannels must be positive, got {channels}")
-        times = math.prod(shape[3:])
-        count = math.prod(shape) * channels
-        stored = _stored(path, header, end, dtype, count).check()
+        times, count = math.prod(shape[3:]), math.prod(shape) * channels
+        is_binary = _is_true(header, "BinaryData", "True")
+        packing = ("zlib" if _is_true(header, "CompressedData") else "") if is_binary else "text"
+        files = _files(path, header[_DATA], end)
+        if files == (path,):
+            skipped = end
+        elif skipped == -1:  # the data are the end of the file
+            skipped = files[0].stat().st_size - count // len(files) * dtype.itemsize
+        stored = StoredNumbers(files, dtype, count, skipped, packing)
+        if not packing:
+            stored.read(0, (count,))  # maps the files, to check their sizes
         step = time_step(time, times)
 
         def load(number: int) -> np.ndarray:
@@ -105,7 +101,7 @@ class MetaImageReader(VoxelReader):
         return Voxels(
             shape=shape[:3],
             dtype=dtype.newbyteorder("="),
-            placement=_placement(header, len(shape)),
+            placement=placement,
             load=load,
             components=component_names(channels, vector),
             meta=times_meta(times, step),
@@ -139,59 +135,38 @@ def _line(numbers: np.ndarray) -> str:
     return " ".join(repr(float(number)) for number in numbers.ravel())
 
 
-def _first(header: dict[str, str], keys: tuple[str, ...]) -> str:
-    return next((header[key] for key in keys if header.get(key)), "")
+def _is_true(header: dict[str, str], key: str, default: str = "") -> bool:
+    return header.get(key, default)[:1].lower() in ("t", "y", "1")
 
 
-def _is_true(text: str) -> bool:
-    return text[:1].lower() in ("t", "y", "1") if text else False
-
-
-def _one(header: dict[str, str], key: str, default: int) -> int:
-    numbers = whole_numbers(header.get(key) or str(default), key)
-    if len(numbers) != 1:
-        raise FileFormatError(f"{key} must be one number, got {header[key]!r}")
-    return numbers[0]
+def _numbers(header: dict[str, str], *keys: str, dtype: type = float) -> np.ndarray | None:
+    """Return the numbers under the first of several names; None if there are none."""
+    text = next((header[key] for key in keys if header.get(key)), None)
+    return None if text is None else np.array(text.split()).astype(dtype)
 
 
 def _placement(header: dict[str, str], ndims: int) -> Placement:
-    def numbers(keys: tuple[str, ...], default: np.ndarray) -> np.ndarray:
-        text = _first(header, keys)
-        return np.array(real_numbers(text, keys[0], default.size)) if text else default.ravel()
-
-    spacing = numbers(("ElementSpacing", "ElementSize"), np.ones(ndims))
-    matrix = numbers(_MATRIX, np.eye(ndims)).reshape(ndims, ndims)
-    origin = numbers(("Offset", "Position", "Origin"), np.zeros(ndims))
+    spacing = _numbers(header, "ElementSpacing", "ElementSize")
+    matrix = _numbers(header, "TransformMatrix", "Rotation", "Orientation")
+    origin = _numbers(header, "Offset", "Position", "Origin")
     unit = header.get("DistanceUnits", "")
     # Three letters describe the axes of the array by the side they come from (ITK) or lead to
     # (MetaIO's manual): the coordinates are a patient's. A matrix says the same without doubt.
     letters = header.get("AnatomicalOrientation", "").upper()
     patient = letters in ("RAI", LPS)
-    if _first(header, _MATRIX):
+    if matrix is not None:
         patient = sorted(letters.translate(_SIDES)) == ["A", "I", "R"]
-    steps = matrix[:3, :3] * spacing[:3, None]
+    turn = np.eye(ndims) if matrix is None else matrix.reshape(ndims, ndims)
+    steps = turn * (np.ones(ndims) if spacing is None else spacing.reshape(ndims))[:, None]
+    first = np.zeros(ndims) if origin is None else origin.reshape(ndims)
     unit = unit if unit in ("um", "mm", "cm") else "mm"
-    return Placement(origin[:3], steps, unit, LPS if patient else "")
+    return Placement(first[:3], steps[:3, :3], unit, LPS if patient else "")
 
 
-def _stored(
-    path: Path, header: dict[str, str], end: int, dtype: np.dtype[Any], count: int
-) -> StoredNumbers:
-    packing = ZLIB if _is_true(header.get("CompressedData", "")) else PLAIN
-    packing = packing if _is_true(header.get("BinaryData", "True")) else TEXT
-    named = header[_DATA]
+def _files(path: Path, named: str, end: int) -> tuple[Path, ...]:
     if named.upper() == "LOCAL":
-        return StoredNumbers((path,), dtype, count, packing, end)
-    words = named.split()
-    if words and words[0].upper() == "LIST":  # a file for each slice, or slab of them
-        if words[1:] not in ([], ["2"], ["2D"], ["3"], ["3D"]):
-            raise FileFormatError(f"expected files of slices, got {_DATA} = {named}")
-        with open(path, "rb") as file:
-            file.seek(end)
-            listed = file.read(_LONGEST_LIST).decode("utf-8", "replace").splitlines()
-        files = data_files(path, [line.strip() for line in listed if line.strip()])
-    else:
-        files = data_files(path, named)
-    start = _one(header, "HeaderSize", 0)
-    start = AT_THE_END if start == -1 and packing == PLAIN else start
-    return StoredNumbers(files, dtype, count, packing, start)
+        return (path,)
+    if named.split()[0].upper() == "LIST":  # a file for each slice, or slab of them
+        listed = path.read_bytes()[end:].decode("utf-8", "replace").splitlines()
+        return data_files(path, named, listed)
+    return data_files(path, named)

@@ -23,6 +23,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...units import parse_unit, plain
+from ..arrays.layout import equal_cells
 from ..axes import cartesian, edges_of_centers
 from ..unit_texts import known_unit
 
@@ -115,6 +116,13 @@ def arranged(shape: tuple[int, ...], placement: Placement) -> Arrangement:
         edges.append(start + ticks)
     grid = CartesianGrid(*edges, unit=placement.unit)
     return Arrangement(grid, order, backward, direction if oblique else None)
+
+
+def equal_voxels(shape: tuple[int, ...], spacing: Any, unit: Any, bounds: Any = None) -> Placement:
+    """Return the placement of voxels that begin at 0, or fill bounds, as other arrays do."""
+    grid = equal_cells(shape, {"spacing": spacing, "bounds": bounds}, unit)
+    widths = np.ptp(grid.bounds, axis=1) / grid.shape
+    return Placement(grid.bounds[:, 0] + widths / 2, np.diag(widths), grid.describe()["unit"])
 
 
 def length_unit(text: str) -> str:

@@ -19,12 +19,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import FileFormatError
-from ...packages import require
-from ..arrays.layout import equal_cells
+from ...memory import check_memory
 from ..channels import Y_DOWN, Channel, channel, of_samples
 from ..guard import by_library, reading
 from ..payload import mapped
-from .placement import Placement, conversion, length_unit
+from .placement import conversion, equal_voxels, length_unit
 from .voxels import COLORS, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
@@ -38,10 +37,6 @@ _OPTIONS = {
 # What becomes the third axis, the first that there is: z; pictures one after the other; time or
 # channels, as stacks of slices are called by those who did not say what they are.
 _THIRD = "ZIQTC"
-# Compressions that need no further package: none, Deflate, PackBits.
-_UNPACKED_HERE = (1, 8, 32946, 32773)
-# Deflate, the strongest of these compressions, shrinks data at most 1032 times.
-_MOST_PACKED = 1032
 _TIFF = (".tif", ".tiff")
 _SUFFIXES = (*_TIFF, ".png")
 # Suffixes of files beside the slices that say how these were made.
@@ -128,19 +123,12 @@ class TIFFReader(VoxelReader):
         return Voxels(
             shape=shape,
             dtype=np.dtype(np.float32) if dtype == np.float16 else dtype.newbyteorder("="),
-            placement=_from_zero(shape, widths if spacing is None else spacing, unit or own),
+            placement=equal_voxels(shape, widths if spacing is None else spacing, unit or own),
             load=load,
             components=component_names(channels * samples, COLORS if channels == 1 else ()),
             channels=of_samples(samples) * channels if samples > 1 else listed[:channels],
             meta=Y_DOWN | times_meta(times, step),
         )
-
-
-def _from_zero(shape: tuple[int, ...], spacing: Any, unit: Any) -> Placement:
-    """Return the placement of cells that begin at 0, as in other files of arrays."""
-    grid = equal_cells(shape, {"spacing": spacing}, unit)
-    widths = np.ptp(grid.bounds, axis=1) / grid.shape
-    return Placement(widths / 2, np.diag(widths), grid.describe()["unit"])
 
 
 def _stack(file: tifffile.TiffFile) -> tuple[int, Any]:
@@ -181,7 +169,9 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
             dtype = np.dtype(series.dtype).newbyteorder(file.byteorder)
             values = mapped(path, series.dataoffset, series.shape, dtype)[index]
         else:
-            outer = _outer_axes(series)
+            outer = next(
+                k for k in range(series.ndim) if math.prod(series.shape[:k]) == len(series.pages)
+            )
             numbers = np.arange(len(series.pages)).reshape(series.shape[:outer])[index[:outer]]
             keys = [int(k) for k in np.ravel(numbers)]
             _check_pages(path, [series.pages[k] for k in keys])
@@ -195,33 +185,17 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
     return values.transpose(order).reshape([values.shape[k] for k in order[:3]])
 
 
-def _outer_axes(series: Any) -> int:
-    for outer in range(len(series.shape)):
-        if math.prod(series.shape[:outer]) == len(series.pages):
-            return outer
-    raise FileFormatError(
-        f"expected pictures for the shape {series.shape}, found {len(series.pages)}"
-    )
-
-
 def _check_pages(path: Path, pages: Sequence[Any]) -> None:
     """Reject pictures missing from the file: tifffile would fill them with zeros."""
     if any(page is None for page in pages):
         raise FileFormatError("some of its pictures are missing: they are in other files")
-    first, found = pages[0].keyframe, path.stat().st_size
-    if first.compression not in _UNPACKED_HERE or first.predictor == 3:
-        require("imagecodecs", "tiff", f"unpacking TIFF ({first.compression.name})")
-    needed = math.prod(first.chunked)
-    for number, page in enumerate(pages):
-        ends = [a + n for a, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
-        if len(ends) < needed or max(ends) > found:
-            raise FileFormatError(
-                f"{path.name} is cut short: {found} bytes, but picture {number + 1} ends at byte "
-                f"{max(ends, default=0)} with {len(ends)} of {needed} strips or tiles"
-            )
-    size = max(math.prod(first.shape), math.prod(first.chunks) * needed) * first.dtype.itemsize
-    if size > max(_MOST_PACKED * found, 1 << 24):
-        raise FileFormatError(f"{found} bytes cannot hold pictures of {size} bytes each")
+    size, needed = path.stat().st_size, math.prod(pages[0].keyframe.chunked)
+    for number, page in enumerate(pages, start=1):
+        ends = np.add(page.dataoffsets, page.databytecounts)
+        if len(ends) < needed or np.any(ends > size):
+            raise FileFormatError(f"{path.name} is cut short: picture {number} is not all there")
+    size = len(pages) * math.prod(pages[0].shape) * pages[0].dtype.itemsize
+    check_memory(size, f"reading {path.name}", "are the sizes right?")
 
 
 def _scale(file: Any, number: int) -> tuple[tuple[float, ...], str]:
@@ -338,7 +312,7 @@ class PicturesReader(VoxelReader):
         return Voxels(
             shape=shape,
             dtype=first.dtype.newbyteorder("="),
-            placement=_from_zero(shape, 1.0 if spacing is None else spacing, unit),
+            placement=equal_voxels(shape, 1.0 if spacing is None else spacing, unit),
             load=load,
             components=component_names(samples, COLORS if samples > 2 else ("_0", "_alpha")),
             name=path.resolve().name,

@@ -28,7 +28,7 @@ import numpy as np
 from ...backend import Backend, dr, from_host
 from ...backend.types import Float, Int, Mask
 from ...derivatives import CellSlopes
-from ...grids.trees.lookup import Cell
+from ...grids.trees.tree import Cell
 from ...grids.trees.vertices import OCTANTS, Surroundings, VertexBoxes
 from ...memory import check_memory
 
