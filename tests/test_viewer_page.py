@@ -179,8 +179,7 @@ def test_a_server_that_nobody_looks_at_ends():
     explorer = Explorer(VOLUME, MEDIUM, CAMERA)
     server = Server(explorer, idle=0.05)
     server.start()
-    server._thread.join(10)
-    assert not server._thread.is_alive()
+    assert server.wait(10)
     explorer.close()
 
 

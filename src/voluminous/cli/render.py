@@ -42,6 +42,18 @@ _SHOWN = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
+    add_scene_options(parser)
+    help = (
+        "image to write (.png, .tif, .exr, .fits, .npz); may be given several times; "
+        "by default the file's name with .png, in the working directory"
+    )
+    add_several(parser, "-o --output", "FILE", help, type=Path)
+    help = "add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)"
+    parser.add_argument("--annotate", action="store_true", help=help)
+
+
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments from which `scene_from` makes a scene."""
     parser.add_argument(
         "scene",
         type=Path,
@@ -50,17 +62,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "which a first picture is made",
     )
     help = (
-        "image to write (.png, .tif, .exr, .fits, .npz); may be given several times; "
-        "by default the file's name with .png, in the working directory"
-    )
-    add_several(parser, "-o --output", "FILE", help, type=Path)
-    help = (
         "change a value of the scene, such as camera.incl=40 or medium.2.opacity=0.3; for a "
         "file with data also an option of its format, such as unit=pc"
     )
     add_several(parser, "--set", "KEY=VALUE", help)
-    help = "add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)"
-    parser.add_argument("--annotate", action="store_true", help=help)
     add_data_options(parser)
     add_render_options(parser)
 

@@ -107,7 +107,7 @@ class Scene:
         path = as_path(path)
         if any(path.suffix.lower() in form.suffixes for form in FORMATS):
             return cls._of_image(path)
-        text = _text_of(path)
+        text = text_of(path)
         with placed(path):
             return cls(settings.loads(text), path.parent)
 
@@ -245,7 +245,8 @@ def _is_short(value: Any) -> bool:
     )
 
 
-def _text_of(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """Return the text of a file, in UTF-8."""
     try:
         return path.read_text(encoding="utf-8-sig")  # editors on Windows prepend a byte order mark
     except FileNotFoundError:

@@ -185,19 +185,20 @@ class Server:
                 server_header=False,
             )
         )
-        self._thread: threading.Thread | None = None
+        # Not the thread itself is waited for: Ctrl-C during Thread.join marks it as ended.
+        self._ended = threading.Event()
 
     def start(self) -> None:
         """Serve in a thread; returns when it listens."""
-        self._thread = threading.Thread(target=self.run, name="server", daemon=True)
-        self._thread.start()
-        while not self._server.started and self._thread.is_alive():
+        threading.Thread(target=self._run, name="server", daemon=True).start()
+        while not self._server.started and not self._ended.is_set():
             time.sleep(0.005)
 
-    def run(self) -> None:
-        """Serve until `close`, or until nobody has looked for a while."""
-        self._server.install_signal_handlers = lambda: None
-        asyncio.run(self._serve())
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        finally:
+            self._ended.set()
 
     async def _serve(self) -> None:
         watch = asyncio.create_task(self._watch())
@@ -216,11 +217,14 @@ class Server:
             if not explorer.pages and time.monotonic() - explorer.active_at > self.idle:
                 self._server.should_exit = True
 
+    def wait(self, seconds: float | None = None) -> bool:
+        """Wait until it has ended; return whether it has."""
+        return self._ended.wait(seconds)
+
     def close(self) -> None:
         """End."""
         self._server.should_exit = True
-        if self._thread is not None:
-            self._thread.join(5.0)
+        self._ended.wait(5.0)
 
     def open_browser(self) -> None:
         """Open the page. The token is in no command line, which others could list."""

@@ -1,0 +1,41 @@
+"""Open the explorer: turn, slide, click and film a file with data or a scene, in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from .render import add_scene_options, scene_from
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of this command."""
+    add_scene_options(parser)
+    group = parser.add_argument_group("where it is served")
+    help = "serve a unix socket that only you can open, for ssh -L, instead of a port"
+    group.add_argument("--socket", action="store_true", help=help)
+    group.add_argument("--port", type=int, default=0, help="default: any that is free")
+    help = "a name under which a proxy serves this machine; may be given several times"
+    group.add_argument("--allow-host", action="append", default=[], metavar="NAME", help=help)
+    group.add_argument("--no-browser", action="store_true", help="only print the address")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C, or until no page has been open for an hour."""
+    from ..viewer.explorer import Explorer
+    from ..viewer.page import Server
+
+    scene = scene_from(args)
+    explorer = Explorer(scene.volume(), scene.medium, scene.camera, scene.to_dict())
+    server = Server(explorer, port=args.port, unix_socket=args.socket, hosts=args.allow_host)
+    remote = args.socket or "SSH_CONNECTION" in os.environ
+    try:
+        server.start()
+        print(server.instructions(), flush=True)
+        if not (args.no_browser or remote):
+            server.open_browser()
+        server.wait()
+    finally:
+        server.close()
+        explorer.close()
+    return 0

@@ -1,0 +1,118 @@
+"""The commands view and movie."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from voluminous.cli import main
+
+SCENE = """
+[volume]
+model = "prestellar_core"
+resolution = 16
+[[medium]]
+type = "gaussian"
+expr = "log10(density)"
+center = 4
+sigma = 0.2
+color = [1.0, 0.5, 0.2]
+opacity = 0.3
+path_length = "2e16 cm"
+[camera]
+incl = 60
+width = "0.25 pc"
+resolution = 24
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_an_orbit_of_a_scene(scene, tmp_path):
+    assert main(["movie", str(scene), "--orbit", "3", "-o", str(tmp_path / "a.npz"), "-q"]) == 0
+    images = [vm.Image.load(tmp_path / f"a_{k:04d}.npz") for k in range(3)]
+    wanted = vm.Scene.load(scene).replaced({"camera.phi": 120.0}).render()
+    np.testing.assert_array_equal(images[1].intensity, wanted.intensity)
+
+
+@pytest.mark.parametrize("how", [["--zoom", "10"], ["--dolly", "3"], ["--keyframes", "KEYS"]])
+def test_other_paths(scene, tmp_path, how):
+    keys = tmp_path / "keys.toml"
+    keys.write_text(
+        "[[keyframe]]\nframe = 0\n[[keyframe]]\nframe = 3\ncamera.incl = 20\n"
+        'camera.width = "0.1 pc"\n'
+    )
+    if how[0] == "--dolly":
+        scene.write_text(
+            SCENE.replace(
+                'incl = 60\nwidth = "0.25 pc"',
+                'type = "perspective"\nposition = ["0 pc", "-0.5 pc", "0 pc"]\n'
+                'target = ["0 pc", "0 pc", "0 pc"]',
+            )
+        )
+    words = [str(keys) if word == "KEYS" else word for word in how]
+    path = tmp_path / "film.gif"
+    assert main(["movie", str(scene), *words, "--frames", "4", "-o", str(path), "-q"]) == 0
+    from PIL import Image
+
+    with Image.open(path) as film:
+        assert film.n_frames == 4
+
+
+def test_a_series(scene, tmp_path, capsys):
+    core = vm.models.prestellar_core(16)
+    for k in range(2):
+        core.save(tmp_path / f"out_{k}.npz")
+    arguments = ["movie", str(scene), "--over", str(tmp_path / "out_*.npz")]
+    assert main([*arguments, "-o", str(tmp_path / "b.png")]) == 0
+    assert "b_0000.png … b_0001.png" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "what moves"),
+        (["--orbit", "3", "--zoom", "2"], "--orbit and --zoom"),
+        (["--over", "nothing_*"], "no files"),
+        (["--orbit", "0"], "positive whole"),
+    ],
+)
+def test_films_that_cannot_be(scene, tmp_path, capsys, options, message):
+    assert main(["movie", str(scene), *options, "-o", str(tmp_path / "a.png")]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("how", [["--no-browser"], ["--socket"]])
+def test_view_prints_its_address_and_ends_with_ctrl_c(scene, how):
+    pytest.importorskip("uvicorn")
+    command = [sys.executable, "-m", "voluminous", "view", str(scene), *how]
+    environment = {k: v for k, v in os.environ.items() if k != "SSH_CONNECTION"}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        text = ""
+        while "#token=" not in text:
+            line = process.stdout.readline()
+            assert line, process.stderr.read()
+            text += line
+        assert re.search(r"http://127\.0\.0\.1:\d+/#token=[\w-]{43}\n", text)
+        assert ("ssh -N -L" in text) == (how == ["--socket"])
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 130
+        if how == ["--socket"]:
+            folder = re.search(r"-L 8080:(\S+)/view\.sock", text)[1]
+            assert not os.path.exists(folder)
