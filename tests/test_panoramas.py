@@ -163,3 +163,13 @@ def test_a_picture_of_all_directions_is_that_of_the_screen():
 def test_bad_arguments(options, message):
     with pytest.raises(vm.VoluminousError, match=message):
         vm.Panorama(EYE, **{"target": AIM} | options)
+
+
+def test_a_dome_is_empty_outside_its_disc():
+    volume = vm.Volume(GRID, a=np.ones(GRID.shape))
+    camera = vm.Panorama(EYE, AIM, projection="fulldome", resolution=32)
+    image = vm.render(volume, vm.Coefficients("a", "a"), camera)
+    u, v = np.meshgrid(image.x, image.y)
+    inside = np.hypot(u, v) <= 0.5 * np.pi
+    np.testing.assert_array_equal(image.intensity[..., 0] > 0, inside)
+    np.testing.assert_array_equal(image.transparency[..., 0] == 1, ~inside)

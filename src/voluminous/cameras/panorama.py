@@ -43,9 +43,9 @@ class Panorama(Camera):
         The point in the middle of the picture (of the front face of a cube).
     projection : {"equirectangular", "fulldome", "cubemap"}
         "equirectangular": longitude and latitude, twice as wide as high, as players of spherical
-        films expect. "fulldome": a disc, whose radius is the angle to its middle; for planetariums,
-        whose middle is the zenith. "cubemap": the six faces of a cube, three beside each other in
-        two rows: right, left, up; down, front, back.
+        films expect. "fulldome": a disc in an empty square, whose radius is the angle to its
+        middle; for planetariums, whose middle is the zenith. "cubemap": the six faces of a cube,
+        three beside each other in two rows: right, left, up; down, front, back.
     resolution : int
         Pixels across the picture of one eye: even for "equirectangular", a multiple of three for
         "cubemap".
@@ -138,12 +138,15 @@ class Panorama(Camera):
             eyes = float(plain(self.eye_distance, grid.unit, "eye_distance"))
         size = doubled(self._one, self.stereo)
         return Frame(
-            self.resolution, size, (0.0, 0.0), np.vstack([position, axes, [0.5 * eyes, 0, 0]])
+            self.resolution,
+            size,
+            (0.0, 0.0),
+            np.vstack([position, axes, [0.5 * eyes, 0.5 * self.fov, 0]]),
         )
 
     def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
-        position, ex, ey, ez, (half_eyes, *_) = vectors
-        side = None
+        position, ex, ey, ez, (half_eyes, radius, _) = vectors
+        side = active = None
         if self.projection == "equirectangular":
             half = np.pi if self.stereo == "side-by-side" else 0.5 * np.pi
             u, v, side = one_eye(self.stereo, u, v, half)
@@ -153,6 +156,7 @@ class Panorama(Camera):
             q = dr.sqrt(u * u + v * v)
             sinc = dr.select(q > 0, dr.sin(q) / dr.select(q > 0, q, 1.0), 1.0)
             x, y, z = u * sinc, v * sinc, -dr.cos(q)
+            active = q <= radius
         else:
             x, y, z = _on_cube(u, v)
         direction = [x * a + y * b + z * c for a, b, c in zip(ex, ey, ez, strict=True)]
@@ -163,7 +167,7 @@ class Panorama(Camera):
             origin = [
                 o + step * (cos_u * a + sin_u * c) for o, a, c in zip(origin, ex, ez, strict=True)
             ]
-        return Ray(origin, direction, first=zero)
+        return Ray(origin, direction, first=zero, active=active)
 
     def key(self) -> Hashable:
         own = type(self) is Panorama

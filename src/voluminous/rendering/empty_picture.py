@@ -33,4 +33,4 @@ def warn_of_nothing(job: RenderJob) -> None:
                 values.append(f"{expr.text} is from {ends} in this volume")
             reason = "; ".join(dict.fromkeys(values) or ["it is transparent in this volume"])
             reason += ". Choose values in that range; vm.suggest_medium(volume, ...) finds some"
-    warnings.warn(f"the picture shows nothing of the medium: {reason}", stacklevel=4)
+    warnings.warn(f"the picture shows nothing of the medium: {reason}", stacklevel=6)

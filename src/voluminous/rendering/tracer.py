@@ -327,7 +327,7 @@ class RayTracer:
             for place, o, (step, shift) in zip((lanes.u, lanes.v), offset, self.places, strict=True)
         )
         ray = self.job.camera.rays(self.vectors, u, v)
-        ray.active = lanes.there
+        ray.active = lanes.there if ray.active is None else lanes.there & ray.active
         if self.job.backward:
             ray = reverse(ray)
         return ray if depths is None else self._confined(ray, *depths)
