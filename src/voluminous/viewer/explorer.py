@@ -35,6 +35,8 @@ PROTOCOL = 1
 _MOST_BINS, _MOST_SIDE = 4096, 8192
 # Cells of a histogram; of more, every second, third …
 _MOST_CELLS = 1 << 24
+# Seconds after a change of a medium in which another is expected.
+_EDITED = 1.0
 # Inputs a second; more are a fault or an attack.
 _MOST_INPUTS = 240
 _FORMATS = {"png": "image/png", "exr": "image/x-exr", "fits": "application/fits"}
@@ -83,7 +85,7 @@ class Explorer:
         )
         self._lock = threading.RLock()
         self._clients: list[Client] = []
-        self.active_at = time.monotonic()
+        self.active_at, self.edited_at = time.monotonic(), -1e9
         self.painter = Painter(lambda: list(self._clients), self._shot)
         self.desk = ThreadPoolExecutor(1, thread_name_prefix="desk")
 
@@ -149,7 +151,8 @@ class Explorer:
             volume, medium = self.volume, self.medium
         camera = build_camera({**table, "resolution": list(size)})
         options = render_options(settings.get("render", {}))
-        return Shot(volume, medium, camera, options, number, revision, table)
+        editing = time.monotonic() - self.edited_at < _EDITED
+        return Shot(volume, medium, camera, options, number, revision, table, editing)
 
     def changed(self, by: Client | None, *, moving: bool = False) -> None:
         """Tell all pages of the new document, and paint it."""
@@ -320,6 +323,7 @@ class Client:
                 client.tell_document()
             return
         self.session.want(number, time.monotonic(), moving=moving)
+        self.explorer.edited_at = time.monotonic()
         self.explorer.changed(self, moving=moving)
 
     def _undo(self, message: dict[str, Any]) -> None:
