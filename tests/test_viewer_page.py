@@ -38,7 +38,7 @@ def server():
     explorer.close()
 
 
-def connect(server, token=None, origin=None, path="/socket"):
+def connect(server, token=None, origin=None, path="/ws"):
     token = server.guard.token if token is None else token
     protocols = [SUBPROTOCOL, *([f"token.{token}"] if token else [])]
     return client.connect(
@@ -88,7 +88,7 @@ def test_the_socket_asks_the_guard(server, token, origin):
     assert error.value.response.status_code == 403
 
 
-@pytest.mark.parametrize("path", ["/", "/socket/", "/other", "/socket/../socket"])
+@pytest.mark.parametrize("path", ["/", "/ws/", "/other", "/ws/../ws"])
 def test_there_is_one_websocket(server, path):
     with pytest.raises(exceptions.InvalidStatus) as error:
         connect(server, path=path)
@@ -108,7 +108,7 @@ def test_every_file_is_served_with_a_policy_and_nothing_else_is(server):
         "/%2e%2e/page.py",
         "/static/explorer.js",
         "//explorer.js",
-        "/socket",
+        "/ws",
     ):
         assert get(server, path)[0] == 404
     assert get(server, "/", "POST")[0] == 405

@@ -71,6 +71,8 @@ class Explorer:
         self.index = 0
         self.volume = self._opened(0)
         medium = first_medium(self.volume) if medium is None else medium
+        # The first page's shape decides what a camera sees that nobody has given.
+        self._framed = camera is not None
         camera = framed(self.volume, medium) if camera is None else camera
         others = settings or {}
         self.document = Document(
@@ -92,6 +94,12 @@ class Explorer:
     def _opened(self, index: int) -> Volume:
         one = self.series[index]
         return one if isinstance(one, Volume) else open_volume(one)
+
+    def frame_for(self, size: tuple[int, int]) -> None:
+        """Fit the first camera to a page's picture, if none was given."""
+        if not self._framed:
+            self._framed = True
+            self.document.look(_view(framed(self.volume, self.medium, resolution=size)))
 
     def _source(self) -> dict[str, Any]:
         one = self.series[self.index]
@@ -268,6 +276,8 @@ class Client:
         session.resize(message.get("size", (400, 400)), message.get("scale", 1.0))
         session.leader = message.get("leader") is not False
         session.visible = True
+        explorer.frame_for(session.size)
+        session.camera = dict(explorer.document.settings["camera"])
         self.send(
             {
                 "kind": "welcome",

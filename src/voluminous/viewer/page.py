@@ -88,7 +88,7 @@ class App:
         if (await receive())["type"] != "websocket.connect":
             return
         headers = _headers(scope)
-        allowed = scope["path"] == "/socket" and self.guard.lets_in(
+        allowed = scope["path"] == "/ws" and self.guard.lets_in(
             headers.get("host", ""), headers.get("origin"), scope.get("subprotocols", ())
         )
         if not allowed or self.explorer.pages >= _MOST_PAGES:

@@ -12,7 +12,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..cameras import Camera
+from ..cameras import Camera, Panorama, Perspective
+from ..cameras.contract import point
 from ..errors import VoluminousError
 from ..image import Image
 from ..media import Coefficients, Medium
@@ -269,9 +270,11 @@ def geometry(camera: Camera, volume: Volume) -> dict[str, Any]:
     """Return the camera's axes and image plane, for what a page draws over a picture."""
     frame = camera.frame(volume.grid)
     first, right, up, last = frame.vectors[:4]
-    parallel = camera.parallel
+    parallel, target = camera.parallel, first
+    if isinstance(camera, (Perspective, Panorama)):
+        target = point(camera.target, volume.grid.unit, "target")
     return {
-        "center": first.tolist() if parallel else None,
+        "center": target.tolist(),
         "position": None if parallel else first.tolist(),
         "right": right.tolist(),
         "up": up.tolist(),

@@ -1,0 +1,133 @@
+// Windows above everything: the list of keys, saving, and the history of changes.
+
+import type { App } from "./app";
+import { button, h, refill } from "./ui/dom";
+import { choice, numberField } from "./ui/fields";
+import { fromBase64 } from "./wire";
+
+interface Dialog {
+  element: HTMLDialogElement;
+  open(): void;
+}
+
+function dialog(title: string, ...content: HTMLElement[]): Dialog {
+  const element = h("dialog", { class: "vlm-dialog", "aria-label": title });
+  const close = () => element.close();
+  element.append(h("header", {}, h("h2", {}, title), button("×", "Close", close)), ...content);
+  // A click beside the window closes it.
+  element.addEventListener("click", (event) => event.target === element && close());
+  return { element, open: () => element.open || element.showModal() };
+}
+
+const GESTURES: [string, string][] = [
+  ["drag", "rotate"],
+  ["Shift-drag, right button", "move"],
+  ["Ctrl-drag", "roll"],
+  ["wheel", "zoom to the pointer"],
+  ["click", "what this ray saw"],
+  ["double click", "rotate about what is there"],
+  ["one finger, two fingers", "rotate; move and zoom"],
+];
+
+export function helpDialog(app: App): Dialog {
+  const list = (title: string, rows: [string, string][]) =>
+    h(
+      "section",
+      {},
+      h("h3", {}, title),
+      h("dl", {}, ...rows.flatMap(([keys, words]) => [h("dt", {}, h("kbd", {}, keys)), h("dd", {}, words)])),
+    );
+  const groups = ["Camera", "Picture", "Document", "Everything else"];
+  const sections = groups.map((group) =>
+    list(group, app.keys.table.filter((key) => key.group === group && key.shown).map((key) => [key.shown, key.words])),
+  );
+  return dialog("Keys and gestures", h("div", { class: "vlm-help" }, list("Mouse and fingers", GESTURES), ...sections));
+}
+
+/** Hand bytes to the browser as a file. */
+export function download(name: string, mime: string, data: Uint8Array | string): void {
+  const address = URL.createObjectURL(new Blob([data as BlobPart], { type: mime }));
+  h("a", { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 10000);
+}
+
+const KINDS: Record<string, string> = {
+  "PNG, as shown": "png",
+  "FITS, intensities": "fits",
+  "OpenEXR, intensities": "exr",
+  "Scene (TOML)": "toml",
+  "Python script": "python",
+};
+const ENDINGS: Record<string, string> = { toml: "toml", python: "py" };
+
+export function saveDialog(app: App): Dialog {
+  let kind = "png";
+  let width = 2000;
+  const bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "progress" });
+  const size = numberField("Width", "pixels", (value) => (width = Math.max(1, Math.round(value))));
+  size.update(width);
+  const kinds = choice("Format", Object.keys(KINDS), (name) => {
+    kind = KINDS[name];
+    size.element.hidden = kind === "toml" || kind === "python";
+  });
+  const save = async () => {
+    bar.hidden = false;
+    try {
+      const what = kind === "toml" || kind === "python" ? { what: kind } : { what: kind, width };
+      const reply = await app.ask("export", what, (part) => (bar.value = part));
+      const name = reply.name ?? `voluminous.${ENDINGS[kind] ?? kind}`;
+      download(name, reply.mime ?? "text/plain", reply.text ?? fromBase64(reply.data));
+      made.element.close();
+    } catch (error) {
+      app.notice((error as Error).message, "error");
+    }
+    bar.hidden = true;
+  };
+  const screen = () =>
+    app.stage.canvas.toBlob(async (blob) => {
+      if (blob) download("screen.png", "image/png", new Uint8Array(await blob.arrayBuffer()));
+    });
+  const made = dialog(
+    "Save",
+    kinds.element,
+    size.element,
+    bar,
+    h("p", { class: "vlm-hint" }, "Drawn anew by the server at this width, with the scene in the header. What is on the screen is saved at once, as it is."),
+    h("div", { class: "vlm-actions" }, button("Screen as PNG", "Save what is seen, without asking the server", screen), button("Save", "Save", () => void save(), "save")),
+  );
+  made.element.querySelector(".vlm-actions")!.lastElementChild!.classList.add("vlm-primary");
+  return made;
+}
+
+/** Undo, redo, and a list of all changes: a click goes back to before one of them. */
+export function historyMenu(app: App): { element: HTMLElement; update(): void } {
+  const undo = button("", "Undo  (Ctrl Z)", () => app.undo(), "undo");
+  const redo = button("", "Redo  (Ctrl Y)", () => app.redo(), "redo");
+  const list = h("ol", { class: "vlm-history" });
+  const menu = h("details", { class: "vlm-menu" }, h("summary", { title: "History", "aria-label": "History" }, "▾"), list);
+  menu.addEventListener("focusout", (event) => {
+    if (!menu.contains(event.relatedTarget as Node)) menu.open = false;
+  });
+  let shown = "";
+  const entry = (words: string, title: string, state: string, act: () => void) =>
+    h("li", { class: state }, button(words, title, act));
+  return {
+    element: h("div", { class: "vlm-undo" }, undo, redo, menu),
+    update() {
+      const past = app.store.undo;
+      const future = app.store.redo;
+      undo.disabled = !past.length;
+      redo.disabled = !future.length;
+      undo.title = past.length ? `Undo: ${past[past.length - 1]}  (Ctrl Z)` : "Nothing to undo";
+      const key = JSON.stringify([past, future]);
+      if (key === shown) return;
+      shown = key;
+      refill(
+        list,
+        ...past.map((words, i) => entry(words, "Undo this and what came after", "", () => app.undo(past.length - i))),
+        h("li", { class: "vlm-now" }, past.length || future.length ? "now" : "nothing was changed yet"),
+        ...future.map((words, i) => entry(words, "Do it again", "vlm-undone", () => app.redo(i + 1))),
+      );
+    },
+  };
+}

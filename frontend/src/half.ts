@@ -1,0 +1,37 @@
+// Exact frames: float16 numbers, each row as differences, low bytes and high bytes apart, deflated.
+// Undoing that gives the bits that WebGL takes as HALF_FLOAT; no number is converted on the way.
+
+export async function inflate(bytes: Uint8Array): Promise<Uint8Array> {
+  const stream = new Blob([bytes as BlobPart]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Undo the differences and the split into bytes; planes of one channel after the other. */
+export function undifference(bytes: Uint8Array, width: number, height: number, channels: number): Uint16Array {
+  const count = width * height * channels;
+  if (bytes.length !== 2 * count) throw new Error(`expected ${2 * count} bytes, got ${bytes.length}`);
+  const out = new Uint16Array(count);
+  for (let row = 0, i = 0; row < height * channels; row++) {
+    let value = 0;
+    for (let x = 0; x < width; x++, i++) {
+      value = (value + bytes[i] + 256 * bytes[count + i]) & 0xffff;
+      out[i] = value;
+    }
+  }
+  return out;
+}
+
+/** The number that 16 bits mean. */
+export function fromHalf(bits: number): number {
+  const sign = bits & 0x8000 ? -1 : 1;
+  const exponent = (bits >> 10) & 31;
+  const fraction = bits & 1023;
+  if (exponent === 0) return sign * fraction * 2 ** -24;
+  if (exponent === 31) return fraction ? NaN : sign * Infinity;
+  return sign * (1 + fraction / 1024) * 2 ** (exponent - 15);
+}
+
+/** Previews: the intensity that a grey value of a logarithmic JPEG means. */
+export function fromLog(value: number, low: number, high: number): number {
+  return value === 0 ? 0 : 2 ** (low + ((high - low) * (value - 1)) / 254);
+}

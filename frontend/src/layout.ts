@@ -1,0 +1,222 @@
+// Where everything is: the bar above, the picture with what lies on it, the panels beside it.
+
+import type { App } from "./app";
+import type { View } from "./camera";
+import { helpDialog, historyMenu, saveDialog } from "./dialogs";
+import { mediaPanel } from "./panels/media";
+import { probePanel } from "./panels/probe";
+import { scenePanel } from "./panels/scene";
+import { slicePanel } from "./panels/slice";
+import { timeBar } from "./panels/time";
+import { tonePanel } from "./panels/tone";
+import { type Views, viewsPanel } from "./panels/views";
+import { button, h } from "./ui/dom";
+import { pretty } from "./ui/format";
+import type { FrameHead } from "./wire";
+
+export interface Panel {
+  element: HTMLElement;
+  /** The document or what belongs to it has changed. */
+  update(): void;
+  /** It is in front now. */
+  shown?(): void;
+}
+
+export interface Layout {
+  root: HTMLElement;
+  stage: HTMLElement;
+  live: HTMLElement;
+  views: Views;
+  time: { step(by: number): void };
+  welcomed(): void;
+  update(): void;
+  probed(): void;
+  badge(head: FrameHead): void;
+  camera(view: View | null): void;
+  busy(on: boolean): void;
+  connection(state: string): void;
+  notice(text: string, level: string): void;
+  help(): void;
+  save(): void;
+  togglePanels(): void;
+}
+
+const NOTICE_MS: Record<string, number> = { info: 4000, warning: 9000, error: 20000 };
+
+export function build(app: App): Layout {
+  const { stage } = app;
+  const live = h("div", { class: "vlm-offscreen", "aria-live": "polite" });
+  const badge = h("div", { class: "vlm-badge" }, "waiting for the first picture");
+  const trouble = h("div", { class: "vlm-trouble", role: "status", hidden: true });
+  const notices = h("div", { class: "vlm-notices", role: "log" });
+  const time = timeBar(app);
+  const corner = h("div", { class: "vlm-corner" }, app.overlay.gizmo);
+  const lower = h("div", { class: "vlm-lower" }, app.legend.element, app.overlay.bar);
+  const stageBox = h(
+    "div",
+    { class: "vlm-stage" },
+    stage.canvas, app.overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices,
+  );
+
+  const views = viewsPanel(app);
+  const probe = probePanel(app);
+  const panels: [string, string, Panel][] = [
+    ["media", "Media", mediaPanel(app)],
+    ["tone", "Tone", tonePanel(app)],
+    ["probe", "Ray", probe],
+    ["slice", "Slice", slicePanel(app)],
+    ["views", "Views", views],
+    ["scene", "Scene", scenePanel(app)],
+  ];
+  const tabs = tabList(panels);
+
+  const name = h("strong", {}, "voluminous");
+  const facts = h("span", { class: "vlm-facts" });
+  const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
+  const help = helpDialog(app);
+  const save = saveDialog(app);
+  const history = historyMenu(app);
+  const type = button("", "Parallel rays or perspective  (o)", () => app.switchType(), "cube");
+  const freely = button("", "Turntable or trackball  (t)", () => app.switchFreely(), "ball");
+  const bar = h(
+    "header",
+    { class: "vlm-bar" },
+    h("span", { class: "vlm-mark", "aria-hidden": "true" }),
+    h("div", { class: "vlm-name" }, name, facts),
+    angles,
+    h("div", { class: "vlm-group" }, history.element),
+    h(
+      "div",
+      { class: "vlm-group" },
+      button("", "Back to the first view  (r)", () => app.reset(), "home"),
+      button("", "Fit the whole volume  (f)", () => app.fit(), "fit"),
+      type, freely,
+    ),
+    h(
+      "div",
+      { class: "vlm-group" },
+      button("Save", "Save a picture or the scene  (s)", () => save.open(), "save"),
+      button("", "Keys and gestures  (?)", () => help.open(), "help"),
+    ),
+  );
+  const root = h(
+    "div",
+    { class: "vlm" },
+    h("div", { class: "vlm-frame" }, bar, stageBox, tabs.element),
+    help.element, save.element, live,
+  );
+
+  let told = "";
+  return {
+    root, stage: stageBox, live, views, time,
+    welcomed() {
+      const info = app.info!;
+      name.textContent = info.name || "voluminous";
+      facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, info.grid].filter(Boolean).join(" · ");
+      time.update();
+      for (const [, , panel] of panels) panel.update();
+      tabs.current().shown?.();
+    },
+    update() {
+      history.update();
+      tabs.current().update();
+    },
+    probed() {
+      tabs.show("probe");
+      probe.update();
+    },
+    badge(head) {
+      const { words, state } = badgeOf(head);
+      badge.textContent = words;
+      badge.dataset.state = state;
+      badge.title = `drawn in ${pretty(head.ms)} ms, ${head.width} × ${head.height} pixels`;
+      if (head.exact && told !== words) app.announce(words);
+      told = words;
+      this.camera(stage.view);
+    },
+    camera(view) {
+      if (!view) return;
+      const degrees = (v: number) => `${(Math.round(v * 10) / 10).toFixed(1).replace("-", "−")}°`;
+      angles.textContent = `incl ${degrees(view.incl)}  phi ${degrees(view.phi)}${view.posang ? `  posang ${degrees(view.posang)}` : ""}`;
+      type.setAttribute("aria-pressed", String(view.type === "perspective"));
+      freely.setAttribute("aria-pressed", String(app.freely));
+    },
+    busy(on) {
+      if (trouble.dataset.state === "lost") return;
+      trouble.hidden = !on;
+      trouble.textContent = "kernel busy";
+    },
+    connection(state) {
+      const lost = state !== "open";
+      trouble.dataset.state = lost ? "lost" : "";
+      trouble.hidden = !lost;
+      trouble.textContent = "connection lost – trying again; what you change is kept";
+      root.dataset.connection = state;
+    },
+    notice(text, level) {
+      const box = h("div", { class: `vlm-notice vlm-${level}` }, h("span", {}, text));
+      const close = () => box.remove();
+      box.append(button("×", "Close", close));
+      notices.append(box);
+      setTimeout(close, NOTICE_MS[level] ?? 6000);
+    },
+    help: () => help.open(),
+    save: () => save.open(),
+    togglePanels: () => root.classList.toggle("vlm-bare"),
+  };
+}
+
+export function badgeOf(head: FrameHead): { words: string; state: string } {
+  const part = head.error === null || head.error === undefined ? "" : `, error ≤ ${pretty(100 * head.error, 2)} %`;
+  if (head.exact) return { words: `exact${part}`, state: "exact" };
+  if (head.scale < 1) {
+    const named: Record<number, string> = { 2: "½", 3: "⅓", 4: "¼" };
+    const inverse = Math.round(1 / head.scale);
+    return { words: `${named[inverse] ?? `1/${inverse}`} preview`, state: "preview" };
+  }
+  if (head.done > 0 && head.done < 1) return { words: `refining ${Math.round(100 * head.done)} %`, state: "refining" };
+  return { words: `preview${part}`, state: "preview" };
+}
+
+let serial = 0;
+
+function tabList(panels: [string, string, Panel][]): { element: HTMLElement; current(): Panel; show(id: string): void } {
+  let now = 0;
+  const prefix = `vlm-panel-${++serial}-`;
+  const boxes = panels.map(([id, label, panel]) =>
+    h("section", { class: "vlm-panel", id: prefix + id, role: "tabpanel", "aria-label": label, hidden: true }, panel.element),
+  );
+  const tabs = panels.map(([id, label], i) =>
+    h("button", { type: "button", role: "tab", "aria-controls": prefix + id, onclick: () => show(i) }, label),
+  );
+  const list = h("div", { class: "vlm-tabs", role: "tablist", "aria-label": "Panels" }, ...tabs);
+  list.addEventListener("keydown", (event) => {
+    const by = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
+    if (!by) return;
+    event.preventDefault();
+    show((now + by + tabs.length) % tabs.length);
+    tabs[now].focus();
+  });
+  function show(i: number): void {
+    now = i;
+    tabs.forEach((tab, k) => {
+      tab.setAttribute("aria-selected", String(k === i));
+      tab.tabIndex = k === i ? 0 : -1;
+      boxes[k].hidden = k !== i;
+    });
+    if (!ready) return;
+    panels[i][2].update();
+    panels[i][2].shown?.();
+  }
+  let ready = false;
+  show(0);
+  ready = true;
+  return {
+    element: h("aside", { class: "vlm-side" }, list, ...boxes),
+    current: () => panels[now][2],
+    show: (id) => {
+      const i = panels.findIndex(([name]) => name === id);
+      if (i !== now) show(i);
+    },
+  };
+}

@@ -1,0 +1,99 @@
+// Colour bars in the picture: of the colormap if one is shown, else of each expression that media
+// show, with their colours where they are.
+
+import type { App } from "./app";
+import { given, isShell, profile, widthName } from "./media";
+import { gradient } from "./panels/media";
+import { valueAt } from "./tone";
+import { colorOf } from "./ui/color";
+import { h, refill } from "./ui/dom";
+import { pretty, prettyUnit } from "./ui/format";
+import type { Table } from "./wire";
+
+const WIDTH = 180;
+const MOST = 3;
+
+export class Legend {
+  readonly element = h("div", { class: "vlm-legend", "aria-label": "colour bars" });
+  private key = "";
+
+  constructor(private app: App) {}
+
+  update(): void {
+    this.drawn();
+  }
+
+  /** After each drawing: the limits of a colormap may come with the frame. */
+  drawn(): void {
+    const { tone } = this.app.stage;
+    const media: Table[] = this.app.store.document.medium ?? [];
+    const key = JSON.stringify([tone?.colormap && tone, tone?.colormap ? 0 : media, this.app.store.open]);
+    if (key === this.key) return;
+    this.key = key;
+    if (tone?.colormap) {
+      const bar = h("span", { class: "vlm-colorbar" });
+      bar.style.background = gradient(this.app, tone.colormap);
+      const marks = [0, 0.5, 1].map((w) => h("span", {}, pretty(valueAt(w, tone))));
+      return refill(this.element, h("figure", {}, h("figcaption", {}, "intensity"), bar, h("div", { class: "vlm-marks" }, ...marks)));
+    }
+    const shown = media.map((medium, i) => ({ medium, i })).filter(({ medium }) => !medium.hidden && medium.expr);
+    const exprs = [...new Set(shown.map(({ medium }) => medium.expr as string))].slice(0, MOST);
+    refill(this.element, ...exprs.map((expr) => this.bar(expr, shown.filter(({ medium }) => medium.expr === expr))));
+  }
+
+  private bar(expr: string, media: { medium: Table; i: number }[]): HTMLElement {
+    const { open } = this.app.store;
+    const ends = media.flatMap(({ medium, i }) => {
+      const center = given(medium, "center", open, i);
+      const width = given(medium, widthName(medium), open, i);
+      if (isShell(medium) && center !== null && width !== null) return [center - 3 * width, center + 3 * width];
+      if (medium.type === "isosurface") return [given(medium, "level", open, i)];
+      if (medium.type === "table") return (medium.values ?? []).map((v: any) => Number.parseFloat(v));
+      return [given(medium, "vmin", open, i), given(medium, "vmax", open, i)];
+    }).filter((v): v is number => v !== null && Number.isFinite(v));
+    let [low, high] = [Math.min(...ends), Math.max(...ends)];
+    if (!(high > low)) [low, high] = [low - 0.5 * Math.abs(low || 1), low + 0.5 * Math.abs(low || 1)];
+    const canvas = h("canvas", { width: WIDTH, height: 1, class: "vlm-colorbar" });
+    const context = canvas.getContext("2d")!;
+    for (let x = 0; x < WIDTH; x++) {
+      const rgb = this.colorAt(low + ((x + 0.5) / WIDTH) * (high - low), media, (high - low) / WIDTH);
+      context.fillStyle = `rgb(${rgb.map((v) => Math.round(255 * Math.min(1, v))).join(",")})`;
+      context.fillRect(x, 0, 1, 1);
+    }
+    const unit = prettyUnit(this.app.info?.fields.find((f) => f.name === expr)?.unit);
+    return h(
+      "figure", {},
+      h("figcaption", {}, unit ? `${expr} (${unit})` : expr), canvas,
+      h("div", { class: "vlm-marks" }, ...[low, 0.5 * (low + high), high].map((v) => h("span", {}, pretty(v)))),
+    );
+  }
+
+  /** Each medium at its full colour where it is: a bar says where hues are, not how bright. */
+  private colorAt(x: number, media: { medium: Table; i: number }[], step: number): number[] {
+    const { open } = this.app.store;
+    const sum = [0, 0, 0];
+    for (const { medium, i } of media) {
+      let color: number[] = [1, 1, 1];
+      let weight = 0;
+      if (medium.type === "isosurface") {
+        weight = Math.abs(x - (given(medium, "level", open, i) ?? NaN)) < 1.5 * step ? 1 : 0;
+        color = colorOf(medium.color ?? [1, 1, 1]);
+      } else if (medium.type === "colormap") {
+        const table = this.app.stage.tables.get(medium.cmap);
+        const [a, b] = [given(medium, "vmin", open, i), given(medium, "vmax", open, i)];
+        if (table && a !== null && b !== null) {
+          const k = 3 * Math.min(255, Math.max(0, Math.floor(((x - a) / (b - a)) * 256)));
+          color = [...table.subarray(k, k + 3)].map((v) => v / 255);
+          weight = 1;
+        }
+      } else {
+        const peak = profile(medium, given(medium, "center", open, i) ?? x, open, i) || 1;
+        weight = profile(medium, x, open, i) / peak;
+        color = colorOf(medium.color ?? medium.colors?.[Math.floor((medium.colors.length ?? 1) / 2)] ?? [1, 1, 1]);
+      }
+      const most = Math.max(...color) || 1;
+      for (let k = 0; k < 3; k++) sum[k] += (weight * color[k]) / most;
+    }
+    return sum;
+  }
+}

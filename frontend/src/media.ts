@@ -1,0 +1,134 @@
+// Media of the document: what they are called, how strong they are, and their shapes over the values
+// of an expression. Strength is an optical depth: of one crossing of a shell or a surface.
+
+import type { Patch } from "./store";
+import { pretty, numberOf, likewise } from "./ui/format";
+import type { Table } from "./wire";
+
+export const TYPES = ["gaussian", "rectangle", "isosurface", "colormap", "table", "coefficients"];
+export const NAMES: Record<string, string> = {
+  gaussian: "Shell (Gaussian)",
+  rectangle: "Shell (rectangle)",
+  isosurface: "Surface",
+  colormap: "Colormap",
+  table: "Table",
+  coefficients: "Emission and extinction",
+};
+const SHORT: Record<string, string> = {
+  gaussian: "shell", rectangle: "shell", isosurface: "surface", colormap: "colormap", table: "table", coefficients: "coefficients",
+};
+/** Strength of the sliders: log10 of the optical depth. */
+export const WEAKEST = -4;
+export const STRONGEST = 3;
+const MOST_OPAQUE = 1 - 1e-6;
+
+const mean = (list: number[]) => list.reduce((a, b) => a + b, 0) / Math.max(list.length, 1);
+const numbers = (value: any): number[] => [value].flat(Infinity).map(Number).filter(Number.isFinite);
+
+export const widthName = (medium: Table): "sigma" | "half_width" => (medium.type === "rectangle" ? "half_width" : "sigma");
+export const isShell = (medium: Table): boolean => medium.type === "gaussian" || medium.type === "rectangle";
+
+/** A number of a medium; of one that is left open the one that the server measured. */
+export function given(medium: Table, name: string, open: Table, index: number): number | null {
+  const own = numberOf(Array.isArray(medium[name]) ? medium[name][0] : medium[name]);
+  return own ?? numberOf(open[`medium.${index}.${name}`]);
+}
+
+export function titleOf(medium: Table): string {
+  if (medium.type === "coefficients") return `${medium.emissivity ?? 0}, ${medium.extinction ?? 0}`;
+  const at = numberOf(medium.center ?? (Array.isArray(medium.level) ? medium.level[0] : medium.level));
+  return at === null ? medium.expr ?? "" : `${medium.expr} = ${pretty(at)}`;
+}
+
+export const kindOf = (medium: Table): string => SHORT[medium.type] ?? medium.type;
+
+/** Optical depth of one crossing (of one path length); the largest of a table. */
+export function strengthOf(medium: Table): number {
+  if (medium.type === "isosurface") return -Math.log(1 - Math.min(mean(numbers(medium.opacity ?? 0.3)), MOST_OPAQUE));
+  if (medium.type === "table") return Math.max(0, ...numbers(medium.opacities ?? 0));
+  return mean(numbers(medium.opacity ?? (medium.type === "colormap" ? 1 : 0)));
+}
+
+function scaled(value: any, factor: number): any {
+  if (Array.isArray(value)) return value.map((v) => scaled(v, factor));
+  return typeof value === "number" ? Number((value * factor).toPrecision(6)) : value;
+}
+
+/**
+ * Changes that make a medium as strong as `tau`. With `locked` it glows as much more as it absorbs
+ * more, so that the source function, its colour where it is thick, stays.
+ */
+export function strengthened(medium: Table, index: number, tau: number, locked: boolean): Patch {
+  const at = `medium.${index}.`;
+  const old = strengthOf(medium);
+  if (medium.type === "isosurface") {
+    const opacity = Number((1 - Math.exp(-tau)).toPrecision(6));
+    return [[at + "opacity", Array.isArray(medium.opacity) ? medium.opacity.map(() => opacity) : opacity]];
+  }
+  const name = medium.type === "table" ? "opacities" : "opacity";
+  const factor = old > 0 ? tau / old : 0;
+  const value = factor > 0 ? scaled(medium[name] ?? 1, factor) : Number(tau.toPrecision(6));
+  const patch: Patch = [[at + name, value]];
+  const color = medium.type === "table" ? "colors" : "color";
+  const numeric = Array.isArray(medium[color]) || typeof medium[color] === "number";
+  if (locked && factor > 0 && numeric) patch.push([at + color, scaled(medium[color], factor)]);
+  return patch;
+}
+
+/** Whether emission can follow the strength: colours of surfaces and colormaps do so by definition. */
+export const canLock = (medium: Table): boolean => isShell(medium) || medium.type === "table";
+
+/** Strength over the value x, where a shape has one. */
+export function profile(medium: Table, x: number, open: Table, index: number): number {
+  const tau = strengthOf(medium);
+  const center = given(medium, "center", open, index);
+  const width = given(medium, widthName(medium), open, index);
+  if (medium.type === "gaussian" && center !== null && width) return tau * Math.exp(-0.5 * ((x - center) / width) ** 2);
+  if (medium.type === "rectangle" && center !== null && width) return Math.abs(x - center) <= width ? tau : 0;
+  if (medium.type === "colormap") return tau;
+  if (medium.type === "table") {
+    const values = numbers(medium.values);
+    const opacities = [medium.opacities ?? 0].flat().map((o: any) => mean(numbers(o)));
+    const i = values.findIndex((v) => v >= x);
+    if (i < 0 || x < values[0]) return 0;
+    if (i === 0) return opacities[0];
+    const t = (x - values[i - 1]) / (values[i] - values[i - 1]);
+    return (1 - t) * (opacities[i - 1] ?? 0) + t * (opacities[i] ?? 0);
+  }
+  return 0;
+}
+
+/** Words for a strength: how dark one crossing is. */
+export function darkness(tau: number): string {
+  const dark = 100 * (1 - Math.exp(-tau));
+  return `${pretty(dark, dark > 99 ? 4 : 2)} % dark`;
+}
+
+/** A new medium where there are values: at `center`, in the middle of the range if there is none. */
+export function fresh(type: string, expr: string, low: number, high: number, center: number | null, color: string): Table {
+  const round = (v: number) => Number(v.toPrecision(4));
+  const middle = round(center ?? 0.5 * (low + high));
+  const width = round(0.02 * (high - low) || 0.1);
+  const rgb = [1, 3, 5].map((i) => Number((parseInt(color.slice(i, i + 2), 16) / 255).toFixed(3)));
+  switch (type) {
+    case "rectangle":
+      return { type, expr, center: middle, half_width: width, color: scaled(rgb, 0.3), opacity: 0.3 };
+    case "isosurface":
+      return { type, expr, level: middle, color: rgb, opacity: 0.3, shading: 0.5 };
+    case "colormap":
+      return { type, expr, cmap: "viridis", vmin: round(low), vmax: round(high), opacity: 0.3 };
+    case "table": {
+      const values = [-2, 0, 2].map((k) => round(middle + k * width));
+      return { type, expr, values, colors: [rgb, rgb, rgb].map((c) => scaled(c, 0.3)), opacities: [0.001, 0.3, 0.001] };
+    }
+    case "coefficients":
+      return { type, emissivity: expr, extinction: expr };
+    default:
+      return { type: "gaussian", expr, center: middle, sigma: width, color: scaled(rgb, 0.3), opacity: 0.3 };
+  }
+}
+
+/** Another number for a quantity, rounded to what a hand can mean, in the unit it had. */
+export function another(old: any, value: number): number | string {
+  return likewise(old, Number(value.toPrecision(6)));
+}

@@ -1,0 +1,129 @@
+// What one ray saw: fields, coefficients, optical depth and intensity along it, as four plots with one
+// cursor, which also moves a mark in the picture.
+
+import type { App } from "../app";
+import type { Panel } from "../layout";
+import { fresh } from "../media";
+import { SAFE, vivid } from "../ui/color";
+import { button, h, refill } from "../ui/dom";
+import { pretty, prettyLength, prettyUnit, withUnit } from "../ui/format";
+import { type Curve, Plot } from "../ui/lines";
+import { add, sub, times, unit } from "../vec";
+import type { Message, Table, Vec3 } from "../wire";
+
+const CHANNELS = ["#ff6b6b", "#5bd68a", "#6aa8ff", "#e6c35c", "#c58cff"];
+const FIELDS = ["#e69f00", "#56b4e9", "#cc79a7", "#f0e442", "#009e73", "#b8c4d0"];
+
+export function probePanel(app: App): Panel {
+  const facts = h("dl", { class: "vlm-facts-list" });
+  const empty = h("p", { class: "vlm-empty" }, "Click in the picture, or press p, to see what that ray saw.");
+  const move = (value: number | null) => {
+    for (const plot of plots) plot.at(value);
+    app.overlay.probed = value === null ? app.probe?.point ?? null : along(app.probe, value) ?? app.overlay.probed;
+    app.stage.redraw();
+  };
+  const plots = ["Fields", "j and α", "Optical depth", "Intensity"].map((title) => new Plot(title, move));
+  const axis = h("div", { class: "vlm-ray-axis" });
+  const expr = h("select", { "aria-label": "Expression of the new medium" });
+  const values = h("div", { class: "vlm-row" }, expr);
+  let shown: Message | null = null;
+
+  /** The point of space at a distance along the probed ray. */
+  function along(reply: Message | null, distance: number): Vec3 | null {
+    const view = app.stage.frameView;
+    if (!reply?.point || !view || reply.depth === null) return null;
+    const eye = reply.origin as Vec3 | undefined;
+    const direction = reply.direction as Vec3 | undefined;
+    if (eye && direction) return add(eye, times(direction, distance));
+    if (view.type === "perspective" && app.stage.head?.frame.position) {
+      const away = unit(sub(reply.point, app.stage.head.frame.position));
+      return add(reply.point, times(away, distance - reply.depth));
+    }
+    return add(reply.point, times(app.stage.head!.frame.ahead, distance - reply.depth));
+  }
+
+  const addMedium = () => {
+    const media: Table[] = app.store.document.medium ?? [];
+    const name = expr.value;
+    const value = valueOf(name);
+    if (value === null) return app.notice("Nothing shines there: there is no value to take.", "info");
+    const like = media.find((m) => m.expr === name && (m.sigma || m.half_width));
+    const field = app.info?.fields.find((f) => f.name === name);
+    const made = fresh("gaussian", name, field?.min ?? value, field?.max ?? value, value, SAFE[media.length % SAFE.length]);
+    if (like) made.sigma = like.sigma ?? like.half_width;
+    else if (!field) made.sigma = Math.max(Number((Math.abs(value) * 0.03).toPrecision(2)), 1e-6);
+    app.store.set([["medium", [...media, made]]], "add a medium with this value");
+    app.notice(`Added a shell at ${name} = ${pretty(value)}`, "info");
+  };
+
+  function valueOf(name: string): number | null {
+    const told = shown?.values?.[name];
+    if (typeof told === "number") return told;
+    const line: number[] | undefined = shown?.fields?.[name];
+    if (!line || !shown || shown.depth === null) return null;
+    const i = nearest(shown.distance, shown.depth);
+    return line[i];
+  }
+
+  const body = h(
+    "div",
+    { hidden: true },
+    facts,
+    h("div", { class: "vlm-figures" }, ...plots.map((plot) => plot.element), axis),
+    h("div", { class: "vlm-line" }, h("span", { class: "vlm-label" }, "Value"), values),
+    h(
+      "div",
+      { class: "vlm-actions" },
+      button("Add a medium with this value", "A shell where most of the light comes from", addMedium, "plus"),
+      button("Rotate about this", "Makes this point the one that stays  (a)", () => app.turnAboutProbe(), "ball"),
+    ),
+  );
+
+  function channels(rows: number[][], name: string): Curve[] {
+    const same = rows.length > 1 && rows.every((row) => row.every((v, i) => v === rows[0][i]));
+    return (same ? rows.slice(0, 1) : rows).map((values, c) => ({
+      name: rows.length === 1 || same ? name : c === 0 ? `${name} 1` : String(c + 1),
+      values,
+      color: rows.length === 1 || same ? "#d5dde6" : CHANNELS[c % CHANNELS.length],
+    }));
+  }
+
+  return {
+    element: h("div", {}, empty, body),
+    update() {
+      const reply = app.probe;
+      if (!reply || reply === shown) return;
+      shown = reply;
+      empty.hidden = true;
+      body.hidden = false;
+      const unitOf = app.info?.unit ?? "";
+      const x: number[] = reply.distance ?? [];
+      const fields = Object.entries((reply.fields ?? {}) as Record<string, number[]>);
+      plots[0].show(x, fields.map(([name, line], i) => ({ name, values: line, color: FIELDS[i % FIELDS.length] })), fields.length === 1 ? reply.units?.[fields[0][0]] : "");
+      const alpha = channels(reply.extinction ?? [], "α").map((curve) => ({ ...curve, color: "#8d99a6" }));
+      plots[1].show(x, [...channels(reply.emissivity ?? [], "j"), ...alpha]);
+      plots[2].show(x, channels(reply.optical_depth ?? [], "τ"));
+      plots[3].show(x, channels(reply.accumulated ?? [], "I"), reply.unit);
+      refill(axis, h("span", {}, prettyLength(x[0] ?? 0, unitOf)), h("span", {}, "distance along the ray"), h("span", {}, prettyLength(x[x.length - 1] ?? 0, unitOf)));
+      const rows: [string, string][] = [
+        ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + (reply.unit ? ` ${prettyUnit(reply.unit)}` : "")],
+        ["Optical depth", [...new Set((reply.tau ?? []).map((v: number) => pretty(v)))].join("  ")],
+        ["Half of the light from", reply.depth === null ? "nowhere: nothing shines" : prettyLength(reply.depth, unitOf)],
+      ];
+      if (reply.point) rows.push(["Point", `(${reply.point.map((v: number) => pretty(v)).join(", ")}) ${prettyUnit(unitOf)}`]);
+      for (const [name, value] of Object.entries((reply.values ?? {}) as Record<string, number>)) rows.push([name, withUnit(value, reply.units?.[name])]);
+      refill(facts, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
+      const names = [...new Set([...Object.keys(reply.values ?? {}), ...Object.keys(reply.fields ?? {})])];
+      const before = expr.value;
+      refill(expr, ...names.map((name) => h("option", { value: name }, name)));
+      if (names.includes(before)) expr.value = before;
+      const color = vivid(reply.intensity ?? [1, 1, 1]);
+      facts.style.setProperty("--seen", color);
+      app.announce(rows.map((row) => row.join(" ")).join("; "));
+    },
+  };
+}
+
+function nearest(list: number[], value: number): number {
+  return list.reduce((best, v, i) => (Math.abs(v - value) < Math.abs(list[best] - value) ? i : best), 0);
+}

@@ -1,0 +1,54 @@
+// A slider through the files of a series, with a button that plays them.
+
+import type { App } from "../app";
+import { button, h, refill, icon } from "../ui/dom";
+
+const PACE_MS = 150;
+
+export function timeBar(app: App): { element: HTMLElement; update(): void; step(by: number): void } {
+  let count = 1;
+  let index = 0;
+  let timer = 0;
+  const input = h("input", { type: "range", min: 0, step: 1, "aria-label": "time step" });
+  const told = h("output", {});
+  const play = button("", "Play", () => (timer ? stop() : start()), "play");
+  const element = h("div", { class: "vlm-time", hidden: true }, play, input, told);
+
+  function show(): void {
+    input.value = String(index);
+    told.textContent = `${index + 1} / ${count}`;
+    input.setAttribute("aria-valuetext", told.textContent);
+  }
+  function go(to: number): void {
+    const next = ((to % count) + count) % count;
+    if (next === index) return;
+    index = next;
+    show();
+    app.time(index);
+  }
+  function start(): void {
+    timer = window.setInterval(() => app.isBehind || go(index + 1), PACE_MS);
+    refill(play, icon("pause"));
+    play.title = "Stop";
+  }
+  function stop(): void {
+    clearInterval(timer);
+    timer = 0;
+    refill(play, icon("play"));
+    play.title = "Play";
+  }
+  input.addEventListener("input", () => go(Number(input.value)));
+
+  return {
+    element,
+    update() {
+      const series = app.welcome?.series;
+      count = series?.count ?? 1;
+      index = series?.index ?? 0;
+      input.max = String(count - 1);
+      element.hidden = count < 2;
+      show();
+    },
+    step: (by) => void (count > 1 && go(index + by)),
+  };
+}

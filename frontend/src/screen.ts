@@ -1,0 +1,315 @@
+// Draws frames with WebGL2, in two steps. When a frame comes, its codec is undone and its channels
+// are mixed to linear colours (a float16 texture). When something is shown, that texture is moved
+// and zoomed into place and toned. So exposure, stretch and colours need no new frame.
+
+import { inflate, undifference } from "./half";
+import type { Tone } from "./tone";
+import type { FrameHead } from "./wire";
+
+/** Scale and shift of a picture, in clip coordinates (-1 to 1 across the canvas). */
+export interface Place {
+  scale: [number, number];
+  shift: [number, number];
+}
+
+export interface Picture {
+  head: FrameHead;
+  bitmap?: ImageBitmap;
+  halves?: Uint16Array;
+}
+
+export interface Drawn {
+  tone: Tone;
+  place: Place;
+}
+
+/** Undo the codec, as far as that happens outside of the shader. */
+export async function decode(head: FrameHead, bytes: Uint8Array): Promise<Picture> {
+  if (head.codec === "float16") {
+    return { head, halves: undifference(await inflate(bytes), head.width, head.height, head.channels) };
+  }
+  // The numbers are logarithms, not colours: no profile may be applied to them.
+  const options: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+  return { head, bitmap: await createImageBitmap(new Blob([bytes as BlobPart], { type: "image/jpeg" }), options) };
+}
+
+// Half floats reach from 2^-14 to 2^15: the brightest is put near the top, 26 stops below it fit.
+const TOP = 12;
+const MOST_CHANNELS = 16;
+
+const VERTEX = `#version 300 es
+uniform vec4 place;
+out vec2 at;
+void main() {
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  at = vec2(corner.x, 1.0 - corner.y);
+  gl_Position = vec4((corner * 2.0 - 1.0) * place.xy + place.zw, 0, 1);
+}`;
+
+const MIX = `#version 300 es
+precision highp float;
+precision highp sampler2DArray;
+uniform sampler2D picture;
+uniform sampler2DArray planes;
+uniform int channels, codec, rows;
+uniform float low, step_, scale;
+uniform vec3 mix_[${MOST_CHANNELS}];
+out vec4 color;
+float bright(float v) {
+  float code = round(v * 255.0);
+  return code < 0.5 ? 0.0 : exp2(low + step_ * (code - 1.0));
+}
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec3 sum = vec3(0);
+  vec3 texel = codec == 0 ? texelFetch(picture, at, 0).rgb : vec3(0);
+  for (int c = 0; c < channels; c++) {
+    float v;
+    if (codec == 0) v = bright(texel[c]);
+    else if (codec == 1) v = bright(texelFetch(picture, at + ivec2(0, c * rows), 0).r);
+    else v = texelFetch(planes, ivec3(at, c), 0).r * scale;
+    sum += mix_[c] * v;
+  }
+  color = vec4(clamp(sum, -65000.0, 65000.0), 1);
+}`;
+
+const TONE = `#version 300 es
+precision highp float;
+uniform sampler2D linear_, table;
+uniform float black, white, gamma, softening, fade;
+uniform int curve, mode;
+in vec2 at;
+out vec4 color;
+vec3 asinh_(vec3 v) { return log(v + sqrt(v * v + 1.0)); }
+vec3 bend(vec3 v) {
+  if (curve == 1) return asinh_(v / softening) / asinh_(vec3(1.0 / softening));
+  if (curve == 2) return log(1.0 + v / softening) / log(1.0 + 1.0 / softening);
+  return pow(v, vec3(1.0 / gamma));
+}
+void main() {
+  vec3 v = texture(linear_, at).rgb;
+  vec3 shown;
+  if (mode >= 2) {
+    float p = mode == 3
+      ? log(max(v.r, black) / black) / log(white / black)
+      : bend(vec3(clamp((v.r - black) / (white - black), 0.0, 1.0))).r;
+    shown = texelFetch(table, ivec2(clamp(int(p * 256.0), 0, 255), 0), 0).rgb;
+  } else {
+    vec3 lit = max((v - black) / (white - black), 0.0);
+    if (mode == 1) {
+      float most = max(lit.r, max(lit.g, lit.b));
+      shown = most > 0.0 ? min(lit / most * bend(vec3(min(most, 1.0))), 1.0) : vec3(0);
+    } else shown = bend(min(lit, 1.0));
+  }
+  color = vec4(shown, fade);
+}`;
+
+type Uniforms = (name: string) => WebGLUniformLocation | null;
+
+function program(gl: WebGL2RenderingContext, fragment: string): { use: WebGLProgram; at: Uniforms } {
+  const made = gl.createProgram()!;
+  for (const [type, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment]] as const) {
+    const shader = gl.createShader(type)!;
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    gl.attachShader(made, shader);
+  }
+  gl.linkProgram(made);
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) {
+    throw new Error(gl.getProgramInfoLog(made) ?? "the shader does not link");
+  }
+  const known = new Map<string, WebGLUniformLocation | null>();
+  const at: Uniforms = (name) => {
+    if (!known.has(name)) known.set(name, gl.getUniformLocation(made, name));
+    return known.get(name)!;
+  };
+  return { use: made, at };
+}
+
+/** A frame as it lies on the graphics card. */
+interface Layer {
+  picture: Picture;
+  source: WebGLTexture;
+  linear: WebGLTexture;
+  mixed: string;
+}
+
+export interface Surface {
+  /** Take a frame; the one before it stays below while the new one fades in. */
+  take(picture: Picture): void;
+  draw(now: Drawn, before: Drawn | null, fade: number): void;
+  setTable(name: string, table: Uint8Array): void;
+  readonly lost: boolean;
+}
+
+export class Screen implements Surface {
+  private mix!: ReturnType<typeof program>;
+  private tone!: ReturnType<typeof program>;
+  private target!: WebGLFramebuffer;
+  private table!: WebGLTexture;
+  private tableName = "";
+  private layers: Layer[] = [];
+
+  /** Return a screen, or null where there is no WebGL2 that draws into float textures. */
+  static on(canvas: HTMLCanvasElement, restored: () => void): Screen | null {
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
+    if (!gl || !(gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float"))) {
+      return null;
+    }
+    const screen = new Screen(gl);
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => {
+      gl.getExtension("EXT_color_buffer_float");
+      screen.start();
+      restored();
+    });
+    return screen;
+  }
+
+  private constructor(private gl: WebGL2RenderingContext) {
+    this.start();
+  }
+
+  private start(): void {
+    const { gl } = this;
+    const last = this.layers.at(-1)?.picture;
+    this.layers = [];
+    this.tableName = "";
+    this.mix = program(gl, MIX);
+    this.tone = program(gl, TONE);
+    this.target = gl.createFramebuffer()!;
+    this.table = gl.createTexture()!;
+    gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    if (last) this.take(last);
+  }
+
+  get lost(): boolean {
+    return this.gl.isContextLost();
+  }
+
+  take(picture: Picture): void {
+    const { gl } = this;
+    if (gl.isContextLost()) {
+      if (this.layers.length) this.layers[this.layers.length - 1].picture = picture;
+      return;
+    }
+    const source = gl.createTexture()!;
+    const { width, height, channels } = picture.head;
+    if (picture.bitmap) {
+      gl.bindTexture(gl.TEXTURE_2D, source);
+      filter(gl, gl.TEXTURE_2D, gl.NEAREST);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture.bitmap);
+    } else {
+      gl.bindTexture(gl.TEXTURE_2D_ARRAY, source);
+      filter(gl, gl.TEXTURE_2D_ARRAY, gl.NEAREST);
+      gl.texImage3D(
+        gl.TEXTURE_2D_ARRAY, 0, gl.R16F, width, height, channels, 0, gl.RED, gl.HALF_FLOAT, picture.halves!,
+      );
+    }
+    const linear = gl.createTexture()!;
+    gl.bindTexture(gl.TEXTURE_2D, linear);
+    filter(gl, gl.TEXTURE_2D, gl.LINEAR);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, width, height);
+    this.layers.push({ picture, source, linear, mixed: "" });
+    while (this.layers.length > 2) this.drop(this.layers.shift()!);
+  }
+
+  private drop(layer: Layer): void {
+    this.gl.deleteTexture(layer.source);
+    this.gl.deleteTexture(layer.linear);
+    layer.picture.bitmap?.close();
+  }
+
+  setTable(name: string, table: Uint8Array): void {
+    if (name === this.tableName) return;
+    const { gl } = this;
+    this.tableName = name;
+    gl.bindTexture(gl.TEXTURE_2D, this.table);
+    filter(gl, gl.TEXTURE_2D, gl.NEAREST);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, table);
+  }
+
+  draw(now: Drawn, before: Drawn | null, fade: number): void {
+    const { gl } = this;
+    if (gl.isContextLost() || !this.layers.length) return;
+    const shown = this.layers.slice(fade < 1 && before ? -2 : -1);
+    const how = shown.length === 2 ? [before!, now] : [now];
+    shown.forEach((layer, i) => this.mixChannels(layer, how[i].tone));
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.clearColor(0, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.useProgram(this.tone.use);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    shown.forEach((layer, i) => this.showLayer(layer, how[i], shown.length === 2 && i === 1 ? fade : 1));
+  }
+
+  private showLayer(layer: Layer, { tone, place }: Drawn, fade: number): void {
+    const { gl } = this;
+    const { at } = this.tone;
+    if (fade < 1) gl.enable(gl.BLEND);
+    else gl.disable(gl.BLEND);
+    const scale = 2 ** (TOP - topOf(layer.picture.head));
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, layer.linear);
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D, this.table);
+    gl.uniform1i(at("linear_"), 0);
+    gl.uniform1i(at("table"), 1);
+    gl.uniform4f(at("place"), ...place.scale, ...place.shift);
+    gl.uniform1f(at("black"), tone.black * scale);
+    gl.uniform1f(at("white"), tone.white * scale);
+    gl.uniform1f(at("gamma"), tone.gamma);
+    gl.uniform1f(at("softening"), tone.softening);
+    gl.uniform1f(at("fade"), fade);
+    gl.uniform1i(at("curve"), ["power", "asinh", "log"].indexOf(tone.curve));
+    gl.uniform1i(at("mode"), tone.colormap !== null ? (tone.logarithmic ? 3 : 2) : tone.hue ? 1 : 0);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.activeTexture(gl.TEXTURE0);
+  }
+
+  private mixChannels(layer: Layer, tone: Tone): void {
+    const key = JSON.stringify(tone.mix);
+    if (layer.mixed === key) return;
+    layer.mixed = key;
+    const { gl } = this;
+    const { at, use } = this.mix;
+    const { width, height, channels, low, high } = layer.picture.head;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, layer.linear, 0);
+    gl.viewport(0, 0, width, height);
+    gl.disable(gl.BLEND);
+    gl.useProgram(use);
+    const codec = layer.picture.halves ? 2 : channels === 3 ? 0 : 1;
+    // A texture that is drawn into may not be bound, not even unused.
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, codec === 2 ? layer.source : null);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, codec === 2 ? this.table : layer.source);
+    gl.uniform1i(at("picture"), 0);
+    gl.uniform1i(at("planes"), 1);
+    gl.uniform1i(at("channels"), Math.min(channels, MOST_CHANNELS));
+    gl.uniform1i(at("codec"), codec);
+    gl.uniform1i(at("rows"), height);
+    const shift = TOP - topOf(layer.picture.head);
+    gl.uniform1f(at("low"), low + shift);
+    gl.uniform1f(at("step_"), (high - low) / 254);
+    gl.uniform1f(at("scale"), 2 ** (low + shift));
+    gl.uniform3fv(at("mix_"), tone.mix.slice(0, MOST_CHANNELS).flat());
+    gl.uniform4f(at("place"), 1, 1, 0, 0);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  }
+}
+
+/** log2 of the largest number that a frame may hold. */
+function topOf(head: FrameHead): number {
+  return Math.ceil(head.high ?? head.low + 15);
+}
+
+function filter(gl: WebGL2RenderingContext, target: number, how: number): void {
+  gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, how);
+  gl.texParameteri(target, gl.TEXTURE_MAG_FILTER, how);
+  gl.texParameteri(target, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+  gl.texParameteri(target, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+}

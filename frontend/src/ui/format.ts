@@ -1,0 +1,120 @@
+// Numbers as people read and type them.
+
+const RAISED: Record<string, string> = {
+  "-": "⁻", "0": "⁰", "1": "¹", "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶", "7": "⁷", "8": "⁸", "9": "⁹",
+};
+
+export function raised(n: number): string {
+  return [...String(n)].map((c) => RAISED[c]).join("");
+}
+
+/** As in print: 0.0123, 4500, 3.2×10⁻²⁰. */
+export function pretty(value: number | null | undefined, digits = 3): string {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
+  const size = Math.abs(value);
+  if (size !== 0 && (size >= 1e5 || size < 1e-3)) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    const plain = String(Number(mantissa));
+    const power = `10${raised(Number(exponent))}`;
+    return (plain === "1" ? power : `${plain}×${power}`).replace(/^-/, "−");
+  }
+  return String(Number(value.toPrecision(digits))).replace(/^-/, "−");
+}
+
+/** As in a field that can be typed into. */
+export function typed(value: number, digits = 5): string {
+  return String(Number(Number(value).toPrecision(digits)));
+}
+
+/** Units as in print: "g / cm3" is g cm⁻³. */
+export function prettyUnit(unit: string | null | undefined): string {
+  if (!unit || unit === "1") return "";
+  let below = false;
+  return unit
+    .split(/[\s*]+|(\/)/)
+    .filter(Boolean)
+    .map((part) => {
+      if (part === "/") {
+        below = true;
+        return "";
+      }
+      const [, name, power] = /^(.*?)\^?\(?(-?\d*)\)?$/.exec(part)!;
+      const exponent = (power ? Number(power) : 1) * (below ? -1 : 1);
+      below = false;
+      return exponent === 1 ? name : name + raised(exponent);
+    })
+    .filter(Boolean)
+    .join(" ");
+}
+
+export function withUnit(value: number, unit: string | null | undefined, digits = 3): string {
+  const told = prettyUnit(unit);
+  return told ? `${pretty(value, digits)} ${told}` : pretty(value, digits);
+}
+
+/** The number of a quantity: 3, or "3 pc". */
+export function numberOf(quantity: any): number | null {
+  if (typeof quantity === "number") return quantity;
+  if (typeof quantity !== "string") return null;
+  const number = parseFloat(quantity);
+  return Number.isFinite(number) ? number : null;
+}
+
+/** Another number in the unit of an old quantity. */
+export function likewise(old: any, value: number): number | string {
+  if (typeof old !== "string") return value;
+  const unit = /^\s*[-+0-9.eE]+\s*(.*)$/.exec(old)?.[1] ?? "";
+  return unit ? `${value} ${unit}` : value;
+}
+
+/** Round numbers between two ends, about `count` of them. */
+export function ticks(low: number, high: number, count: number): number[] {
+  const step = roundNumber((high - low) / Math.max(count, 1));
+  const found: number[] = [];
+  if (!(step > 0)) return found;
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(i * step);
+  return found;
+}
+
+/** The nearest of 1, 2, 5 times a power of ten above a number. */
+export function roundNumber(value: number): number {
+  const power = 10 ** Math.floor(Math.log10(value));
+  const first = value / power;
+  return (first <= 1.001 ? 1 : first <= 2.001 ? 2 : first <= 5.001 ? 5 : 10) * power;
+}
+
+// In centimetres; what is asked for is a length that reads well, not a conversion of a result.
+const LENGTHS: [string, number][] = [
+  ["µm", 1e-4], ["mm", 0.1], ["cm", 1], ["m", 100], ["km", 1e5], ["R☉", 6.957e10], ["au", 1.495978707e13],
+  ["pc", 3.0856775814913674e18], ["kpc", 3.0856775814913674e21], ["Mpc", 3.0856775814913674e24],
+  ["Gpc", 3.0856775814913674e27],
+];
+const OTHER: Record<string, string> = { AU: "au", um: "µm", micron: "µm", R_sun: "R☉", solRad: "R☉" };
+
+/** A round length not above `most`, with the unit that suits it. */
+export function roundLength(most: number, unit: string): { length: number; text: string } {
+  const down = (value: number) => {
+    const power = 10 ** Math.floor(Math.log10(value) + 1e-9);
+    const first = value / power;
+    return (first >= 5 ? 5 : first >= 2 ? 2 : 1) * power;
+  };
+  const own = LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
+  if (!own) return { length: down(most), text: withUnit(down(most), unit) };
+  // Among units of its kind the largest in which the length is at least a tenth.
+  const [, size] = own;
+  const family = size >= 6e10 || most * size > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
+  const best = [...family].reverse().find(([, s]) => most * size >= 0.1 * s) ?? family[0];
+  const value = down((most * size) / best[1]);
+  return { length: (value * best[1]) / size, text: `${pretty(value)} ${best[0]}` };
+}
+
+/** A length in the unit that suits it; not rounded to a round one. */
+export function prettyLength(length: number, unit: string): string {
+  const own = LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
+  if (!own || !(length > 0)) return withUnit(length, unit);
+  const size = own[1];
+  const family = size >= 6e10 || length * size > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
+  const best = [...family].reverse().find(([, s]) => length * size >= 0.1 * s) ?? family[0];
+  return `${pretty((length * size) / best[1])} ${best[0]}`;
+}

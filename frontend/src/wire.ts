@@ -1,0 +1,103 @@
+// Messages as PROTOCOL.md has them, and how one message with bytes is packed for a websocket.
+
+export type Vec3 = [number, number, number];
+export type Json = null | boolean | number | string | Json[] | { [key: string]: Json };
+export type Table = { [key: string]: any };
+
+export interface Message {
+  kind: string;
+  [key: string]: any;
+}
+
+export interface Field {
+  name: string;
+  unit: string;
+  min: number;
+  max: number;
+}
+
+export interface VolumeInfo {
+  name: string;
+  unit: string;
+  bounds: [number, number][];
+  shape: number[];
+  cells: number;
+  grid: string;
+  fields: Field[];
+  coordinates: string[];
+}
+
+/** The plane on which a frame was drawn, as numbers in the volume's unit (or radians). */
+export interface Plane {
+  center: Vec3;
+  right: Vec3;
+  up: Vec3;
+  ahead: Vec3;
+  width: number;
+  height: number;
+  shift: [number, number];
+  position: Vec3 | null;
+}
+
+export interface FrameHead extends Message {
+  number: number;
+  n: number;
+  revision: number;
+  camera: Table;
+  frame: Plane;
+  codec: "log-jpeg" | "float16";
+  width: number;
+  height: number;
+  channels: number;
+  scale: number;
+  done: number;
+  exact: boolean;
+  error: number | null;
+  ms: number;
+  exposure: number;
+  low: number;
+  high: number;
+  /** Smallest, smallest positive and largest finite number of each channel. */
+  limits?: [number, number, number][];
+}
+
+const MAGIC = "VLM1";
+const HEAD = 8;
+
+/** Pack a message with bytes: magic, length of the JSON, JSON, bytes. */
+export function pack(message: Message, bytes: Uint8Array): Uint8Array {
+  const json = new TextEncoder().encode(JSON.stringify(message));
+  const out = new Uint8Array(HEAD + json.length + bytes.length);
+  out.set(new TextEncoder().encode(MAGIC));
+  new DataView(out.buffer).setUint32(4, json.length, true);
+  out.set(json, HEAD);
+  out.set(bytes, HEAD + json.length);
+  return out;
+}
+
+/** Take a packed message apart; the bytes are a view, not a copy. */
+export function unpack(data: Uint8Array): { message: Message; bytes: Uint8Array } {
+  const text = new TextDecoder();
+  if (data.length < HEAD || text.decode(data.subarray(0, 4)) !== MAGIC) {
+    throw new Error("this is no message of the explorer");
+  }
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  const end = HEAD + view.getUint32(4, true);
+  if (end > data.length) throw new Error("the message is cut off");
+  const message = JSON.parse(text.decode(data.subarray(HEAD, end)));
+  return { message, bytes: data.subarray(end) };
+}
+
+export function fromBase64(text: string): Uint8Array {
+  const raw = atob(text);
+  const bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+  return bytes;
+}
+
+/** What the explorer needs of anywidget's model; the page makes one over a websocket. */
+export interface Model {
+  on(event: string, callback: (...args: any[]) => void): void;
+  off?(event: string, callback?: (...args: any[]) => void): void;
+  send(content: any, callbacks?: any, buffers?: ArrayBuffer[]): void;
+}
