@@ -96,7 +96,7 @@ def float16(intensity: np.ndarray) -> tuple[dict[str, Any], bytes]:
     codes[:, 1:] = codes[:, 1:] - codes[:, :-1]
     apart = codes.view(np.uint8).reshape(-1, 2).T
     head = {"codec": "float16", "width": nx, "height": ny, "channels": channels}
-    return {**head, "low": low, "high": low}, zlib.compress(apart.tobytes(), 1)
+    return {**head, "low": low, "high": low + 15}, zlib.compress(apart.tobytes(), 1)
 
 
 def from_float16(head: dict[str, Any], payload: bytes) -> np.ndarray:

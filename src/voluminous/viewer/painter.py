@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import threading
 import time
@@ -88,6 +89,8 @@ class Painter:
         self._exposures: dict[str, float] = {}
         self._thread = threading.Thread(target=self._work, name="painter", daemon=True)
         self._thread.start()
+        # A kernel that runs while Python ends would abort the process.
+        atexit.register(self.close)
 
     def wake(self) -> None:
         """Look for wishes: something has changed."""
@@ -99,6 +102,7 @@ class Painter:
         self._closed = True
         self.wake()
         self._thread.join(5.0)
+        atexit.unregister(self.close)
 
     def _work(self) -> None:
         while not self._closed:
