@@ -188,7 +188,7 @@ def test_a_session_never_waits_in_a_queue_and_ends_with_the_last_input(events):
 def test_a_slow_kernel_makes_previews_small_and_a_fast_one_large():
     session = Session({}, size=(800, 600))
     for k in range(5):
-        session.sent(k, k, 0.1 * k, 0.2, preview=True)
+        session.sent(k, k, 0.3 * k, 0.3, preview=True)
         session.seen(k, 0.1 * k + 0.001)
     assert session.preview_size == (200, 150)
     assert session.first_order

@@ -15,6 +15,9 @@ BUDGET, QUIET = 0.045, 0.15
 SIZES = (1.0, 0.5, 1 / 3, 0.25)
 # A larger preview is tried after so many that were in time.
 _PATIENCE = 3
+# A kernel that takes longer even for the smallest preview is replaced by that of first order, which
+# shows cells.
+_HOPELESS = 0.25
 _MOST_IN_FLIGHT = 4
 # Pixels of a picture.
 MOST_PIXELS = 16_000_000
@@ -106,7 +109,7 @@ class Session:
         took = kernel + self._way
         if took > BUDGET:
             self._good = 0
-            self.first_order |= self.level == len(SIZES) - 1 and kernel > BUDGET
+            self.first_order |= self.level == len(SIZES) - 1 and kernel > _HOPELESS
             self.level = min(self.level + 1, len(SIZES) - 1)
             return
         # The next size costs about as much more as it has pixels, at most.

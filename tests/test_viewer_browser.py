@@ -1,0 +1,225 @@
+"""The explorer in a real browser: what it shows equals the picture, by any way, after any fault."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+
+sync_api = pytest.importorskip("playwright.sync_api")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+if CHROMIUM is None:
+    pytest.skip("there is no chromium", allow_module_level=True)
+
+VOLUME = vm.models.prestellar_core(32)
+MEDIUM = vm.suggest_medium(VOLUME).calibrated(VOLUME)
+CAMERA = vm.Orthographic.framing(VOLUME, MEDIUM, 60, 30).replace(width=3e17)
+SECONDS = 60.0
+REST = "[data-exact=true]"
+# WebGL without a graphics card; without the last one it fails, and nothing would be tested.
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+class Tab:
+    """A page with an explorer of its own."""
+
+    def __init__(self, browser, **context):
+        self.view = vm.view(VOLUME, MEDIUM, CAMERA, notebook=False, browser=False)
+        self.context = browser.new_context(viewport={"width": 800, "height": 500}, **context)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(1000 * SECONDS)
+        self.errors, self.urls = [], []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda m: m.type == "error" and self.errors.append(m.text))
+        self.page.on("request", lambda request: self.urls.append(request.url))
+        self.page.goto(self.view.url)
+        self.rest()
+
+    def close(self):
+        self.context.close()
+        self.view.close()
+
+    @property
+    def explorer(self):
+        return self.view._explorer
+
+    @property
+    def session(self):
+        return self.explorer._clients[-1].session
+
+    def rest(self):
+        """Wait until the exact picture of the last input is there."""
+        self.page.wait_for_selector(REST, state="attached")
+        end = time.monotonic() + SECONDS
+        while not (self.session.exact and self.session.shown >= self.session.wanted):
+            assert time.monotonic() < end
+            self.page.wait_for_timeout(20)
+        self.page.wait_for_selector(REST, state="attached")
+        self.page.wait_for_timeout(400)  # one picture fades into the next
+
+    def press(self, *keys):
+        """Press keys that move the camera, and wait until the server knows."""
+        self.page.locator("canvas").first.focus()
+        for key in keys:
+            before, end = self.session.wanted, time.monotonic() + SECONDS
+            self.page.keyboard.press(key)
+            while self.session.wanted == before:
+                assert time.monotonic() < end
+                self.page.wait_for_timeout(10)
+
+    def pixels(self):
+        """Return what the canvas shows, without what is drawn over it."""
+        self.page.add_style_tag(
+            content=".vlm-stage > *:not(canvas), .vlm-stage *:not(canvas) { opacity: 0 !important }"
+        )
+        canvas = self.page.locator("canvas").first
+        from PIL import Image
+
+        picture = Image.open(io.BytesIO(canvas.screenshot()))
+        return np.asarray(picture.convert("RGB"))[::-1] / 255.0
+
+    def image(self):
+        """Return what Python draws of what is on the screen."""
+        return self.view.image(resolution=self.session.size)
+
+    def shows(self, image, within, part=1.0, **options):
+        shown, wanted = self.pixels(), image.to_rgb(**options)
+        assert wanted.std() > 0.05  # not flat
+        h, w = (min(a, b) for a, b in zip(shown.shape[:2], wanted.shape[:2], strict=True))
+        if folder := os.environ.get("VOLUMINOUS_SCREENSHOTS"):
+            from PIL import Image
+            both=np.concatenate([shown[-h:, :w], wanted[-h:, :w]],axis=1)[::-1]
+            Image.fromarray((255*both).astype(np.uint8)).save(f"{folder}/compare.png")
+        wrong = np.abs(shown[-h:, :w] - wanted[-h:, :w])[2:-2, 2:-2]  # the focus has a frame
+        assert np.quantile(wrong, part) * 255 <= within
+
+
+@pytest.fixture
+def tab(browser):
+    tab = Tab(browser, bypass_csp=True)
+    yield tab
+    tab.close()
+
+
+def test_the_page_shows_the_picture_and_breaks_no_rule(browser):
+    tab = Tab(browser)
+    assert tab.errors == []
+    own = tab.view.url.partition("#")[0]
+    known = (own, "blob:", "data:", own.replace("http", "ws"))
+    assert all(url.startswith(known) for url in tab.urls)
+    assert "token" not in tab.page.url
+    if folder := os.environ.get("VOLUMINOUS_SCREENSHOTS"):
+        tab.page.screenshot(path=f"{folder}/explorer.png")
+    tab.close()
+
+
+def test_pixels_at_rest_are_those_of_python(tab):
+    tab.shows(tab.image(), 2.0)
+
+
+def drag(tab, dx, dy, steps=10):
+    box = tab.page.locator("canvas").first.bounding_box()
+    x, y = box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"]
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    for k in range(1, steps + 1):
+        tab.page.mouse.move(x + dx * k / steps, y + dy * k / steps)
+        tab.page.wait_for_timeout(16)
+    return x + dx, y + dy
+
+
+def test_a_drag_shows_previews_and_ends_exact(tab):
+    before = tab.view.camera
+    drag(tab, 60, 25)
+    end = time.monotonic() + SECONDS
+    while tab.session.shown < tab.session.wanted and time.monotonic() < end:
+        tab.page.wait_for_timeout(20)
+    tab.page.wait_for_timeout(300)
+    assert tab.page.locator(REST).count() == 0
+    now = tab.view.camera
+    assert (now.incl, now.phi) != (before.incl, before.phi)
+    # Eight bits of the logarithm, enlarged from a part of the pixels: nearly all of them near.
+    exposure = next(iter(tab.explorer.painter._exposures.values()))
+    tab.shows(tab.image(), 8.0, 0.9, exposure=exposure)
+    tab.page.mouse.up()
+    tab.rest()
+    tab.shows(tab.image(), 2.0)
+
+
+def test_zoom_and_keys(tab):
+    tab.press("+", "ArrowRight")
+    tab.rest()
+    tab.shows(tab.image(), 2.0)
+    tab.press("z")
+    tab.rest()
+    assert tab.view.camera.incl == pytest.approx(0, abs=1e-6)
+    tab.shows(tab.image(), 2.0)
+
+
+def test_exposure_costs_no_frame(tab):
+    frames = tab.explorer.painter._frame
+    exposure = tab.image().exposure
+    tab.page.locator("canvas").first.focus()
+    tab.page.keyboard.press("e")
+    tab.page.keyboard.press("e")
+    end = time.monotonic() + SECONDS
+    while "exposure" not in tab.explorer.document.settings["image"] and time.monotonic() < end:
+        tab.page.wait_for_timeout(20)
+    tab.page.wait_for_timeout(500)
+    given = tab.explorer.document.settings["image"]["exposure"]
+    assert given == pytest.approx(2 * exposure, rel=1e-3)
+    tab.shows(tab.image(), 2.0, exposure=given)
+    assert tab.explorer.painter._frame == frames
+
+
+def test_a_click_asks_the_probe(tab):
+    box = tab.page.locator("canvas").first.bounding_box()
+    tab.page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    tab.page.get_by_role("tab", name="Ray").click()
+    panel = tab.page.get_by_role("tabpanel", name="Ray")
+    panel.locator("svg, canvas").first.wait_for()
+    nx, ny = tab.session.size
+    ray = vm.probe(VOLUME, tab.view.medium, CAMERA.replace(resolution=(nx, ny)), (nx // 2, ny // 2))
+    assert f"{float(ray.optical_depth[0]):.2g}"[:3] in panel.inner_text()
+
+
+def test_a_cut_connection_comes_back_with_what_was_changed(tab):
+    client = tab.explorer._clients[-1]
+    tab.page.locator("canvas").first.focus()
+    tab.view._server.cut()
+    tab.page.keyboard.press("ArrowRight")
+    tab.page.keyboard.press("ArrowRight")
+    end = time.monotonic() + SECONDS
+    while client in tab.explorer._clients or not tab.explorer._clients:
+        assert time.monotonic() < end
+        tab.page.wait_for_timeout(20)
+    tab.page.wait_for_timeout(300)
+    tab.rest()
+    assert tab.view.camera.phi != pytest.approx(CAMERA.phi)
+    tab.shows(tab.image(), 2.0)
+
+
+def test_a_lost_graphics_context_is_made_again(tab):
+    tab.page.evaluate(
+        "() => { const gl = document.querySelector('canvas').getContext('webgl2');"
+        " const lose = gl.getExtension('WEBGL_lose_context'); lose.loseContext();"
+        " setTimeout(() => lose.restoreContext(), 100); }"
+    )
+    tab.page.wait_for_timeout(500)
+    tab.press("ArrowRight")
+    tab.rest()
+    tab.shows(tab.image(), 2.0)
