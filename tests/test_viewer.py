@@ -166,7 +166,7 @@ def test_a_session_never_waits_in_a_queue_and_ends_with_the_last_input(events):
         now += wait
         if event in ("want", "move"):
             number += 1
-            session.want(number, now, moving=event == "move")
+            session.want(now, moving=event == "move", number=number)
         elif event == "paint":
             paint()
         elif event == "seen" and flying:
@@ -175,13 +175,14 @@ def test_a_session_never_waits_in_a_queue_and_ends_with_the_last_input(events):
             flying.clear()
         assert len(session._in_flight) <= 5  # the window, and the one that comes to rest
         assert 0 <= session.level < len(SIZES)
-    session.want(number + 1, now, moving=False)
+    session.want(now, number=number + 1)
     for _ in range(10):
         now += 3.0
         paint()
         while flying:
             session.seen(flying.pop(0), now)
-    assert session.shown == number + 1
+    assert session.shown == session.wanted == number + 1
+    assert session.input == number + 1
     assert session.exact
 
 
@@ -210,7 +211,7 @@ def test_more_frames_fly_where_the_way_is_long():
 
 def test_nothing_is_painted_for_a_hidden_page():
     session = Session({}, visible=False)
-    session.want(1, 0.0, moving=False)
+    session.want(0.0)
     assert not session.wants_preview(1.0)
     assert not session.wants_rest(1.0)
 
@@ -240,8 +241,8 @@ class Page:
 
     def put(self, kind, **rest):
         self.number += 1
-        self.say(kind, n=100 + self.number, **rest)
-        return 100 + self.number
+        self.say(kind, n=self.number, **rest)
+        return self.number
 
     def wait(self, condition, seconds=60.0):
         """Return the first message that fits, also of those that have come."""

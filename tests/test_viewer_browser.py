@@ -102,8 +102,9 @@ class Tab:
         h, w = (min(a, b) for a, b in zip(shown.shape[:2], wanted.shape[:2], strict=True))
         if folder := os.environ.get("VOLUMINOUS_SCREENSHOTS"):
             from PIL import Image
-            both=np.concatenate([shown[-h:, :w], wanted[-h:, :w]],axis=1)[::-1]
-            Image.fromarray((255*both).astype(np.uint8)).save(f"{folder}/compare.png")
+
+            both = np.concatenate([shown[-h:, :w], wanted[-h:, :w]], axis=1)[::-1]
+            Image.fromarray((255 * both).astype(np.uint8)).save(f"{folder}/compare.png")
         wrong = np.abs(shown[-h:, :w] - wanted[-h:, :w])[2:-2, 2:-2]  # the focus has a frame
         assert np.quantile(wrong, part) * 255 <= within
 

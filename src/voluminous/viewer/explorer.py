@@ -155,20 +155,21 @@ class Explorer:
     def _shot(self, page: Any, size: tuple[int, int]) -> Shot:
         with self._lock:
             settings, revision = self.document.settings, self.document.revision
-            number, table = page.session.wanted, page.session.camera
+            wish, number = page.session.wanted, page.session.input
+            table = page.session.camera
             volume, medium = self.volume, self.medium
         camera = build_camera({**table, "resolution": list(size)})
         options = render_options(settings.get("render", {}))
         editing = time.monotonic() - self.edited_at < _EDITED
-        return Shot(volume, medium, camera, options, number, revision, table, editing)
+        return Shot(volume, medium, camera, options, wish, number, revision, table, editing)
 
     def changed(self, by: Client | None, *, moving: bool = False) -> None:
         """Tell all pages of the new document, and paint it."""
         now = time.monotonic()
         for client in list(self._clients):
             client.tell_document()
-            number = client.session.wanted + (client is not by)
-            client.session.want(number, now, moving=moving)
+            if client is not by:
+                client.session.want(now, moving=moving)
         self.painter.wake()
 
     def describe(self) -> dict[str, Any]:
@@ -246,7 +247,7 @@ class Client:
                 "kind": "document",
                 "document": document.settings,
                 "revision": document.revision,
-                "n": self.session.wanted,
+                "n": self.session.input,
                 "undo": undo,
                 "redo": redo,
                 "channels": 3 if medium is None else medium.channels,
@@ -293,7 +294,7 @@ class Client:
             }
         )
         self.tell_document()
-        session.want(session.wanted + 1, time.monotonic(), moving=False)
+        session.want(time.monotonic())
         explorer.painter.wake()
 
     def _look(self, message: dict[str, Any]) -> None:
@@ -307,16 +308,16 @@ class Client:
             self.explorer.document.look(camera)
         moving = message.get("moving") is True
         now = time.monotonic()
-        self.session.want(int(message["n"]), now, moving=moving)
+        self.session.want(now, moving=moving, number=int(message["n"]))
         for other in list(self.explorer._clients):
             if not other.session.leader:
                 other.session.camera = camera
-                other.session.want(other.session.wanted + 1, now, moving=moving)
+                other.session.want(now, moving=moving)
         self.explorer.painter.wake()
 
     def _size(self, message: dict[str, Any]) -> None:
         self.session.resize(message["size"], message.get("scale", 1.0))
-        self.session.want(int(message["n"]), time.monotonic(), moving=False)
+        self.session.want(time.monotonic(), number=int(message["n"]))
         self.explorer.painter.wake()
 
     def _set(self, message: dict[str, Any]) -> None:
@@ -332,7 +333,7 @@ class Client:
             for client in list(self.explorer._clients):  # the pages do it: nothing is painted
                 client.tell_document()
             return
-        self.session.want(number, time.monotonic(), moving=moving)
+        self.session.want(time.monotonic(), moving=moving, number=number)
         self.explorer.edited_at = time.monotonic()
         self.explorer.changed(self, moving=moving)
 
@@ -347,7 +348,7 @@ class Client:
             with self.explorer._lock:
                 stepped = step()
             if stepped:
-                self.session.want(int(message["n"]), time.monotonic(), moving=False)
+                self.session.want(time.monotonic(), number=int(message["n"]))
                 self.explorer.changed(self)
 
     def _seen(self, message: dict[str, Any]) -> None:

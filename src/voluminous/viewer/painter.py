@@ -48,8 +48,8 @@ class Shot:
     ----------
     options : dict
         Of `render`.
-    number, revision : int
-        The input that it shows, and the document's revision.
+    wish, number, revision : int
+        The wish and the page's input that it shows, and the document's revision.
     table : dict
         The camera, as the page gave it.
     editing : bool
@@ -60,6 +60,7 @@ class Shot:
     medium: Medium | None
     camera: Camera
     options: dict[str, Any]
+    wish: int
     number: int
     revision: int
     table: dict[str, Any]
@@ -216,7 +217,7 @@ class Painter:
         return intensity[rows][:, columns].reshape(ny * nx, channels).copy()
 
     def _is_wanted_elsewhere(self, page: Page, shot: Shot, now: float) -> bool:
-        if page.session.wanted != shot.number:
+        if page.session.wanted != shot.wish:
             return True
         return any(other.session.wants_preview(now) for other in self._pages())
 
@@ -254,7 +255,7 @@ class Painter:
             **head,
         }
         now = time.monotonic()
-        page.session.sent(self._frame, shot.number, now, took, preview=preview)
+        page.session.sent(self._frame, shot.wish, now, took, preview=preview)
         page.send(message, payload)
 
 

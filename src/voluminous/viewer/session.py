@@ -34,7 +34,9 @@ class Session:
     size : (int, int)
         Pixels of the full picture.
     wanted, shown : int
-        The newest input, and the newest that a frame has shown.
+        The newest wish, and the newest that a frame has shown.
+    input : int
+        The page's number of its newest input.
     moving : bool
         A gesture goes on.
     level : int
@@ -48,7 +50,8 @@ class Session:
     camera: dict[str, Any]
     size: tuple[int, int] = (400, 400)
     wanted: int = 0
-    shown: int = -1
+    shown: int = 0
+    input: int = 0
     moving: bool = False
     visible: bool = True
     leader: bool = True
@@ -62,9 +65,13 @@ class Session:
     _way: float = 0.0
     _kernel: float = 0.02
 
-    def want(self, number: int, now: float, *, moving: bool) -> None:
-        """Take an input; the next frame shows it, and no older one is made."""
-        self.wanted = max(self.wanted, number)
+    def want(self, now: float, *, moving: bool = False, number: int | None = None) -> None:
+        """Take a wish; the next frame shows it, and no older one is made.
+
+        `number` is that of the page's input; wishes may come from other pages, too.
+        """
+        self.wanted += 1
+        self.input = self.input if number is None else max(self.input, number)
         self.moving, self.changed_at, self.exact = moving, now, False
 
     def wants_preview(self, now: float) -> bool:
@@ -87,9 +94,9 @@ class Session:
             self._in_flight.popleft()
         return len(self._in_flight) < self.window
 
-    def sent(self, frame: int, number: int, now: float, kernel: float, *, preview: bool) -> None:
-        """Note a frame: the input that it shows, and how long its kernel took."""
-        self.shown = max(self.shown, number)
+    def sent(self, frame: int, wish: int, now: float, kernel: float, *, preview: bool) -> None:
+        """Note a frame: the wish that it shows, and how long its kernel took."""
+        self.shown = max(self.shown, wish)
         self._in_flight.append((frame, now, kernel))
         if preview:
             self._kernel += 0.3 * (kernel - self._kernel)
