@@ -134,7 +134,8 @@ def _curvilinear(plain: PlainGrid, arrays: dict[str, np.ndarray], unit: Any) -> 
     more = {"mirror": bool(plain.attributes.get("mirror"))} if spherical else {}
     edges = [arrays[name] for name in kind.coordinates]
     if "levels" not in arrays:
-        return kind(*edges, unit=unit, **more)  # type: ignore[no-any-return]
+        plain_edges: Grid = kind(*edges, unit=unit, **more)
+        return plain_edges
     levels = checked_levels(arrays["levels"])
     split = tuple(sorted({int(axis) for axis in np.ravel(plain.attributes["split"])}))
     if not split or not {*split} <= {0, 1, 2}:

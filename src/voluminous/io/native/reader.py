@@ -79,7 +79,10 @@ class NativeReader(ContentsReader):
                         f"{item.name} has shape {item.shape}, expected {grid.shape}, one value per "
                         "cell of the grid"
                     )
-                unit, load = text(item.attrs.get("units", "")), functools.partial(_load, path, name)
+                unit, load = (
+                    text(item.attrs.get("units", "")),
+                    functools.partial(_field_values, path, name),
+                )
                 shape, dtype = item.shape, item.dtype
                 fields.append(StoredField(name, name, shape, dtype, unit, load, _is_plain(item)))
             return NativeContents(fields, lambda _: grid, _meta(file), _wcs(file))
@@ -128,7 +131,7 @@ def _is_plain(item: h5py.Dataset) -> bool:
     return bool(plain and item.id.get_offset() is not None)
 
 
-def _load(path: Path, name: str) -> np.ndarray:
+def _field_values(path: Path, name: str) -> np.ndarray:
     with opened(path) as file:
         item = data_set(path, file[FIELDS], name)
         if not _is_plain(item):
