@@ -117,7 +117,7 @@ def _check_kinds(wanted: Wanted) -> None:
 def _pixels(image: Image, transparent: bool, shown: dict[str, Any]) -> NDArray[np.uint8]:
     from ..tone import display_values
 
-    values = np.rint(display_values(image, transparent, shown) * np.float32(255)).astype(np.uint8)
+    values: NDArray[np.uint8] = display_values(image, transparent, shown, 8)
     if values.shape[-1] == 4:
         return values
     return np.concatenate([values, np.full_like(values[..., :1], 255)], axis=-1)
