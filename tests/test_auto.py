@@ -8,8 +8,8 @@ import pytest
 import real_data
 import voluminous as vm
 from voluminous import rendering
+from voluminous.calibration.histogram import histogram, sampled_values
 from voluminous.calibration.suggest import is_wide, labels_of, main_scalar, noise_of
-from voluminous.calibration.thickness import histogram, sampled_values
 from voluminous.cli import main
 from voluminous.expressions import Expression
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.grids.trees import patch_numbering
+from voluminous.grids.trees import patch_cells
 
 CAMERAS = {
     "oblique": vm.Orthographic(50, 20, 10, resolution=(23, 19)),
@@ -36,7 +36,7 @@ def blocks(seed, shape, ratio, roots=(2, 3, 1), levels=3):
 
 
 def looked_up_everywhere(monkeypatch):
-    monkeypatch.setattr(patch_numbering, "_blocks", lambda *args: None)
+    monkeypatch.setattr(patch_cells, "_blocks", lambda *args: None)
 
 
 def volume_of(grid):
@@ -51,9 +51,9 @@ def volume_of(grid):
     ("shape", "ratio"), [((4, 4, 4), 2), ((3, 2, 5), 2), ((2, 6, 3), 3), ((1, 1, 1), 2)]
 )
 def test_pictures_are_those_with_every_cell_looked_up(camera, shape, ratio, monkeypatch):
-    found, make = [], patch_numbering._blocks
+    found, make = [], patch_cells._blocks
     monkeypatch.setattr(
-        patch_numbering, "_blocks", lambda *args: found.append(make(*args)) or found[-1]
+        patch_cells, "_blocks", lambda *args: found.append(make(*args)) or found[-1]
     )
     medium = vm.Coefficients(["0.5 + f", "f**2", "1"], "0.3 * (1 + f)")
     options = [

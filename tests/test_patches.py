@@ -354,7 +354,7 @@ def test_patches_within_patches_as_deep_as_octrees(ratio, levels):
     grid = vm.PatchGrid.from_boxes(edges, edges, edges, level, low, shape, ratio)
     backend = get_backend("cpu", "double")
     assert grid.needs_double()
-    assert grid.patches.tree.nbytes < 1e6
+    assert grid.patches.tree.entries.nbytes < 1e6
     centers = grid.cell_centers()
     np.testing.assert_array_equal(grid.locate(centers.T), np.arange(grid.size))
     target = centers[:, grid.levels == levels][:, :64].T

@@ -52,8 +52,9 @@ CAMERAS = {
 def leaves_of(grid):
     """Return the twin's view of a grid."""
     fine = Frame(grid.kind, grid.fine_edges, grid.mirror)
-    even = type(grid).__mro__[2](*grid.fine_edges, **({"mirror": True} if grid.mirror else {}))
-    return Leaves(fine, grid.locate(even.cell_centers().T), *grid.boxes())
+    kind = vm.CylindricalGrid if grid.kind == "cylindrical" else vm.SphericalGrid
+    even = kind(*grid.fine_edges, **({"mirror": True} if grid.mirror else {}))
+    return Leaves(fine, grid.locate(even.cell_centers().T), *grid.boxes(0, grid.size))
 
 
 def vm_camera(camera):

@@ -11,7 +11,6 @@ import voluminous as vm
 from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import from_host, get_backend
-from voluminous.grids.trees.lookup import TreeLookup
 from voluminous.grids.trees.octree_order import (
     Places,
     flags_from_levels,
@@ -19,7 +18,7 @@ from voluminous.grids.trees.octree_order import (
     split_levels,
 )
 from voluminous.grids.trees.octree_tree import octree_tree
-from voluminous.grids.trees.tree import NONE
+from voluminous.grids.trees.tree import NONE, TreeLookup
 
 BASE = (3, 2, 4)
 AXES = [a for n in (1, 2, 3) for a in itertools.combinations(range(3), n)]

@@ -31,6 +31,7 @@ class Evaluation(ABC):
     """Values, names and units of expressions of a volume's fields and coordinates."""
 
     grid: Any
+    unit: Unit
     coordinates: Any
     _fields: Any
     _units: dict[str, Unit]

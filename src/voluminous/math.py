@@ -1,45 +1,29 @@
 """Functions for media written in Python (`Medium.from_function`); they trace, on every device.
 
 NumPy's functions do as well where a function is read as formulas (`expressions.symbols`); these
-also where it cannot be and is given arrays of Dr.Jit's. Use `where` instead of ``if``: the function
-is run once, to record what it computes, and then compiled for all cells at once.
+also work where it cannot be read and gets Dr.Jit's arrays. Use `where` instead of ``if``: the
+function is called once, to record its operations, and then compiled for all cells.
 """
 
 from __future__ import annotations
 
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from .errors import unknown_name
 from .expressions.symbols import apply, is_symbolic
 
-_SAME = (
-    "exp",
-    "log",
-    "log2",
-    "sqrt",
-    "sin",
-    "cos",
-    "tan",
-    "tanh",
-    "sinh",
-    "cosh",
-    "abs",
-    "floor",
-    "ceil",
-    "minimum",
-    "maximum",
-    "clip",
-    "fma",
-    "erf",
-    "atan2",
-    "power",
-)
+if TYPE_CHECKING:
+    from .backend.types import Float, Mask
 
-__all__ = ["interp", "log10", "where", *_SAME]
+_SAME = "exp log log2 sqrt sin cos tan tanh sinh cosh abs floor ceil minimum maximum clip fma erf"
+_NAMES = (*_SAME.split(), "atan2", "power")
+
+__all__ = ["interp", "log10", "where", *_NAMES]
 
 
-def where(condition: Any, if_true: Any, if_false: Any) -> Any:
+def where(condition: Mask, if_true: Float, if_false: Float) -> Float:
     """Return `if_true` where the condition holds, else `if_false`."""
     from .backend import dr
 
@@ -48,7 +32,7 @@ def where(condition: Any, if_true: Any, if_false: Any) -> Any:
     return dr.select(condition, if_true, if_false)
 
 
-def interp(x: Any, xp: Any, fp: Any) -> Any:
+def interp(x: Float, xp: Any, fp: Any) -> Float:
     """Return the values of a table interpolated at x, as `numpy.interp` does.
 
     Parameters
@@ -72,21 +56,19 @@ def interp(x: Any, xp: Any, fp: Any) -> Any:
     return interpolate(type(x), x, places, [values])[0]
 
 
-def log10(x: Any) -> Any:
+def log10(x: Float) -> Float:
     """Return the decimal logarithm."""
-    from .backend import dr
-
-    return apply("log10", x) if is_symbolic(x) else dr.log2(x) * 0.30102999566398119521
+    return apply("log10", x) if is_symbolic(x) else _evaluated("log2", x) * 0.30102999566398119521
 
 
-def _evaluated(name: str, *values: Any) -> Any:
-    """Return one of Dr.Jit's functions of arrays, or write it down for symbols."""
+def _evaluated(name: str, *values: Float) -> Float:
+    """Return a function of symbols, or Dr.Jit's function of arrays."""
     from .backend import dr
 
     return apply(name, *values) if is_symbolic(*values) else getattr(dr, name)(*values)
 
 
-def __getattr__(name: str) -> Any:
-    if name in _SAME:
+def __getattr__(name: str) -> Callable[..., Float]:
+    if name in _NAMES:
         return functools.partial(_evaluated, name)
     raise AttributeError(str(unknown_name("function", name, __all__)))

@@ -40,6 +40,10 @@ class Value:
         """Return the arguments it was made with, by name."""
         return dict(vars(self).get("_given", {}))
 
+    def describe(self) -> dict[str, Any]:
+        """Return the arguments as plain values, as in a scene file."""
+        raise NotImplementedError
+
     def replace(self: Self, **changes: Any) -> Self:
         """Return another one, made with the same arguments but for these.
 

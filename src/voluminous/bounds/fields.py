@@ -176,9 +176,9 @@ def _curved(fields: dict[str, Any]) -> list[CurvedField]:
 
 
 def _not_negative(part: Medium, volume: Any, ranges: dict[str, Interval]) -> bool:
-    for name in ("colors", "color"):
-        if hasattr(part, name):
-            return bool(np.min(getattr(part, name)) >= 0.0)
+    emission = part.emission_range()
+    if emission is not None:
+        return emission[0] >= 0.0
     context = RangeContext(volume.unit, volume.expression_unit)
     with np.errstate(all="ignore"):
         found = part.ranges(ranges, context)

@@ -29,7 +29,8 @@ from ..expressions.traced_interval import (
 )
 from ..media.arguments import depth_of, length_in
 from ..media.coefficients import Coefficients
-from ..media.contract import Medium, MediumSample
+from ..media.context import MediumSample
+from ..media.contract import Medium
 from ..media.gaussian import Gaussian, gaussian_mean
 from ..media.isosurface import Isosurface
 from ..media.piecewise_linear import PiecewiseLinear

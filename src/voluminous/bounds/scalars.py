@@ -13,12 +13,12 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..expressions import Expression
+from ..expressions.interval_ops import interpolate_ranges
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import (
     TracedInterval,
     TracedIntervalOps,
     extremes,
-    interpolate_traced_ranges,
     larger,
     lowered,
     raised,
@@ -68,7 +68,7 @@ class TracedRangeContext(Context):
     def interpolate(
         self, x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]
     ) -> list[TracedInterval]:
-        return interpolate_traced_ranges(x, nodes, columns)
+        return interpolate_ranges(x, nodes, columns)
 
 
 _AXES = ("x", "y", "z")

@@ -1,8 +1,8 @@
-"""Emissivity and extinction of a medium at given values of what it looks at."""
+"""Emissivity and extinction of a medium at given values of its expressions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,12 @@ import numpy as np
 from ..backend import from_host, get_backend
 from ..errors import InputError, UnitsError, unknown_name
 from ..evaluation import Evaluation
-from ..expressions import Expression
+from ..expressions import Expression, Margin
 from ..fields import split_unit, unit_quantity
-from ..media import Context, Isosurface, Medium
+from ..media import Coefficients, Context, Isosurface, Medium
 from ..media.function import Function
 from ..media.sum import with_each
-from ..units import is_quantity, parse_unit, unit_name
+from ..units import Unit, is_quantity, parse_unit, unit_name
 from .plain import in_plain_numbers
 
 
@@ -25,9 +25,9 @@ class GivenValues(Evaluation):
     coordinates: tuple[str, ...] = ()
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        self.unit: Any = None
+        self.unit: Unit = None
         self._fields: dict[str, np.ndarray] = {}
-        self._units: dict[str, Any] = {}
+        self._units: dict[str, Unit] = {}
         for name, value in given.items():
             values, unit = split_unit("nothing" if value is None else value)
             try:
@@ -44,7 +44,7 @@ class GivenValues(Evaluation):
     def __contains__(self, name: object) -> bool:
         return name in self._fields
 
-    def field_unit(self, name: str) -> Any:
+    def field_unit(self, name: str) -> Unit:
         return self._units[name]
 
     def check_names(self, expression: Expression) -> None:
@@ -55,7 +55,7 @@ class GivenValues(Evaluation):
     def given(self, names: Iterable[str]) -> set[str]:
         return set(names) & self._fields.keys()
 
-    def resolved(self, expression: Expression) -> tuple[Expression, Any]:
+    def resolved(self, expression: Expression) -> tuple[Expression, Unit]:
         if expression.text in self._fields:
             return expression, self._units[expression.text]
         return super().resolved(expression)
@@ -71,50 +71,59 @@ class GivenValues(Evaluation):
 class _Given(Context):
     """Evaluates expressions; those that are given as a whole are looked up."""
 
-    def evaluate(self, expression: Any, fields: dict[str, Any]) -> Any:
-        found = fields.get(getattr(expression, "text", ""))
+    def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
+        found = fields.get(expression.text)
         return super().evaluate(expression, fields) if found is None else found
 
 
-def evaluate(medium: Medium, values: Any) -> tuple[Any, Any]:
+def evaluate(medium: Medium, values: Any) -> tuple[Any, ...]:
     """Return j and α at values; see `Medium.__call__`."""
-    medium = _per_path_length(medium)
-    given = values if isinstance(values, Mapping) else {_only(medium).text: values}
+    parts = [p for p in medium.components() if not isinstance(p, Isosurface)]
+    is_open = [isinstance(part.path_length, str) for part in parts]
+    if any(is_open):
+        if not all(is_open):
+            raise InputError(
+                "path_length is 'auto' in one part of this medium and a length in others: give "
+                "medium.calibrated(volume) values"
+            )
+        medium = with_each(medium, one_path_length)
+    given = values if isinstance(values, Mapping) else {_only_scalar(medium).text: values}
     _check_given(medium, given)
     fields = GivenValues(given)
     fields.unit = _length_unit(medium, fields)
-    medium = in_plain_numbers(medium, fields)  # type: ignore[arg-type]
-    j, alpha = coefficients(medium, fields.arrays(), fields.unit, fields.expression_unit)
+    medium = in_plain_numbers(medium, fields)
+    both = coefficients(medium, fields.arrays(), fields.unit, fields.expression_unit)
     return tuple(
         array if unit is None else unit_quantity(np.asarray(array), unit)
-        for array, unit in zip((j, alpha), units_of(medium, fields), strict=True)
-    )  # type: ignore[return-value]
+        for array, unit in zip(both, units_of(medium, fields), strict=True)
+    )
 
 
 def coefficients(
-    medium: Medium, arrays: Mapping[str, np.ndarray], unit: Any, unit_of: Any
+    medium: Medium,
+    arrays: Mapping[str, np.ndarray],
+    unit: Unit,
+    unit_of: Callable[[Expression], Unit],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return j (channel, …) and α, (…) if it is grey or (channel, …), in double precision."""
     shape = np.broadcast_shapes(*(np.shape(array) for array in arrays.values()))
-    real = get_backend("cpu", "double")
-    fields = {
-        name: from_host(real.Float, np.broadcast_to(array, shape).ravel())
-        for name, array in arrays.items()
-    }
-    size = int(np.prod(shape))
-    if not size:
-        return np.zeros((medium.channels, *shape)), np.zeros(
-            shape if medium.grey else (medium.channels, *shape)
-        )
-    found = medium.coefficients(fields, _Given(real.Float, real.opaque, unit, unit_of))
-    rows = [np.broadcast_to(np.array(value), size).reshape(shape) for value in found.listed()]
-    j, alpha = np.stack(rows[: medium.channels]), np.stack(rows[medium.channels :])
+    rows = np.zeros((medium.channels + medium.extinctions, *shape))
+    if rows.size:
+        real = get_backend("cpu", "double")
+        fields = {
+            name: from_host(real.Float, np.broadcast_to(array, shape).ravel())
+            for name, array in arrays.items()
+        }
+        sample = medium.coefficients(fields, _Given(real.Float, real.opaque, unit, unit_of))
+        for k, value in enumerate(sample.listed()):
+            rows[k] = np.broadcast_to(np.array(value), rows[k].size).reshape(shape)
+    j, alpha = rows[: medium.channels], rows[medium.channels :]
     return j, alpha[0] if medium.grey else alpha
 
 
-def _only(medium: Medium) -> Expression:
-    found = {scalar_of(part) for part in medium.components()}
-    expr = found.pop() if len(found) == 1 else None
+def _only_scalar(medium: Medium) -> Expression:
+    scalars = {scalar_of(part) for part in medium.components()}
+    expr = scalars.pop() if len(scalars) == 1 else None
     if expr is None:
         raise InputError(
             f"this medium looks at {', '.join(medium.names) or 'no field'}: give values by name, "
@@ -124,25 +133,25 @@ def _only(medium: Medium) -> Expression:
 
 
 def scalar_of(part: Medium) -> Expression | None:
-    """Return what a part is a function of; None of several fields, and of none."""
+    """Return the only expression of which a part is a function; None of several fields, or none."""
     if part.scalars():
         return part.scalars()[0]
     return Expression(part.names[0]) if len(part.names) == 1 else None
 
 
 def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
-    """Refuse values that are not all that a medium looks at, and surfaces without a width."""
+    """Refuse incomplete values, and surfaces without a width."""
     needed: dict[str, None] = {}
     for part in medium.components():
-        if isinstance(part, Isosurface) and not part.thick:
-            raise InputError(
-                "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
-                "opacity; medium.plot(volume) draws where it is"
-            )
-        own = [feature.expr for feature in part.features()]
-        own = own or [Expression(name) for name in part.names]
-        own += [part.slope] if isinstance(part, Isosurface) else []
-        for expr in own:
+        used = [feature.expr for feature in part.features()] or list(map(Expression, part.names))
+        if isinstance(part, Isosurface):
+            used.append(part.slope)
+            if not part.thick:
+                raise InputError(
+                    "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
+                    "opacity; medium.plot(volume) draws where it is"
+                )
+        for expr in used:
             needed.update(dict.fromkeys((expr.text,) if expr.text in given else expr.names))
     missing = [name for name in needed if name not in given]
     if missing:
@@ -153,40 +162,29 @@ def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
         )
 
 
-def _per_path_length(medium: Medium) -> Medium:
-    """Return a medium with 1 for its path lengths, if all are still to be measured."""
-    lengths = [p.path_length for p in medium.components() if not isinstance(p, Isosurface)]
-    open_ones = [isinstance(length, str) for length in lengths]
-    if not any(open_ones):
-        return medium
-    if not all(open_ones):
-        raise InputError(
-            "path_length is 'auto' in one part of this medium and a length in others: give "
-            "medium.calibrated(volume) values"
-        )
-    return with_each(medium, one_path_length)
-
-
-def _length_unit(medium: Medium, fields: GivenValues) -> Any:
+def _length_unit(medium: Medium, fields: GivenValues) -> Unit:
+    """Return the unit of length of path lengths and extinctions."""
     parts = medium.components()
-    found = [p.path_length.unit for p in parts if is_quantity(p.path_length)]
+    units = [part.path_length.unit for part in parts if is_quantity(part.path_length)]
     for part in parts:
-        own = part.formulas() if isinstance(part, Function) and part.units is None else part
-        units = [fields.expression_unit(e) for e in getattr(own, "extinction", ())]
-        units += [part.units[1]] if isinstance(part, Function) and part.units else []
-        # What is no inverse length is refused where there is a unit of length.
-        lengths = (unit**-1 for unit in units if unit is not None)
-        found += [u if u.physical_type == "length" else parse_unit("cm") for u in lengths]
-    plain_ones = [p for p in parts if isinstance(p.path_length, float)]
-    if found and plain_ones:
+        declared = isinstance(part, Function) and part.units
+        per_length = [declared[1]] if declared else []
+        own = part.formulas() if isinstance(part, Function) and not declared else part
+        if isinstance(own, Coefficients):
+            per_length += [fields.expression_unit(e) for e in own.extinction]
+        # An extinction in another unit is refused later, where there is a unit of length.
+        lengths = (unit**-1 for unit in per_length if unit is not None)
+        units += [u if u.physical_type == "length" else parse_unit("cm") for u in lengths]
+    plain_lengths = [part.path_length for part in parts if isinstance(part.path_length, float)]
+    if units and plain_lengths:
         raise UnitsError(
-            f"path_length={plain_ones[0].path_length:g} has no unit, as other lengths of this "
-            "medium have; give it one, such as '0.1 pc'"
+            f"path_length={plain_lengths[0]:g} has no unit, as other lengths of this medium have; "
+            "give it one, such as '0.1 pc'"
         )
-    return parse_unit(found[0]) if found else None
+    return parse_unit(units[0]) if units else None
 
 
-def units_of(medium: Medium, fields: Any) -> tuple[Any, Any]:
+def units_of(medium: Medium, fields: Evaluation) -> tuple[Unit, Unit]:
     """Return the units of j and of α."""
     per_length = None if fields.unit is None else parse_unit(fields.unit**-1)
     own = medium.intensity_unit(Context(float, float, fields.unit, fields.expression_unit))
@@ -195,6 +193,6 @@ def units_of(medium: Medium, fields: Any) -> tuple[Any, Any]:
     return (own if fields.unit is None else parse_unit(own / fields.unit)), per_length
 
 
-def one_path_length(part: Any) -> Any:
+def one_path_length(part: Medium) -> Medium:
     """Return a part whose colours and opacities are those per unit of length."""
     return part if part.path_length is None else part.changed(path_length=1.0)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from dataclasses import dataclass
-from numbers import Real
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError, how_to_take
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..media import Colormap, Medium
+from ..media import ColorBy, Colormap, Medium
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
 from ..volume import Volume
@@ -21,42 +18,8 @@ from .plain import in_plain_numbers
 from .samples import pieces
 from .thickness import Profile, thicknesses
 
-# More shells are indistinguishable and take minutes to compile.
-_MOST = 100
-
-
-def check_volume(function: str, place: str, volume: Volume) -> None:
-    """Raise InputError if ``volume`` is not a Volume."""
-    if not isinstance(volume, Volume):
-        raise InputError(
-            f"{function} needs a vm.Volume {place}, got {type(volume).__name__}"
-            f"{how_to_take(volume)}"
-        )
-
-
-def shell_count(n: Any) -> int:
-    """Return the validated number of shells."""
-    number: Any = n if isinstance(n, Real) else 0
-    if not 1 <= number <= _MOST or int(number) != number:
-        raise InputError(f"n must be a positive whole number of shells, {_MOST} at most, got {n!r}")
-    return int(number)
-
-
-def positive_opacity(opacity: Any) -> float:
-    """Return the validated optical depth."""
-    depth: Any = opacity if isinstance(opacity, Real) else 0
-    if not 0 < depth <= sys.float_info.max:
-        raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
-    return float(depth)
-
-
-def nothing_to_see(expr: Any, value: float, where: str = "everywhere") -> InputError:
-    """Return the error for an expression that is constant in a volume."""
-    return InputError(
-        f"{expr.text} is {value:g} {where}: there is nothing to see. Look at another field, or "
-        "give a medium with numbers of your own: vm.Rectangle, or vm.Colormap with vmin and vmax"
-    )
-
+# Returns the mutable cache of what was measured for some expressions.
+Known: TypeAlias = Callable[..., dict[Any, Any]]
 
 # Quantiles, by volume, of the visible values: the ends of a colour range.
 _LOWEST, _HIGHEST = 0.005, 0.995
@@ -68,116 +31,21 @@ _ROUNDINGS = 8
 _DIGITS = 3
 
 
-def with_color_ranges(
-    medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]
-) -> Medium:
-    """Return the medium with all open ranges of `ColorBy` filled in; itself if none is open."""
-    return with_each(medium, lambda part: _with_range(part, volume, known))
-
-
-def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Any:
-    if isinstance(part, Colormap):
-        gate = part.modulation
-        return _closed(part, _Shown(volume, part.names, gate.visible_in, gate.gate_key()), known)
-    color = getattr(getattr(part, "modulation", None), "color", None)
-    if color is None or not color.range.is_open:
-        return part
-    shown = _Shown(volume, part.names, part.visible_in, part.visible_key())
-    closed = _closed(color, shown, known)
-    (name,) = (name for name, given in part.arguments().items() if given is color)
-    return part.replace(**{name: closed})
-
-
-@dataclass
-class _Shown:
-    """Visibility test of a part of a medium that depends on named fields; `key` identifies it."""
-
-    volume: Volume
-    names: tuple[str, ...]
-    visible_in: Callable[..., Any]
-    key: Any
-
-
-def _closed(colors: Any, shown: _Shown, known: Callable[..., dict[Any, Any]]) -> Any:
-    if not colors.range.is_open:
-        return colors
-    names = [Expression(name) for name in shown.names]
-    for name in names:
-        shown.volume.check_names(name)
-    measured, key = known(colors.expr, *names), ("colors", shown.key, colors.range.positive)
-    if key not in measured:
-        measured[key] = _range(shown, colors)
-    return colors.within(*measured[key], shown.volume.expression_unit(colors.expr))
-
-
-def _range(shown: _Shown, color: Any) -> tuple[float, float]:
-    """Return the range of nearly all visible values; of all values if none is visible."""
-    values, sizes, seen = _cells(shown, color)
-    if seen.any():
-        values, sizes = values[seen], sizes[seen]
-    if not len(values):
-        which = "positive" if color.range.positive else "finite"
+def check_volume(function: str, place: str, volume: Volume) -> None:
+    """Raise InputError if ``volume`` is not a Volume."""
+    if not isinstance(volume, Volume):
         raise InputError(
-            f"{color.expr.text} has no {which} value in this volume: there is no range of colours"
+            f"{function} needs a vm.Volume {place}, got {type(volume).__name__}"
+            f"{how_to_take(volume)}"
         )
-    order = np.argsort(values, kind="stable")
-    reached = np.cumsum(sizes[order])
-    places = np.searchsorted(reached, np.array([_LOWEST, _HIGHEST]) * reached[-1])
-    least = _ROUNDINGS * _eps(shown.volume, color.expr)
-    if isinstance(color, Colormap) and _one_value(values.min(), values.max(), least):
-        where = "wherever it is positive" if color.range.positive else "everywhere"
-        raise nothing_to_see(color.expr, float(values[0]), where)
-    low, high = values[order[np.minimum(places, len(values) - 1)]]
-    return _rounded(float(low), float(high), least)
 
 
-def _one_value(low: float, high: float, least: float) -> bool:
-    return not high - low > least * max(abs(low), abs(high))
-
-
-def _eps(volume: Volume, expr: Expression) -> float:
-    """Return the relative rounding error of an expression: the largest epsilon of its fields."""
-    kinds = (volume.array(name).dtype for name in expr.names if name in volume)
-    floats: list[Any] = [np.float64, *(kind for kind in kinds if kind.kind == "f")]
-    return max(float(np.finfo(kind).eps) for kind in floats)
-
-
-def _cells(shown: _Shown, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the colour expression's cell values, the cell volumes, and a visibility mask."""
-    volume, names = shown.volume, shown.names
-    context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
-    streams = [pieces(volume, Expression(name)) for name in names]
-    found: list[tuple[np.ndarray, ...]] = []
-    for own, *others in zip(pieces(volume, color.expr), *streams, strict=True):
-        fields = {
-            name: Interval(one.x - one.reach, one.x + one.reach)
-            for name, one in zip(names, others, strict=True)
-        }
-        good = np.isfinite(own.x) & ((own.x > 0.0) | (not color.range.positive))
-        with np.errstate(all="ignore"):
-            seen = np.broadcast_to(shown.visible_in(fields, context), good.shape)
-        for one in others:
-            seen = seen & np.isfinite(one.x)
-        found.append((own.x[good], np.broadcast_to(own.volume, good.shape)[good], seen[good]))
-    values, sizes, there = (np.concatenate(column) for column in zip(*found, strict=True))
-    return values, sizes, there
-
-
-def _rounded(low: float, high: float, least: float) -> tuple[float, float]:
-    """Return distinct ends of a range, rounded to few digits.
-
-    A range no wider than `least` times its larger end is a single value, and is widened.
-    """
-    if _one_value(low, high, least):
-        aside = 0.5 * abs(low) or 1.0
-        return low - aside, high + aside
-    first, last = (_to_digits(value, high - low) for value in (low, high))
-    return (first, last) if first < last else (low, high)
-
-
-def _to_digits(value: float, width: float) -> float:
-    size = min(abs(value), width) or width
-    return round(value, _DIGITS - 1 - int(np.floor(np.log10(size))))
+def nothing_to_see(expr: Expression, value: float, where: str = "everywhere") -> InputError:
+    """Return the error for an expression that is constant in a volume."""
+    return InputError(
+        f"{expr.text} is {value:g} {where}: there is nothing to see. Look at another field, or "
+        "give a medium with numbers of your own: vm.Rectangle, or vm.Colormap with vmin and vmax"
+    )
 
 
 def calibrate(medium: Medium, volume: Volume) -> Medium:
@@ -187,73 +55,136 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     return calibrated(medium, volume, lambda *exprs: {})
 
 
-def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:
+def calibrated(medium: Medium, volume: Volume, known: Known) -> Medium:
     """Calibrate with cached measurements of the volume.
 
     Without the cache, measuring took ten times as long as the picture itself: 0.75 s of 0.8 s for a
     colormap in 4 million cells, 120 x 120 pixels.
     """
     plain = in_plain_numbers(medium, volume)
-    return _with_lengths(with_color_ranges(plain, volume, known), volume, known)
+    ranged = with_each(plain, lambda part: _with_range(part, volume, known))
+    return _with_lengths(ranged, volume, known)
 
 
-def _with_lengths(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:
-    """Return the medium with all open path lengths filled in; itself if none is open."""
-    parts = [p for p in medium.components() if _is_open(p)]
-    if not parts:
-        return medium
+def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
+    """Return the medium with all open path lengths measured."""
+    parts = [part for part in medium.components() if isinstance(part.path_length, str)]
     lengths: dict[int, float] = {}
-    for expr in dict.fromkeys(_scalar(p) for p in parts):
-        same = [p for p in parts if _scalar(p) == expr]
-        found = _lengths(same, volume, expr, known(expr))
-        lengths.update({id(p): length for p, length in zip(same, found, strict=True)})
-    return with_each(medium, lambda part: _with_length(part, lengths.get(id(part))))
+    for expr in dict.fromkeys(part.scalars()[0] for part in parts):
+        volume.check_names(expr)
+        measured, unit = known(expr), volume.expression_unit(expr)
 
+        def extent(expr: Expression = expr, measured: dict[Any, Any] = measured) -> Any:
+            if "extent" not in measured:
+                measured["extent"] = extent_of(volume, expr)
+            return measured["extent"]
 
-def _is_open(medium: Medium) -> bool:
-    return isinstance(medium.path_length, str)
-
-
-def _scalar(medium: Medium) -> Expression:
-    (expr,) = medium.scalars()
-    return expr
-
-
-def _lengths(
-    media: list[Any], volume: Volume, expr: Expression, known: dict[Any, Any]
-) -> list[float]:
-    profiles = _profiles(media, volume, expr, known)
-    missing = {p.key: p for p in profiles if p.key not in known}
-    if missing:
-        found = thicknesses(volume, expr, list(missing.values()))
-        known.update({key: shell.length for key, shell in zip(missing, found, strict=True)})
-    return [known[p.key] for p in profiles]
-
-
-def _profiles(
-    media: list[Any], volume: Volume, expr: Expression, known: dict[Any, Any]
-) -> list[Profile]:
-    volume.check_names(expr)
-    unit = volume.expression_unit(expr)
-
-    def extent() -> tuple[float, float]:
-        if "extent" not in known:
-            known["extent"] = extent_of(volume, expr)
-        found: tuple[float, float] = known["extent"]
-        return found
-
-    return [Profile(*medium.profile(unit, extent)) for medium in media]
+        profiles = {
+            id(part): Profile(*part.profile(unit, extent))
+            for part in parts
+            if part.scalars()[0] == expr
+        }
+        missing = {p.key: p for p in profiles.values() if p.key not in measured}
+        if missing:
+            shells = thicknesses(volume, expr, list(missing.values()))
+            measured.update({k: shell.length for k, shell in zip(missing, shells, strict=True)})
+        lengths.update({k: measured[profile.key] for k, profile in profiles.items()})
+    return with_each(
+        medium,
+        lambda p: p.changed(path_length=lengths[id(p)]) if id(p) in lengths else p,
+    )
 
 
 def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
     """Return the least and the greatest finite value of an expression; zeros if there is none."""
-    found = [piece.x[~np.isnan(piece.x)] for piece in pieces(volume, expr)]
-    least = [float(x.min()) for x in found if x.size]
-    greatest = [float(x.max()) for x in found if x.size]
-    return (min(least), max(greatest)) if least else (0.0, 0.0)
+    values = [piece.x[~np.isnan(piece.x)] for piece in pieces(volume, expr)]
+    ends = [end for x in values if x.size for end in (float(x.min()), float(x.max()))]
+    return (min(ends), max(ends)) if ends else (0.0, 0.0)
 
 
-def _with_length(medium: Medium, length: float | None) -> Any:
-    if length is None:
-        return medium
-    return medium.changed(path_length=length)
+def _with_range(part: Medium, volume: Volume, known: Known) -> Medium:
+    """Return a part with a measured range of its `ColorBy`, or of its own colours."""
+    colors = part if isinstance(part, Colormap) else part.modulation and part.modulation.color
+    if not colors or not colors.range.is_open:
+        return part
+    gate = part.modulation if colors is part else None
+    visible_in = gate.visible_in if gate else part.visible_in
+    names = [Expression(name) for name in part.names]
+    for name in names:
+        volume.check_names(name)
+    measured = known(colors.expr, *names)
+    key = ("colors", gate.gate_key() if gate else part.visible_key(), colors.range.positive)
+    if key not in measured:
+        measured[key] = _range(volume, colors, names, visible_in)
+    low, high = measured[key]
+    closed = colors.within(low, high, volume.expression_unit(colors.expr))
+    if isinstance(closed, Colormap):
+        return closed
+    return part.replace(**{k: closed for k, given in part.arguments().items() if given is colors})
+
+
+def _range(
+    volume: Volume,
+    colors: ColorBy | Colormap,
+    names: list[Expression],
+    visible_in: Callable[..., Any],
+) -> tuple[float, float]:
+    """Return the range of nearly all visible values; of all values if none is visible."""
+    positive, expr = colors.range.positive, colors.expr
+    values, sizes, visible = _cells(volume, expr, names, visible_in, positive)
+    if visible.any():
+        values, sizes = values[visible], sizes[visible]
+    if not len(values):
+        raise InputError(
+            f"{expr.text} has no {'positive' if positive else 'finite'} value in this volume: "
+            "there is no range of colours"
+        )
+    kinds = [volume.array(name).dtype for name in expr.names if name in volume]
+    kinds = [np.dtype(np.float64), *(kind for kind in kinds if kind.kind == "f")]
+    least = _ROUNDINGS * max(float(np.finfo(kind).eps) for kind in kinds)
+    if isinstance(colors, Colormap) and _is_single(values.min(), values.max(), least):
+        where = "wherever it is positive" if positive else "everywhere"
+        raise nothing_to_see(expr, float(values[0]), where)
+    order = np.argsort(values, kind="stable")
+    volumes = np.cumsum(sizes[order])
+    places = np.searchsorted(volumes, np.array([_LOWEST, _HIGHEST]) * volumes[-1])
+    low, high = map(float, values[order[np.minimum(places, len(values) - 1)]])
+    if _is_single(low, high, least):
+        aside = 0.5 * abs(low) or 1.0
+        return low - aside, high + aside
+    first, last = (_rounded(value, high - low) for value in (low, high))
+    return (first, last) if first < last else (low, high)
+
+
+def _cells(
+    volume: Volume,
+    expr: Expression,
+    names: list[Expression],
+    visible_in: Callable[..., Any],
+    positive: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return an expression's values in cells, their volumes, and a visibility mask."""
+    context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
+    columns: list[tuple[np.ndarray, ...]] = []
+    for own, *others in zip(*(pieces(volume, e) for e in (expr, *names)), strict=True):
+        fields = {
+            name.text: Interval(one.x - one.reach, one.x + one.reach)
+            for name, one in zip(names, others, strict=True)
+        }
+        good = np.isfinite(own.x) & ((own.x > 0.0) | (not positive))
+        with np.errstate(all="ignore"):
+            visible = np.broadcast_to(visible_in(fields, context), good.shape)
+        for one in others:
+            visible = visible & np.isfinite(one.x)
+        columns.append((own.x[good], np.broadcast_to(own.volume, good.shape)[good], visible[good]))
+    values, sizes, visible = (np.concatenate(column) for column in zip(*columns, strict=True))
+    return values, sizes, visible
+
+
+def _is_single(low: float, high: float, least: float) -> bool:
+    return not high - low > least * max(abs(low), abs(high))
+
+
+def _rounded(value: float, width: float) -> float:
+    size = min(abs(value), width) or width
+    return round(value, _DIGITS - 1 - int(np.floor(np.log10(size))))

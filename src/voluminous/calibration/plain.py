@@ -6,42 +6,71 @@ extinctions per unit length of the volume.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ..errors import UnitsError
+from ..evaluation import Evaluation
 from ..expressions import Expression, times, without_unit
 from ..media import Coefficients, ColorBy, Medium
 from ..media.function import Formulas, Function
 from ..media.sum import with_each
-from ..units import parse_unit, unit_name
-from ..volume import Volume
+from ..units import Unit, parse_unit, unit_name
+from ..value import Value
+
+_UNITS_OF_FUNCTIONS = (
+    "{} gets plain numbers in the units of its fields; say what it returns: "
+    "from_function(..., units=('erg/(s cm3)', '1/cm')), the units of emissivity and extinction"
+)
 
 
-def in_plain_numbers(medium: Medium, volume: Volume) -> Medium:
+def in_plain_numbers(medium: Medium, volume: Evaluation) -> Medium:
     """Return a medium whose expressions are plain numbers of a volume's fields.
 
-    What needs no conversion stays the very same.
+    Components without a unit to convert are returned themselves.
     """
     medium = with_each(medium, lambda part: _plain_part(part, volume))
-    return _in_one_unit(medium, volume)
+    units = {id(part): _emission_unit(part, volume) for part in medium.components()}
+    wanted = next((unit for unit in units.values() if unit is not None), None)
+
+    def convert(part: Medium) -> Medium:
+        own = units[id(part)]
+        if own == wanted or part.emission_range() == (0.0, 0.0):
+            return part
+        if isinstance(part, Coefficients) and not isinstance(part, Formulas):
+            j = [_in(e, volume.expression_unit(e), wanted, "emissivity") for e in part.emissivity]
+            return part.replace(emissivity=j)
+        raise UnitsError(
+            f"the parts of this medium emit in {unit_name(wanted)} and in "
+            f"{unit_name(own) or 'plain numbers'} ({part!r}), which cannot be added; draw them "
+            "apart, or give all of them emissivities of one kind"
+        )
+
+    return medium if wanted is None else with_each(medium, convert)
 
 
-def _plain_part(part: Any, volume: Volume) -> Any:
+def _emission_unit(part: Medium, volume: Evaluation) -> Unit:
+    if isinstance(part, Coefficients):
+        units = (volume.expression_unit(e) for e in part.emissivity)
+        return next((unit for unit in units if unit is not None), None)
+    return part.units[0] if isinstance(part, Function) and part.units is not None else None
+
+
+def _plain_part(part: Medium, volume: Evaluation) -> Medium:
     if isinstance(part, Function):
         return _plain_function(part, volume)
     if isinstance(part, Coefficients):
         return _plain_coefficients(part, volume)
-    return _plain_arguments(part, volume)
+    result: Medium = _with_plain_arguments(part, volume)
+    return result
 
 
-def _plain_arguments(thing: Any, volume: Volume) -> Any:
+def _with_plain_arguments(thing: Value, volume: Evaluation) -> Any:
     """Return a medium or a `ColorBy` with plain expressions among its arguments."""
     changes = {}
     for name, given in thing.arguments().items():
         if isinstance(given, ColorBy):
-            new: Any = _plain_arguments(given, volume)
+            new: Any = _with_plain_arguments(given, volume)
         elif name in ("expr", "where") and given is not None:
             given = Expression(given)
             new = volume.without_units(given)
@@ -52,7 +81,7 @@ def _plain_arguments(thing: Any, volume: Volume) -> Any:
     return thing.replace(**changes) if changes else thing
 
 
-def _plain_coefficients(medium: Coefficients, volume: Volume) -> Any:
+def _plain_coefficients(medium: Coefficients, volume: Evaluation) -> Coefficients:
     emissivity = [volume.resolved(e) for e in medium.emissivity]
     wanted = next((unit for _, unit in emissivity if unit is not None), None)
     length = _inverse_length(volume)
@@ -61,48 +90,43 @@ def _plain_coefficients(medium: Coefficients, volume: Volume) -> Any:
         e if unit is None else _in(e, unit, length, "extinction")
         for e, unit in (volume.resolved(e) for e in medium.extinction)
     ]
-    before, after = (*medium.emissivity, *medium.extinction), (*j, *alpha)
-    same = all(new is old for new, old in zip(after, before, strict=True))
+    before = (*medium.emissivity, *medium.extinction)
+    same = all(new is old for new, old in zip((*j, *alpha), before, strict=True))
     return medium if same else medium.replace(emissivity=j, extinction=alpha)
 
 
-def _plain_function(function: Function, volume: Volume) -> Medium:
+def _plain_function(function: Function, volume: Evaluation) -> Medium:
     """Return a function of plain numbers, or the formulas that it computes, with their units."""
     inputs, units = zip(*(volume.resolved(e) for e in function.inputs), strict=True)
     if any(new is not old for new, old in zip(inputs, function.inputs, strict=True)):
         function = function.replace(fields=inputs)
-    if function.units is None and not any(unit is not None for unit in units):
-        return function
     if function.units is not None:
-        return _told_function(function, inputs, units, volume)
+        return _with_declared_units(function, inputs, units, volume)
+    if all(unit is None for unit in units):
+        return function
     formulas = function.formulas()
     try:
         if formulas is not None:
             return _plain_coefficients(formulas, volume)
     except UnitsError as error:
-        raise UnitsError(f"{error}; {_TELL.format(function.title)}") from error
+        raise UnitsError(f"{error}; {_UNITS_OF_FUNCTIONS.format(function.title)}") from error
     raise UnitsError(
         f"{function.title} cannot be read, so the units of what it returns are not known; "
-        + _TELL.format("it")
+        + _UNITS_OF_FUNCTIONS.format("it")
     )
 
 
-_TELL = (
-    "{} gets plain numbers in the units of its fields; say what it returns: "
-    "from_function(..., units=('erg/(s cm3)', '1/cm')), the units of emissivity and extinction"
-)
-
-
-def _told_function(function: Function, inputs: Any, units: Any, volume: Volume) -> Function:
-    """Return a function that says its units, as one of plain numbers, per length of the volume."""
-    stripped = [without_unit(e, unit, e.text) for e, unit in zip(inputs, units, strict=True)]
+def _with_declared_units(
+    function: Function, inputs: Sequence[Expression], units: Sequence[Unit], volume: Evaluation
+) -> Function:
+    """Return a function that declares its units, as one of plain numbers, per volume's length."""
     emission, own = function.units or (None, None)
     factor = 1.0
     if own is not None:
-        told = f"the extinction of {function.title}"
-        factor = _factor(own, _inverse_length(volume), told, "extinction")
+        subject = f"the extinction of {function.title}"
+        factor = _factor(own, _inverse_length(volume), subject, "extinction")
     return function.replace(
-        fields=stripped,
+        fields=[without_unit(e, unit, e.text) for e, unit in zip(inputs, units, strict=True)],
         function=_Scaled(function.function, factor),
         units=(emission, None),
     )
@@ -117,54 +141,21 @@ class _Scaled:
         self.__qualname__ = getattr(function, "__qualname__", repr(function))
 
     def __call__(self, *values: Any, **parameters: Any) -> Any:
-        found = self.function(*values, **parameters)
-        if not isinstance(found, tuple) or len(found) != 2:
-            return found  # which is refused
-        j, alpha = found
+        result = self.function(*values, **parameters)
+        if not isinstance(result, tuple) or len(result) != 2:
+            return result  # which is refused
+        j, alpha = result
         if isinstance(alpha, (list, tuple)):
             return j, [a * self.factor for a in alpha]
         return j, alpha * self.factor
 
 
-def _in_one_unit(medium: Medium, volume: Volume) -> Medium:
-    units = {id(part): _emission(part, volume) for part in medium.components()}
-    wanted = next((unit for unit in units.values() if unit is not None), None)
-
-    def convert(part: Any) -> Any:
-        own = units[id(part)]
-        if own == wanted or _is_dark(part):
-            return part
-        if isinstance(part, Coefficients) and not isinstance(part, Formulas):
-            j = [_in(e, volume.expression_unit(e), wanted, "emissivity") for e in part.emissivity]
-            return part.replace(emissivity=j)
-        raise UnitsError(
-            f"the parts of this medium emit in {unit_name(wanted)} and in "
-            f"{unit_name(own) or 'plain numbers'} ({part!r}), which cannot be added; draw them "
-            "apart, or give all of them emissivities of one kind"
-        )
-
-    return medium if wanted is None else with_each(medium, convert)
-
-
-def _emission(part: Any, volume: Volume) -> Any:
-    if isinstance(part, Coefficients):
-        found = [volume.expression_unit(e) for e in part.emissivity]
-        return next((unit for unit in found if unit is not None), None)
-    return part.units[0] if isinstance(part, Function) and part.units is not None else None
-
-
-def _is_dark(part: Any) -> bool:
-    if isinstance(part, Coefficients):
-        return all(e == Expression(0) for e in part.emissivity)
-    return not np.any(part.color) if hasattr(part, "color") else False
-
-
-def _inverse_length(volume: Volume) -> Any:
+def _inverse_length(volume: Evaluation) -> Unit:
     """Return the unit of extinctions; None in a volume without a unit of length."""
     return None if volume.unit is None else parse_unit(volume.unit**-1)
 
 
-def _in(expression: Expression, own: Any, unit: Any, what: str) -> Expression:
+def _in(expression: Expression, own: Unit, unit: Unit, what: str) -> Expression:
     if own == unit or expression == Expression(0):
         return expression
     factor = _factor(own, unit, f"{what} {expression.text!r}", what)
@@ -172,7 +163,7 @@ def _in(expression: Expression, own: Any, unit: Any, what: str) -> Expression:
     return expression if change is None else times(expression, factor, change)
 
 
-def _factor(own: Any, unit: Any, told: str, what: str) -> float:
+def _factor(own: Unit, unit: Unit, subject: str, what: str) -> float:
     from astropy import units as u
 
     plain = u.dimensionless_unscaled
@@ -192,5 +183,5 @@ def _factor(own: Any, unit: Any, told: str, what: str) -> float:
             )
             wanted = f"an inverse length such as {wanted}"
         raise UnitsError(
-            f"{told} is in {unit_name(own) or 'plain numbers'}, expected {wanted}; {advice}"
+            f"{subject} is in {unit_name(own) or 'plain numbers'}, expected {wanted}; {advice}"
         ) from error

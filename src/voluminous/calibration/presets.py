@@ -7,18 +7,16 @@ tables of colour and opacity. Overrides are arguments of `voluminous.Table`, suc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Medium, Sum, Table
+from ..volume import Volume
 from .open_numbers import check_volume, nothing_to_see
 from .suggest import main_scalar
-
-if TYPE_CHECKING:
-    from ..volume import Volume
 
 __all__ = [
     "bone",
@@ -33,36 +31,30 @@ __all__ = [
 
 # Opacities are optical depths along this part of the longest side of the volume.
 _PART = 1 / 100
-_IVORY, _SKIN, _FLESH, _BLOOD = (
-    (1, 0.95, 0.85),
-    (0.9, 0.6, 0.45),
-    (0.75, 0.25, 0.2),
-    (0.9, 0.1, 0.1),
-)
-_GREY, _WHITE, _AIR = (0.6, 0.55, 0.55), (1, 1, 1), (0.35, 0.55, 0.75)
+_IVORY, _SKIN, _FLESH = (1, 0.95, 0.85), (0.9, 0.6, 0.45), (0.75, 0.25, 0.2)
+_BLOOD, _GREY, _WHITE, _AIR = (0.9, 0.1, 0.1), (0.6, 0.55, 0.55), (1, 1, 1), (0.35, 0.55, 0.75)
 # Colours of channels that have none.
 _CHANNELS = ((0, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0.3, 0.5, 1))
-Point = tuple[float, float, tuple[float, ...]]  # value, opacity, colour
+_HARD = [(350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
+# Points (value, opacity, colour).
+Points = Sequence[tuple[float, float, Sequence[float]]]
 
 
 def bone(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for bone in CT (Hounsfield units)."""
-    points = [(150, 0, _FLESH), (350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
-    return _table(volume, field, points, overrides)
+    return _table(volume, field, [(150, 0, _FLESH), *_HARD], overrides)
 
 
 def skin_and_bone(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for bone under translucent skin in CT (Hounsfield units)."""
     skin = [(-650, 0, _SKIN), (-400, 1.2, _SKIN), (-200, 0.8, _SKIN), (-120, 0, _SKIN)]
-    points = [*skin, (180, 0, _FLESH), (350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
-    return _table(volume, field, points, overrides)
+    return _table(volume, field, [*skin, (180, 0, _FLESH), *_HARD], overrides)
 
 
 def muscle(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for muscle, with bone, in CT (Hounsfield units)."""
     soft = [(-20, 0, _FLESH), (30, 1, _FLESH), (90, 1.5, _FLESH), (180, 1.5, _FLESH)]
-    points = [*soft, (350, 4, _IVORY), (3000, 8, _WHITE)]
-    return _table(volume, field, points, overrides)
+    return _table(volume, field, [*soft, (350, 4, _IVORY), (3000, 8, _WHITE)], overrides)
 
 
 def lung(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
@@ -98,19 +90,20 @@ def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     chosen, windows so that the brightest 0.2 % are of full colour.
     """
     check_volume("fluorescence", "first", volume)
-    known = dict(volume.meta.get("channels") or {})
-    names = [field] if field is not None else [n for n in volume.fields if n in known]
+    channels = dict(volume.meta.get("channels") or {})
+    names = [field] if field is not None else [n for n in volume.fields if n in channels]
     parts = []
     for number, name in enumerate(names or [main_scalar(volume).text]):
-        entry = known.get(str(name)) or {}
+        entry = channels.get(str(name)) or {}
         low, high = entry.get("window") or _levels(volume, name, (50, 99.8))
         color = tuple(entry.get("color") or _CHANNELS[number % len(_CHANNELS)])
-        points = [(low, 0, color), (high, 1, color)]
-        parts.append(_table(volume, name, points, {"shading": 0.0, **overrides}, part=1 / 20))
+        options = {"shading": 0.0, **overrides}
+        parts.append(_table(volume, name, [(low, 0, color), (high, 1, color)], options, 1 / 20))
     return Sum(tuple(parts)) if len(parts) > 1 else parts[0]
 
 
-def _levels(volume: Volume, field: Any, percentiles: Any) -> list[float]:
+def _levels(volume: Volume, field: Any, percentiles: Sequence[float]) -> list[float]:
+    """Return percentiles of the finite values, increasing."""
     expr = main_scalar(volume) if field is None else Expression(field)
     values = np.asarray(volume.evaluate(expr), dtype=np.float64)
     values = values[np.isfinite(values)]
@@ -118,30 +111,25 @@ def _levels(volume: Volume, field: Any, percentiles: Any) -> list[float]:
         raise InputError(f"{expr.text} has no finite value in this volume; choose another field")
     if values.min() == values.max():
         raise nothing_to_see(expr, float(values[0]))
-    found = np.percentile(values, percentiles)
+    levels = np.maximum.accumulate(np.percentile(values, percentiles))
     least = 1e-6 * max(float(np.abs(values).max()), 1e-300)
-    return [float(v) for v in np.maximum.accumulate(found) + least * np.arange(len(found))]
+    return [float(v) for v in levels + least * np.arange(len(levels))]
 
 
 def _table(
-    volume: Volume,
-    field: Any,
-    points: Sequence[Point],
-    overrides: dict[str, Any],
-    part: float = _PART,
+    volume: Volume, field: Any, points: Points, overrides: dict[str, Any], part: float = _PART
 ) -> Medium:
     check_volume("a preset", "first", volume)
     expr = main_scalar(volume) if field is None else Expression(field)
     unit = volume.expression_unit(expr)
-    values = np.array([float(value) for value, _, _ in points])
-    opacities = np.array([float(opacity) for _, opacity, _ in points])
-    colors = np.array([color for _, _, color in points], dtype=float) * opacities[:, None]
-    length = part * float(np.ptp(volume.grid.bounds, axis=1).max())
+    values, opacities, colors = (
+        np.array(column, dtype=float) for column in zip(*points, strict=True)
+    )
     given = {
         "values": values if unit is None else values * unit,
-        "colors": colors,
+        "colors": colors * opacities[:, None],
         "opacities": opacities,
-        "path_length": length,
+        "path_length": part * float(np.ptp(volume.grid.bounds, axis=1).max()),
         "shading": 0.7,
     }
     return Table(expr, **{**given, **overrides})

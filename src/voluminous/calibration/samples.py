@@ -1,10 +1,14 @@
-"""Values and gradients of a scalar on the cells of a volume, in pieces of bounded memory."""
+"""Values and gradients of a scalar on the cells of a volume, in pieces of bounded memory.
+
+Lengths are in units of the grid's scale.
+"""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,36 +16,50 @@ from ..derivatives import BoxesOfTree, NeighbourDifferences, differences
 from ..expressions import Expression
 from ..volume import Volume
 
-# Cells of a run: the cells of trees that follow each other are neighbours, so of large ones many
-# short runs are looked at.
-_RUN = 1 << 12
-# Runs of a piece: one after the other they took four times as long (1.2 million cells, 0.4 s for
-# each field), since a run is too short for more than one thread.
-_RUNS = 64
-# What a cell costs, neighbours and all, beside one in an array: so fewer are looked at.
-_DEAR = 16
-# LineSamples through the domain along each axis, and points on each.
+# Cells sampled: enough for any median or histogram, and a second of work at most.
+BUDGET = 1 << 22
+# Cells of a piece: its temporary arrays take some tens of MiB.
+_PIECE = 1 << 19
+# On trees consecutive cells are neighbours: of large trees many short runs are sampled, and a piece
+# has many of them, since one is too short for more than one thread (four times as fast).
+_RUN, _RUNS = 1 << 12, 64
+# Cost of a cell whose neighbours are searched for, relative to one of an array.
+_SEARCH = 16
+# Lines through the domain along each axis, and points on each.
 _LINES, _POINTS = 32, 256
 
 
-class ScatteredPiece:
-    """Some cells. Lengths are in units of the grid's scale; see `samples.LayerPiece`.
-
-    Neighbours are looked for only where slopes are asked for: that takes most of the time.
-
-    Parameters
-    ----------
-    cells : NeighbourDifferences or BoxesOfTree
-    volumes : array
-        Of all cells.
-    runs : sequence of (int, int)
-        First and last numbers of cells that follow each other.
+@dataclass
+class Samples:
+    """A scalar in parts of space, where it is linear.
 
     Attributes
     ----------
-    x, slope, reach, volume : arrays, shape (n,)
-        As of a `LayerPiece`; the reach is measured along the cell's own coordinates.
+    x : array
+        Its value in the middle of each part; NaN where it is not finite.
+    reach : array
+        The largest distance of its values from that.
+    slope : array
+        |∇x|.
+    volume : array
+        Volumes, of a shape that broadcasts.
+    line : int array, optional
+        The number of the line through the domain on which a part lies.
     """
+
+    x: np.ndarray
+    reach: np.ndarray
+    slope: np.ndarray
+    volume: np.ndarray
+    line: np.ndarray | None = None
+
+    def lengths_along_lines(self, mean: np.ndarray) -> list[np.ndarray]:
+        """Return the lengths that lines see of something with this mean in each part."""
+        return [] if self.line is None else [np.bincount(self.line, mean * self.volume)]
+
+
+class CellRuns:
+    """Runs of cells of any grid; neighbours are searched for only if slopes are used."""
 
     def __init__(
         self,
@@ -51,273 +69,176 @@ class ScatteredPiece:
     ) -> None:
         self._cells, self._runs = cells, runs
         self.volume = np.concatenate([volumes[first:last] for first, last in runs])
-        x = np.concatenate([cells.values[first:last] for first, last in runs])
-        self.x = np.where(np.isfinite(x), x, np.nan)
+        self.x = _finite(np.concatenate([cells.values[first:last] for first, last in runs]))
 
     @functools.cached_property
-    def _looked_at(self) -> tuple[np.ndarray, np.ndarray]:
-        """The gradients, per length of the grid's unit, and which cells are at the surface."""
+    def _gradient(self) -> tuple[np.ndarray, np.ndarray]:
+        """The gradients, per unit length of the grid, and which cells are at the surface."""
         with np.errstate(all="ignore"):
             gradient, surface = self._cells.gradient(self._runs)
         return np.where(np.isfinite(gradient), gradient, 0.0), surface
 
-    @property
+    @functools.cached_property
     def slope(self) -> np.ndarray:
-        """|∇x|."""
-        gradient, _ = self._looked_at
-        # Not by squares, which leave the range of numbers where x is very large or small.
-        return np.asarray(np.hypot.reduce(gradient, axis=0) * self._cells.grid.scale)
+        # Squares would overflow or underflow where x is very large or small.
+        return np.asarray(np.hypot.reduce(self._gradient[0], axis=0) * self._cells.grid.scale)
 
     @functools.cached_property
     def reach(self) -> np.ndarray:
-        """How far x goes from its value at the centre, up and down."""
-        grid, (gradient, _) = self._cells.grid, self._looked_at
+        """Half the sum of the changes over the cell along each of its coordinates."""
+        grid = self._cells.grid
         basis = np.concatenate([grid.basis(*run) for run in self._runs], axis=-1)
         sizes = np.concatenate([grid.cell_sizes(*run) for run in self._runs], axis=-1)
-        along = np.einsum("kan,an->kn", basis, gradient)
+        along = np.einsum("kan,an->kn", basis, self._gradient[0])
         return np.asarray(0.5 * np.sum(np.abs(along) * sizes, axis=0))
 
-    def seen(self, mean: np.ndarray) -> list[np.ndarray]:
-        """Return nothing: lines go through cells that are elsewhere; see `lines`."""
+    def lengths_along_lines(self, mean: np.ndarray) -> list[np.ndarray]:
         return []
 
     def outermost(self) -> np.ndarray:
-        """Return the scalar in the cells with nothing beyond one of their faces."""
-        return np.asarray(self.x[self._looked_at[1]])
+        """Return the scalar in the cells at the surface of the domain."""
+        return np.asarray(self.x[self._gradient[1]])
 
 
-def scattered_pieces(volume: Volume, expr: Expression, budget: float) -> Iterator[ScatteredPiece]:
-    """Yield all cells in pieces, or every k-th run where there are more cells than `budget`."""
-    grid = volume.grid
-    cells = differences(grid, lambda first, last: volume.evaluate_cells(expr, first, last))
-    volumes = np.reshape(grid.cell_volumes, -1) / grid.scale**3
-    count = -(-grid.size // _RUN)
-    step = min(count, max(1, int(np.ceil(_DEAR * grid.size / budget))))
-    runs = [(k * _RUN, min((k + 1) * _RUN, grid.size)) for k in range((step - 1) // 2, count, step)]
-    for first in range(0, len(runs), _RUNS):
-        yield ScatteredPiece(cells, volumes, runs[first : first + _RUNS])
+class GridLayers:
+    """GridLayers of the first axis of a rectilinear grid, from `first` to `stop`."""
 
-
-@dataclass
-class LineSamples:
-    """A scalar along lines through the domain: pieces between one cell's middle and the next.
-
-    Attributes
-    ----------
-    x, reach : arrays, shape (n,)
-        Mean and half difference of the scalar at the ends of a piece.
-    length : array, shape (n,)
-        In units of the grid's scale.
-    line : int array, shape (n,)
-        Which line a piece is of.
-    """
-
-    x: np.ndarray
-    reach: np.ndarray
-    length: np.ndarray
-    line: np.ndarray
-
-    def seen(self, mean: np.ndarray) -> np.ndarray:
-        """Return the lengths that lines see of something."""
-        return np.bincount(self.line, mean * self.length)
-
-
-def lines(volume: Volume, expr: Expression) -> LineSamples:
-    """Return a scalar along lines through the domain, parallel to x, y and z."""
-    grid = volume.grid
-    values = volume.evaluate(expr).reshape(-1).astype(np.float64)
-    found = []
-    for axis in range(3):
-        points, step = _points_on_lines(grid.bounds, axis)
-        cell = grid.locate(points).reshape(_LINES**2, _POINTS)
-        found.append(_along(cell, values, step / grid.scale, axis * _LINES**2))
-    return LineSamples(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
-
-
-def _points_on_lines(bounds: np.ndarray, axis: int) -> tuple[np.ndarray, float]:
-    """Return points (lines * points, 3) on a regular set of lines, and their distance."""
-    counts = [_POINTS if a == axis else _LINES for a in range(3)]
-    places = [
-        low + (np.arange(n) + 0.5) / n * (high - low)
-        for (low, high), n in zip(bounds, counts, strict=True)
-    ]
-    mesh = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1)
-    points = np.moveaxis(mesh, axis, 2).reshape(-1, 3)
-    return points, float(np.ptp(bounds[axis])) / _POINTS
-
-
-def _along(cell: np.ndarray, values: np.ndarray, step: float, first: int) -> tuple[np.ndarray, ...]:
-    """Return `LineSamples` of the cells (lines, points) that points on lines are in."""
-    changes = np.diff(cell, axis=1, prepend=-2) != 0
-    starts = np.flatnonzero(changes)
-    ends = np.append(starts[1:], cell.size)
-    middle, line, own = 0.5 * (starts + ends), starts // cell.shape[1], cell.reshape(-1)[starts]
-    x = np.where(own >= 0, values[own], np.nan)
-    x[~np.isfinite(x)] = np.nan
-    good = (line[1:] == line[:-1]) & np.isfinite(x[1:]) & np.isfinite(x[:-1])
-    before, behind = x[:-1][good], x[1:][good]
-    length = step * (middle[1:] - middle[:-1])[good]
-    return 0.5 * (before + behind), 0.5 * np.abs(behind - before), length, first + line[:-1][good]
-
-
-# Cells sampled: enough for any median or histogram, and a second of work at most.
-BUDGET = 1 << 22
-# Cells of a piece: its temporary arrays take some tens of MiB.
-_PIECE = 1 << 19
-
-
-@dataclass
-class Between:
-    """A scalar from one cell centre to the next, where it is linear; see `LayerPiece`."""
-
-    x: np.ndarray
-    reach: np.ndarray
-    slope: np.ndarray
-    volume: np.ndarray
-
-    def seen(self, mean: np.ndarray) -> list[np.ndarray]:
-        """Return nothing: along the other axes no line is looked at."""
-        return []
-
-
-class LayerPiece:
-    """Whole layers of the first axis. Lengths are in units of the grid's scale.
-
-    Parameters
-    ----------
-    around : array, shape (layers, ny, nz)
-        The scalar at the cell centres, with a layer more on each side where there is one.
-    edges : list of three arrays
-        Edges of these cells.
-    own : slice
-        Which layers are the piece's.
-    is_uniform : bool
-        All cells are alike.
-
-    Attributes
-    ----------
-    x : array, shape (layers, ny, nz)
-        The scalar; NaN where it is not finite.
-    widths : list of three arrays
-        Cell widths, each with three axes.
-    first : bool
-        Here the domain begins.
-    """
-
-    def __init__(
-        self, around: np.ndarray, edges: list[np.ndarray], own: slice, *, is_uniform: bool
-    ) -> None:
-        self._around, self._edges, self._own, self._uniform = around, edges, own, is_uniform
-        self.x = np.where(np.isfinite(around[own]), around[own], np.nan)
-        self.widths = [_samples_along(np.diff(e), axis) for axis, e in enumerate(edges)]
-        self.widths[0] = self.widths[0][own]
-        self.first = own.start == 0
+    def __init__(self, volume: Volume, expr: Expression, first: int, stop: int) -> None:
+        grid, (count, ny, nz) = volume.grid, volume.grid.shape
+        low, high = max(0, first - 1), min(count, stop + 1)  # differences need the layers beside
+        x = volume.evaluate_cells(expr, low * ny * nz, high * ny * nz).reshape(-1, ny, nz)
+        # In cgs units differences in single precision would have few digits, or none.
+        self._around = _finite(x.astype(np.float64))
+        self._own = slice(first - low, stop - low)
+        self._edges = [edges / grid.scale for edges in grid.edges]
+        self._edges[0] = self._edges[0][low : high + 1]
+        self._uniform = grid.is_uniform
+        self.x = self._around[self._own]
+        self._widths = [
+            np.diff(e).reshape([-1 if k == axis else 1 for k in range(3)])
+            for axis, e in enumerate(self._edges)
+        ]
+        self._widths[0] = self._widths[0][self._own]
 
     @functools.cached_property
     def _slopes(self) -> list[np.ndarray]:
-        """|∂x/∂i| along the axes: a third of those who look at values ask for none."""
-        return [
-            np.abs(_derivative(self._around, self._edges[axis], axis, self._uniform)[self._own])
-            for axis in range(3)
-        ]
+        """|∂x/∂i| along the axes, by central differences; zero where that is not finite."""
+        found = []
+        for axis, edges in enumerate(self._edges):
+            slope = np.zeros_like(self._around)
+            if len(edges) > 2:
+                centers = 0.5 * (edges[1:] + edges[:-1])
+                spacing = (edges[-1] - edges[0]) / len(centers) if self._uniform else centers
+                with np.errstate(all="ignore"):
+                    slope = np.gradient(self._around, spacing, axis=axis)
+            slope[~np.isfinite(slope)] = 0.0
+            found.append(np.abs(slope[self._own]))
+        return found
 
     @functools.cached_property
     def slope(self) -> np.ndarray:
-        """|∇x| at the centres."""
-        # Not by squares, which leave the range of numbers where x is very large or small.
+        # Squares would overflow or underflow where x is very large or small.
         return np.asarray(functools.reduce(np.hypot, self._slopes))
 
     @functools.cached_property
     def reach(self) -> np.ndarray:
-        """How far x goes from its value at the centre, up and down, in cells where it is linear.
-
-        ½ Σ |∂x/∂i| hᵢ.
-        """
-        pairs = zip(self._slopes, self.widths, strict=True)
+        pairs = zip(self._slopes, self._widths, strict=True)
         return np.asarray(sum(0.5 * slope * width for slope, width in pairs))
 
     @property
     def volume(self) -> np.ndarray:
-        """Volumes of the cells, of a shape that broadcasts."""
-        return self.widths[0] * self.widths[1] * self.widths[2]
+        return np.asarray(self._widths[0] * self._widths[1] * self._widths[2])
 
-    def seen(self, mean: np.ndarray) -> list[np.ndarray]:
-        """Return the lengths that lines along y and z see of something."""
-        return [(mean * self.widths[axis]).sum(axis=axis).ravel() for axis in (1, 2)]
-
-    def between(self) -> Iterator[Between]:
-        """Yield the scalar from each centre to the next one, along the three axes."""
-        for axis in range(3):
-            # Of the first axis also on to the layer behind, which another piece begins with.
-            own = slice(self._own.start, self._own.stop + (axis == 0))
-            known = np.where(np.isfinite(self._around[own]), self._around[own], np.nan)
-            edges = self._edges[axis][own.start : own.stop + 1] if axis == 0 else self._edges[axis]
-            step = np.diff(0.5 * (edges[1:] + edges[:-1]))[:, None, None]
-            across, along = (w for k, w in enumerate(self.widths) if k != axis)
-            values = np.moveaxis(known, axis, 0)
-            rise = np.abs(np.diff(values, axis=0))
-            yield Between(
-                0.5 * values[1:] + 0.5 * values[:-1],
-                0.5 * rise,
-                rise / step,
-                step * np.moveaxis(across * along, axis, 0),
-            )
+    def lengths_along_lines(self, mean: np.ndarray) -> list[np.ndarray]:
+        return [(mean * self._widths[axis]).sum(axis=axis).ravel() for axis in (1, 2)]
 
     def outermost(self) -> np.ndarray:
         """Return the scalar in the outermost cells in y and z, and in x where the domain begins."""
-        x = self.x
-        faces = [x[:, 0], x[:, -1], x[:, :, 0], x[:, :, -1], *([x[0]] if self.first else [])]
+        x, begins = self.x, self._own.start == 0
+        faces = [x[:, 0], x[:, -1], x[:, :, 0], x[:, :, -1], *([x[0]] if begins else [])]
         return np.concatenate([face.ravel() for face in faces])
+
+    def between_centers(self) -> Iterator[Samples]:
+        """Yield the scalar from each centre to the next one, along the three axes."""
+        for axis in range(3):
+            # Along the first axis also to the layer behind, with which another piece begins.
+            own = slice(self._own.start, self._own.stop + (axis == 0))
+            edges = self._edges[axis][own.start : own.stop + 1] if axis == 0 else self._edges[axis]
+            step = np.diff(0.5 * (edges[1:] + edges[:-1]))[:, None, None]
+            across, along = (w for k, w in enumerate(self._widths) if k != axis)
+            x = np.moveaxis(self._around[own], axis, 0)
+            rise = np.abs(np.diff(x, axis=0))
+            area = np.moveaxis(across * along, axis, 0)
+            yield Samples(0.5 * x[1:] + 0.5 * x[:-1], 0.5 * rise, rise / step, step * area)
+
+
+Piece: TypeAlias = Samples | CellRuns | GridLayers
 
 
 def pieces(
     volume: Volume, expr: Expression, budget: float = BUDGET
-) -> Iterator[LayerPiece | ScatteredPiece]:
-    """Yield all pieces of a volume, or every k-th if there are more cells than `budget`."""
+) -> Iterator[GridLayers | CellRuns]:
+    """Yield all cells, or evenly spread parts if there are more than `budget`."""
     volume.check_names(expr)
-    if not volume.grid.is_rectilinear:
-        yield from scattered_pieces(volume, expr, budget)
+    grid = volume.grid
+    if grid.is_rectilinear:
+        thick = max(1, _PIECE * grid.shape[0] // grid.size)
+        for run in _runs(grid.shape[0], thick, grid.size / budget):
+            yield GridLayers(volume, expr, *run)
         return
-    for first, stop in _parts(volume.grid.shape, budget):
-        yield _piece(volume, expr, first, stop)
+    cells = differences(grid, lambda first, last: volume.evaluate_cells(expr, first, last))
+    volumes = np.reshape(grid.cell_volumes, -1) / grid.scale**3
+    runs = _runs(grid.size, _RUN, _SEARCH * grid.size / budget)
+    for first in range(0, len(runs), _RUNS):
+        yield CellRuns(cells, volumes, runs[first : first + _RUNS])
 
 
-def _parts(shape: tuple[int, ...], budget: float) -> list[tuple[int, int]]:
-    layers, size = shape[0], int(np.prod(shape, dtype=object))
-    thick = max(1, _PIECE * layers // size)
-    count = -(-layers // thick)
-    step = min(count, max(1, int(np.ceil(size / budget))))
-    return [(k * thick, min((k + 1) * thick, layers)) for k in range((step - 1) // 2, count, step)]
+def _runs(size: int, length: int, excess: float) -> list[tuple[int, int]]:
+    """Return runs of numbers below `size`, of which every k-th is taken if there is an excess."""
+    count = -(-size // length)
+    step = min(count, max(1, int(np.ceil(excess))))
+    return [(k * length, min((k + 1) * length, size)) for k in range((step - 1) // 2, count, step)]
 
 
-def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> LayerPiece:
-    """Return the layers from `first` to `stop`; differences look one layer further."""
-    low, high = max(0, first - 1), min(volume.grid.shape[0], stop + 1)
-    own = slice(first - low, stop - low)
-    x = _evaluate(volume, expr, low, high)
-    edges = [e / volume.grid.scale for e in volume.grid.edges]
-    edges[0] = edges[0][low : high + 1]
-    return LayerPiece(x, edges, own, is_uniform=volume.grid.is_uniform)
+def between_centers(volume: Volume, expr: Expression) -> Iterator[Samples]:
+    """Yield a scalar from one cell's centre to the next: where it jumps, no cell shows a slope."""
+    if not volume.grid.is_rectilinear:
+        yield lines(volume, expr)
+        return
+    for piece in pieces(volume, expr):
+        assert isinstance(piece, GridLayers)
+        yield from piece.between_centers()
 
 
-def _evaluate(volume: Volume, expr: Expression, low: int, high: int) -> np.ndarray:
-    _, ny, nz = volume.grid.shape
-    x = volume.evaluate_cells(expr, low * ny * nz, high * ny * nz).reshape(-1, ny, nz)
-    # In cgs units differences in single precision would have few digits, or none.
-    return np.array(x, dtype=np.float64)
+def lines(volume: Volume, expr: Expression) -> Samples:
+    """Return a scalar along lines through the domain, parallel to x, y and z.
+
+    The parts reach from the middle of a line's path in one cell to that in the next; their volumes
+    are lengths.
+    """
+    grid = volume.grid
+    values = _finite(volume.evaluate(expr).reshape(-1).astype(np.float64))
+    columns = []
+    for axis in range(3):
+        counts = [_POINTS if a == axis else _LINES for a in range(3)]
+        places = [
+            low + (np.arange(n) + 0.5) / n * (high - low)
+            for (low, high), n in zip(grid.bounds, counts, strict=True)
+        ]
+        mesh = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1)
+        cell = grid.locate(np.moveaxis(mesh, axis, 2).reshape(-1, 3))
+        new = np.diff(cell.reshape(_LINES**2, _POINTS), axis=1, prepend=-2) != 0
+        starts = np.flatnonzero(new)
+        middle = 0.5 * (starts + np.append(starts[1:], cell.size))
+        line, own = starts // _POINTS, cell[starts]
+        x = np.where(own >= 0, values[own], np.nan)
+        good = (line[1:] == line[:-1]) & ~np.isnan(x[1:]) & ~np.isnan(x[:-1])
+        step = float(np.ptp(grid.bounds[axis])) / _POINTS / grid.scale
+        length, rise = step * np.diff(middle)[good], np.abs(np.diff(x)[good])
+        mean = 0.5 * (x[1:] + x[:-1])[good]
+        columns.append((mean, 0.5 * rise, rise / length, length, axis * _LINES**2 + line[1:][good]))
+    return Samples(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-def _derivative(x: np.ndarray, edges: np.ndarray, axis: int, uniform: bool) -> np.ndarray:
-    """Return ∂x/∂axis by central differences; zero where it is not finite, or there is one cell."""
-    if x.shape[axis] < 2:
-        return np.zeros_like(x)
-    centers = 0.5 * (edges[1:] + edges[:-1])
-    spacing = (edges[-1] - edges[0]) / (len(edges) - 1) if uniform else centers
-    with np.errstate(all="ignore"):
-        slope = np.gradient(x, spacing, axis=axis)
-    slope[~np.isfinite(slope)] = 0.0
-    return slope
-
-
-def _samples_along(values: np.ndarray, axis: int) -> np.ndarray:
-    return values.reshape([-1 if k == axis else 1 for k in range(3)])
+def _finite(x: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(x), x, np.nan)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import sys
+from collections import Counter
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -12,19 +14,88 @@ from ..colormaps import get_colormap, mapped_colors
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
-from ..media.profiles import Shaped
 from ..volume import Volume
-from .open_numbers import check_volume, nothing_to_see, positive_opacity, shell_count
+from .histogram import Histogram, histogram, is_constant, sampled_values
+from .open_numbers import check_volume, nothing_to_see
 from .samples import pieces
-from .thickness import (
-    Histogram,
-    Profile,
-    Thickness,
-    histogram,
-    is_constant,
-    sampled_values,
-    thicknesses,
+from .thickness import Profile, Thickness, thicknesses
+
+# --- the main scalar --------------------------------------------------------------------------
+
+# Names of the main field in simulations, in order of preference.
+_FIRST = ("density", "gas_density", "rho", "dens", "number_density", "n", "nh", "n_h")
+_COMPONENT = re.compile(
+    r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
 )
+# Coordinates stored with telescope cubes.
+_COORDINATE = re.compile(r"velocity|frequency|wavelength|wavenumber|redshift", re.I)
+_BINS = 64
+
+
+def main_scalar(volume: Volume) -> Expression:
+    """Return the main field of a volume.
+
+    It is the field called density, rho, … if there is one; else the field with the greatest entropy
+    of its histogram (linear or logarithmic, as it will be shown). Vector components, and velocity
+    or frequency in a spectral cube, are left out if there are other fields.
+    """
+    if not volume.fields:
+        raise InputError("the volume has no fields; add one: volume['density'] = array")
+    lower = {name.lower(): name for name in reversed(volume.fields)}
+    names = [lower[name] for name in _FIRST if name in lower][:1] or list(volume.fields)
+    for pattern in (_COMPONENT, _COORDINATE):
+        names = [name for name in names if not pattern.fullmatch(name)] or names
+    if len(names) == 1:
+        return Expression(names[0])
+    return max(map(Expression, names), key=lambda expr: _entropy(sampled_values(volume, expr)))
+
+
+def _entropy(values: np.ndarray) -> float:
+    """Return the entropy of a histogram in bits; negative if there is no value."""
+    if is_wide(values):
+        values = np.log10(values[values > 0])
+    if not len(values):
+        return -1.0
+    if is_constant(values[0], values[-1]):
+        return 0.0
+    counts = np.histogram(values, _BINS, (float(values[0]), float(values[-1])))[0]
+    part = counts[counts > 0] / counts.sum()
+    return float(-(part * np.log2(part)).sum())
+
+
+# Data that spans more than so many decades is shown logarithmically …
+_DECADES = 2.0
+# … between these quantiles of its positive values (the upper one keeps compact cores) …
+_LEAST, _GREATEST = 0.05, 1 - 1e-4
+# … unless the top decade holds more than _SHARE / (number of decades) of the cells: then the
+# materials are in that decade, and lower values are the faint outskirts of their boundaries.
+_SHARE = 1.2
+# If more than _FLOOR of the cells have the least value (to a relative _SAME), they are empty.
+_FLOOR, _SAME = 0.05, 1e-3
+# Up to this fraction, negative values are noise around zero; more are significant.
+_NEGATIVE = 1e-3
+
+
+def is_wide(values: np.ndarray) -> bool:
+    """Return True if sorted values should be shown logarithmically.
+
+    This requires nearly no negative values, a span of more than two decades, and a top decade that
+    does not dominate. Zeros and the value of empty cells are ignored.
+    """
+    positive = values[np.searchsorted(values, 0.0, "right") :]
+    if not len(positive) or np.searchsorted(values, 0.0, "left") > _NEGATIVE * len(values):
+        return False
+    empty = int(np.searchsorted(positive, positive[0] * (1 + _SAME), "right"))
+    positive = positive[empty if empty > _FLOOR * len(positive) else 0 :]
+    if not len(positive):
+        return False
+    low, high = (float(positive[int(q * (len(positive) - 1))]) for q in (_LEAST, _GREATEST))
+    decades = float(np.log10(high) - np.log10(low))
+    top = 1.0 - float(np.searchsorted(positive, 0.1 * high)) / len(positive)
+    return decades > _DECADES and top * decades < _SHARE
+
+
+# --- labels -----------------------------------------------------------------------------------
 
 _MOST = 64
 # Labels are numbered consecutively; values with wider gaps are coarsely measured quantities.
@@ -48,18 +119,18 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
     """
     if not _may_be_labels(np.unique(values)):
         return None
-    found: set[float] = set()
-    around: dict[float, int] = {}
+    labels: set[float] = set()
+    around: Counter[float] = Counter()
     for piece in pieces(volume, expr, np.inf):
-        found.update(np.unique(piece.x[~np.isnan(piece.x)]).tolist())
-        if not _may_be_labels(np.array(sorted(found))):
+        labels.update(np.unique(piece.x[~np.isnan(piece.x)]).tolist())
+        if not _may_be_labels(np.array(sorted(labels))):
             return None
         outermost = piece.outermost()
-        _count(around, outermost[~np.isnan(outermost)])
+        around.update(outermost[~np.isnan(outermost)].tolist())
     background = max(around, key=lambda label: (around[label], -label), default=None)
-    if len(found) < 2 or max(found) - min(found) >= _SPAN * len(found):
+    if len(labels) < 2 or max(labels) - min(labels) >= _SPAN * len(labels):
         return None
-    return np.array(sorted(found - {background}))
+    return np.array(sorted(labels - {background}))
 
 
 def _may_be_labels(values: np.ndarray) -> bool:
@@ -68,53 +139,14 @@ def _may_be_labels(values: np.ndarray) -> bool:
     return whole and len(values) <= _MOST and bool(np.ptp(values) < _SPAN * _MOST)
 
 
-def _count(counts: dict[float, int], values: np.ndarray) -> None:
-    for value, number in zip(*np.unique(values, return_counts=True), strict=True):
-        counts[float(value)] = counts.get(float(value), 0) + int(number)
+class _Label(Rectangle):
+    """A single label; labels must not be interpolated."""
+
+    discrete = True
+    kind = "rectangle"
 
 
-# Least area of an isosurface worth showing, as a fraction of the diagonal squared: that of a sphere
-# with a diameter of a fiftieth of the diagonal.
-_SEEN = 1e-3
-# For data with one sign, levels below this quantile (by volume) are left out.
-_LOWEST = 0.01
-# Smoothing width of the steepness, as a fraction of the distance of levels.
-_SMOOTHING = 0.12
-
-
-def levels(
-    found: Histogram, n: int, *, signed: bool = False, floor: float = 0.0
-) -> tuple[np.ndarray, float]:
-    """Return n increasing levels and their typical distance.
-
-    The range of values whose isosurfaces are large enough to be seen is divided into n equal slots
-    with one level each. The level maximizes the steepness of x, which is large where materials
-    meet, times 1 - u² (u = ±1 at the ends of the slot), which keeps levels apart. If the steepness
-    is a power law (no materials), all slots are alike and the levels are equally spaced.
-    """
-    low, high = _worth_showing(found, signed)
-    if floor > 0:
-        low = min(max(low, floor), 0.5 * (low + high))
-    slot = (high - low) / n
-    steep, x = found.steepness(_SMOOTHING * slot), found.centers
-    chosen = []
-    for k in range(n):
-        u = (x - low - (k + 0.5) * slot) / (0.5 * slot)
-        score = np.where(np.abs(u) < 1, steep * (1 - u * u), 0.0)
-        best = int(np.argmax(score))
-        chosen.append(float(x[best]) if score[best] > 0 else low + (k + 0.5) * slot)
-    return np.array(chosen), slot
-
-
-def _worth_showing(found: Histogram, signed: bool) -> tuple[float, float]:
-    """Return the range of values with isosurfaces that are large enough to be seen."""
-    large = np.flatnonzero(found.area >= min(_SEEN, 0.1 * found.area.max()))
-    first, last = int(large[0]), int(large[-1])
-    if not signed:
-        below = np.cumsum(found.volume)
-        first = min(max(first, int(np.searchsorted(below, _LOWEST * below[-1]))), last)
-    return float(found.edges[first]), float(found.edges[last + 1])
-
+# --- noise ------------------------------------------------------------------------------------
 
 # Least number of negative values for a noise estimate.
 _ENOUGH = 100
@@ -142,95 +174,56 @@ def noise_of(values: np.ndarray) -> float:
     # Divide by the farthest value so that squares do not overflow or underflow in any unit.
     sigma = farthest * float(np.sqrt(np.mean((below / farthest) ** 2)))
     beside = np.searchsorted(values, [-sigma, sigma])
-    looks_like_noise = (
+    is_noise = (
         _MEDIAN[0] * sigma < median < _MEDIAN[1] * sigma
         and farthest < _FARTHEST * sigma
         and float(values[-1]) > _ABOVE * farthest
         and beside[1] - zero > _SYMMETRIC * (zero - beside[0])
     )
-    return sigma if looks_like_noise else 0.0
+    return sigma if is_noise else 0.0
 
 
-# Names of the main field in simulations, in order of preference.
-_FIRST = ("density", "gas_density", "rho", "dens", "number_density", "n", "nh", "n_h")
-_COMPONENT = re.compile(
-    r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
-)
-# Coordinates stored with telescope cubes.
-_COORDINATE = re.compile(r"velocity|frequency|wavelength|wavenumber|redshift", re.I)
-# Data that spans more than so many decades is shown logarithmically …
-_DECADES = 2.0
-# … between these quantiles of its positive values (the upper one keeps compact cores) …
-_LEAST, _GREATEST = 0.05, 1 - 1e-4
-# … unless the top decade holds more than _SHARE / (number of decades) of the cells: then the
-# materials are in that decade, and lower values are the faint outskirts of their boundaries.
-_SHARE = 1.2
-# If more than _FLOOR of the cells have the least value (to a relative _SAME), they are empty.
-_FLOOR, _SAME = 0.05, 1e-3
-# Up to this fraction, negative values are noise around zero; more are significant.
-_NEGATIVE = 1e-3
-_BINS = 64
+# --- levels -----------------------------------------------------------------------------------
+
+# Least area of an isosurface worth showing, as a fraction of the diagonal squared: that of a sphere
+# with a diameter of a fiftieth of the diagonal.
+_SEEN = 1e-3
+# For data with one sign, levels below this quantile (by volume) are left out.
+_LOWEST = 0.01
+# Smoothing width of the steepness, as a fraction of the distance of levels.
+_SMOOTHING = 0.12
 
 
-def main_scalar(volume: Volume) -> Expression:
-    """Return the main field of a volume.
+def levels(
+    found: Histogram, n: int, *, signed: bool = False, floor: float = 0.0
+) -> tuple[np.ndarray, float]:
+    """Return n increasing levels and their typical distance.
 
-    It is the field called density, rho, … if there is one; else the field with the greatest entropy
-    of its histogram (linear or logarithmic, as it will be shown). Vector components, and velocity
-    or frequency in a spectral cube, are left out if there are other fields.
+    The range of values whose isosurfaces are large enough to be seen is divided into n equal slots
+    with one level each. The level maximizes the steepness of x, which is large where materials
+    meet, times 1 - u² (u = ±1 at the ends of the slot), which keeps levels apart. If the steepness
+    is a power law (no materials), all slots are alike and the levels are equally spaced.
     """
-    if not volume.fields:
-        raise InputError("the volume has no fields; add one: volume['density'] = array")
-    lower = {name.lower(): name for name in reversed(volume.fields)}
-    for name in _FIRST:
-        if name in lower:
-            return Expression(lower[name])
-    scalars = [f for f in volume.fields if not _COMPONENT.fullmatch(f)]
-    scalars = [f for f in scalars if not _COORDINATE.fullmatch(f)] or scalars
-    candidates = scalars or list(volume.fields)
-    if len(candidates) == 1:
-        return Expression(candidates[0])
-    return max((Expression(name) for name in candidates), key=lambda e: _structure(volume, e))
+    large = np.flatnonzero(found.area >= min(_SEEN, 0.1 * found.area.max()))
+    first, last = int(large[0]), int(large[-1])
+    if not signed:
+        below = np.cumsum(found.volume)
+        first = min(max(first, int(np.searchsorted(below, _LOWEST * below[-1]))), last)
+    low, high = float(found.edges[first]), float(found.edges[last + 1])
+    if floor > 0:
+        low = min(max(low, floor), 0.5 * (low + high))
+    slot = (high - low) / n
+    steep, x = found.steepness(_SMOOTHING * slot), found.centers
+    middles = low + (np.arange(n) + 0.5) * slot
+    u = (x - middles[:, None]) / (0.5 * slot)
+    score = np.where(np.abs(u) < 1, steep * (1 - u * u), 0.0)
+    return np.where(score.max(axis=1) > 0, x[score.argmax(axis=1)], middles), slot
 
 
-def _structure(volume: Volume, expr: Expression) -> float:
-    """Return the entropy of a field's histogram in bits; negative if there is no finite value."""
-    values = sampled_values(volume, expr)
-    if is_wide(values):
-        values = np.log10(values[values > 0])
-    if not len(values):
-        return -1.0
-    if is_constant(values[0], values[-1]):
-        return 0.0
-    counts = np.histogram(values, _BINS, (float(values[0]), float(values[-1])))[0]
-    part = counts[counts > 0] / counts.sum()
-    return float(-(part * np.log2(part)).sum())
+# --- the medium -------------------------------------------------------------------------------
 
-
-def is_wide(values: np.ndarray) -> bool:
-    """Return True if sorted values should be shown logarithmically.
-
-    This requires nearly no negative values, a span of more than two decades, and a top decade that
-    does not dominate. Zeros and the value of empty cells are ignored.
-    """
-    below = int(np.searchsorted(values, 0.0, "left"))
-    positive = _above_floor(values[int(np.searchsorted(values, 0.0, "right")) :])
-    if not len(positive) or below > _NEGATIVE * len(values):
-        return False
-    low, high = (float(positive[int(q * (len(positive) - 1))]) for q in (_LEAST, _GREATEST))
-    decades = float(np.log10(high) - np.log10(low))
-    top = 1.0 - float(np.searchsorted(positive, 0.1 * high)) / len(positive)
-    return decades > _DECADES and top * decades < _SHARE
-
-
-def _above_floor(positive: np.ndarray) -> np.ndarray:
-    """Return the values without those equal to the least one, if these are many."""
-    if not len(positive):
-        return positive
-    floor = int(np.searchsorted(positive, positive[0] * (1 + _SAME), "right"))
-    return positive[floor:] if floor > _FLOOR * len(positive) else positive
-
-
+# More shells are indistinguishable and take minutes to compile.
+_MOST_SHELLS = 100
 # σ of a shell as a fraction of the distance of levels; thin enough to see between shells.
 _SIGMA = 0.12
 # The part of a colormap that is bright enough on black.
@@ -247,7 +240,7 @@ _GOLDEN = 0.5 * (5**0.5 - 1)
 
 def suggest_medium(
     volume: Volume,
-    expr: Any = None,
+    expr: str | Expression | None = None,
     n: int = 4,
     *,
     opacity: float = 1.0,
@@ -303,15 +296,42 @@ def suggest_medium(
     """
     check_volume("suggest_medium", "first", volume)
     volume.refresh()  # derivatives of fields that were changed in place
-    count, depth = shell_count(n), positive_opacity(opacity)
+    count: Any = n if isinstance(n, Real) else 0
+    if not 1 <= count <= _MOST_SHELLS or int(count) != count:
+        raise InputError(
+            f"n must be a positive whole number of shells, {_MOST_SHELLS} at most, got {n!r}"
+        )
+    if not isinstance(opacity, Real) or not 0 < opacity <= sys.float_info.max:
+        raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
     scalar = main_scalar(volume) if expr is None else _expression(expr)
     values = sampled_values(volume, scalar)
     if not len(values):
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
-    color = get_colormap(cmap)
-    shells, positions = _shells(volume, scalar, values, count)
-    colors = mapped_colors(color, positions)
-    return _lit(volume, shells, colors, depth)
+    colormap = get_colormap(cmap)
+    labels = labels_of(volume, scalar, values)
+    if labels is None:
+        scalar, centers, sigma = _boundaries(volume, scalar, values, int(count))
+        drafts: list[Gaussian | Rectangle] = [
+            Gaussian(scalar, float(center), sigma, 1.0, 1.0) for center in centers
+        ]
+        positions = np.linspace(_WARM, _COOL, len(drafts))[::-1]  # a single one is warm
+    else:
+        drafts = [_Label(scalar, float(label), 0.5, 1.0, 1.0) for label in labels]
+        # The golden ratio keeps the colours of neighbouring numbers apart.
+        positions = _WARM - (_WARM - _COOL) * (np.arange(len(labels)) * _GOLDEN % 1.0)
+    unit = volume.expression_unit(scalar)
+    profiles = [Profile(*draft.profile(unit, lambda: (0.0, 0.0))) for draft in drafts]
+    shells = thicknesses(volume, scalar, profiles)
+    depths = opacity * _depths(shells)
+    parts = tuple(
+        draft.replace(
+            color=(depth * color).tolist(), opacity=float(depth), path_length=shell.length
+        )
+        for draft, color, depth, shell in zip(
+            drafts, mapped_colors(colormap, positions), depths, shells, strict=True
+        )
+    )
+    return Sum(parts) if len(parts) > 1 else parts[0]
 
 
 def _expression(expr: Any) -> Expression:
@@ -325,15 +345,10 @@ def _expression(expr: Any) -> Expression:
     )
 
 
-def _shells(
+def _boundaries(
     volume: Volume, expr: Expression, values: np.ndarray, n: int
-) -> tuple[list[Callable[..., Shaped]], np.ndarray]:
-    """Return a factory (color, opacity, path length) per shell, and its colormap position."""
-    labels = labels_of(volume, expr, values)
-    if labels is not None:
-        # The golden ratio keeps the colours of neighbouring numbers apart.
-        positions = _WARM - (_WARM - _COOL) * (np.arange(len(labels)) * _GOLDEN % 1.0)
-        return [_label(expr, label) for label in labels], positions
+) -> tuple[Expression, np.ndarray, float]:
+    """Return the expression to show, the centres of shells at boundaries, and their σ."""
     wide = is_wide(values)
     floor = _NOISE * noise_of(values)
     signed = bool(values[0] < 0) and not wide and not floor
@@ -343,54 +358,17 @@ def _shells(
     if is_constant(values[0], values[-1]):
         raise nothing_to_see(expr, float(values[0]))
     centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)
-    positions = np.linspace(_WARM, _COOL, n)[::-1]  # a single one is warm
-    return [_shell(Gaussian, expr, center, _SIGMA * distance) for center in centers], positions
+    return expr, centers, _SIGMA * distance
 
 
-def _shell(kind: Any, expr: Expression, center: float, width: float) -> Callable[..., Shaped]:
-    return lambda color, opacity, length: kind(expr, float(center), width, color, opacity, length)
-
-
-def _label(expr: Expression, label: float) -> Callable[..., Shaped]:
-    def make(color: Any, opacity: Any, length: Any) -> Shaped:
-        return _Label(expr, float(label), 0.5, color, opacity, length)
-
-    return make
-
-
-class _Label(Rectangle):
-    """A single label; labels must not be interpolated."""
-
-    discrete = True
-
-    def describe(self) -> dict[str, Any]:
-        return {**super().describe(), "type": "rectangle"}
-
-
-def _lit(
-    volume: Volume, shells: list[Callable[..., Shaped]], colors: np.ndarray, opacity: float
-) -> Medium:
-    """Return the sum of shells, with opacities that depend on their areas and crossings."""
-    drafts = [make(1.0, 1.0, "auto") for make in shells]
-    unit = volume.expression_unit(drafts[0].expr)
-    profiles = [Profile(*draft.profile(unit, None)) for draft in drafts]
-    found = thicknesses(volume, drafts[0].expr, profiles)
-    depths = opacity * _depths(found)
-    parts = tuple(
-        make((depth * color).tolist(), float(depth), shell.length)
-        for make, color, depth, shell in zip(shells, colors, depths, found, strict=True)
-    )
-    return Sum(parts) if len(parts) > 1 else parts[0]
-
-
-def _depths(found: list[Thickness]) -> np.ndarray:
+def _depths(shells: list[Thickness]) -> np.ndarray:
     """Return the optical depth of a crossing of each shell.
 
     It rises geometrically from the largest shell to the smallest. It is divided by half the number
     of crossings if lines of sight cross a shell (noisy or volume-filling) more than twice.
     """
-    order = np.argsort([-shell.area for shell in found], kind="stable")
-    rank = np.empty(len(found))
-    rank[order] = np.arange(1, len(found) + 1) / len(found)
-    crossings = np.array([shell.crossings for shell in found])
-    return _VEIL ** (1 - rank) * np.minimum(1.0, _TWICE / np.maximum(crossings, _TWICE))
+    order = np.argsort([-shell.area for shell in shells], kind="stable")
+    rank = np.empty(len(shells))
+    rank[order] = np.arange(1, len(shells) + 1) / len(shells)
+    crossings = np.array([shell.crossings for shell in shells])
+    return np.asarray(_VEIL ** (1 - rank) * np.minimum(1.0, _TWICE / np.maximum(crossings, _TWICE)))

@@ -1,10 +1,9 @@
-"""Transfer functions: j and α drawn over the values that a medium looks at."""
+"""Transfer functions: j and α drawn over the values of a medium's expressions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,17 +11,20 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
 from ..image.lengths import pretty_unit
-from ..media import Colormap, Isosurface, Medium, Table
+from ..media import ColorBy, Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
 from ..media.profiles import Shaped
 from ..media.sum import with_each
 from ..notebook import png
-from ..units import is_quantity, parse_unit, plain, unit_name
+from ..units import Unit, is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume
 from .at_values import coefficients, one_path_length, scalar_of, units_of
+from .histogram import is_constant, sampled_values
 from .open_numbers import calibrate, check_volume
 from .samples import pieces
-from .thickness import is_constant, sampled_values
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 RGB = ("#d1342f", "#2c9c3f", "#2f62d1")
 _POINTS, _BINS = 600, 120
@@ -30,95 +32,140 @@ _POINTS, _BINS = 600, 120
 _WIDE = 100.0
 # A shell is drawn with so many widths on either side.
 _AROUND = 3.5
-# Where a medium is a function of several fields, so many cells are looked at, in so many bins.
+# Cells and bins for a medium that is a function of several fields.
 _CELLS, _COARSE = 1 << 17, 60
-# Of a swatch: rows and columns of a strip, and rows between two.
+# Rows and columns of a strip of a swatch, and rows between two strips.
 _STRIP, _GAP = (48, 360), 6
 
 
-@dataclass
 class _Panel:
-    """Parts of a medium over one expression, or over one of the fields that they look at."""
+    """The range of an expression in which some parts of a medium are drawn."""
 
-    expr: Expression
-    parts: list[Any]
-    volume: Volume | None
-    unit: Any = None
-    values: Any = None
-    low: float = 0.0
-    high: float = 1.0
-    log: bool = False
-
-    def __post_init__(self) -> None:
-        self.unit = self._own_unit()
-        spans = [span for part in self.parts for span in _spans(part, self.unit)]
-        if self.volume is not None:
-            self.values = sampled_values(self.volume, self.expr)
-            if len(self.values):
-                first, last = self.values[[0, -1]]
-                # No logarithmic axis is lost by the tail of a shell below all values.
-                spans = [
-                    (max(low, min(first, high)) if low <= 0 < first else low, high)
-                    for low, high in spans
-                ]
-                spans.append((first, last))
+    def __init__(self, expr: Expression, parts: list[Medium], volume: Volume | None) -> None:
+        self.expr, self.parts, self.volume = expr, parts, volume
+        if volume is not None:
+            self.unit: Unit = volume.expression_unit(expr)
+        else:
+            units = (_unit_of(part) for part in parts)
+            self.unit = next((unit for unit in units if unit is not None), None)
+        self.values = np.empty(0) if volume is None else sampled_values(volume, expr)
+        spans = [span for part in parts for span in _spans(part, self.unit)]
+        if len(self.values):
+            first, last = self.values[[0, -1]]
+            # The tail of a shell below all values must not prevent a logarithmic axis.
+            spans = [(max(a, min(first, b)) if a <= 0 < first else a, b) for a, b in spans]
+            spans.append((first, last))
         if not spans:
-            raise InputError(f"{self.expr.text} has no finite value in this volume")
-        self.low = float(min(low for low, _ in spans))
-        self.high = float(max(high for _, high in spans))
-        named = self.expr.text.startswith("log")
-        self.log = not named and self.low > 0.0 and self.high > _WIDE * self.low
-        if any(isinstance(part, Colormap) and part.range.positive for part in self.parts):
-            known = () if self.values is None else self.values[self.values > 0]
-            positive = [low for low, _ in spans if low > 0]
-            self.low = min([*positive, *known[:1]], default=self.low)
-            self.log = self.low > 0
-        elif self.volume is None and any(isinstance(part, Isosurface) for part in self.parts):
-            aside = 0.0 if self.log else 0.05 * (self.high - self.low)  # no line on the edge
-            self.low, self.high = self.low - aside, self.high + aside
-        if is_constant(self.low, self.high):
-            aside = 0.5 * abs(self.low) or 1.0
-            self.low, self.high = self.low - aside, self.high + aside
+            raise InputError(f"{expr.text} has no finite value in this volume")
+        low, high = (float(end) for end in (min(s[0] for s in spans), max(s[1] for s in spans)))
+        self.log = not expr.text.startswith("log") and low > 0.0 and high > _WIDE * low
+        if any(isinstance(part, Colormap) and part.range.positive for part in parts):
+            positive = [*(s[0] for s in spans if s[0] > 0), *self.values[self.values > 0][:1]]
+            low = float(min(positive, default=low))
+            self.log = low > 0
+        elif volume is None and not self.log and any(isinstance(p, Isosurface) for p in parts):
+            aside = 0.05 * (high - low)  # no line on the edge
+            low, high = low - aside, high + aside
+        if is_constant(low, high):
+            aside = 0.5 * abs(low) or 1.0
+            low, high = low - aside, high + aside
+        self.low, self.high = low, high
 
-    def _own_unit(self) -> Any:
-        if self.volume is not None:
-            return self.volume.expression_unit(self.expr)
-        told = (_unit_told(part) for part in self.parts)
-        return next((unit for unit in told if unit is not None), None)
+    @property
+    def surfaces(self) -> Iterator[tuple[float, Any, float, float]]:
+        """Level, colour, opacity and width of each surface."""
+        for part in self.parts:
+            if isinstance(part, Isosurface):
+                width = float(plain(part.width, self.unit, "width"))
+                rows = zip(part.levels, part.colors, part.opacities, strict=True)
+                for level, color, opacity in rows:
+                    shown = np.clip(color, 0.0, 1.0) if len(color) == 3 else None
+                    yield float(plain(level, self.unit, "level")), shown, max(opacity), width
+
+    @property
+    def label(self) -> str:
+        return _labelled(self.expr.text, self.unit)
 
     def spread(self, count: int) -> np.ndarray:
         spaced = np.geomspace if self.log else np.linspace
         return np.asarray(spaced(self.low, self.high, count))
 
-    @property
-    def x(self) -> np.ndarray:
-        """Values for smooth lines, and all at which a part has a corner or a jump."""
-        found = [self.spread(_POINTS)]
-        for part in self.parts:
-            if isinstance(part, (Shaped, Table)):
-                nodes, _ = part.profile(self.unit, lambda: (self.low, self.high))
-                found += [nodes, np.nextafter(nodes, -np.inf), np.nextafter(nodes, np.inf)]
-        x = np.unique(np.concatenate(found))
-        return x[(x >= self.low) & (x <= self.high)]
-
-    @property
-    def label(self) -> str:
-        return _labelled(self.expr.text, unit_name(self.unit))
-
-    def unit_of(self, expr: Expression) -> Any:
+    def unit_of(self, expr: Expression) -> Unit:
         if expr == self.expr:
             return self.unit
         return None if self.volume is None else self.volume.expression_unit(expr)
 
-    def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        parts = [_ungated(p) for p in self.parts if not isinstance(p, Isosurface)]
-        x = self.x
-        unit = None if self.volume is None else self.volume.unit
-        sums: list[Any] = [0.0, 0.0]
+    def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return values, with all at which a part has a corner or a jump, j and α there.
+
+        Gates and colours by other expressions are left out. None for surfaces alone.
+        """
+        parts = [part for part in self.parts if not isinstance(part, Isosurface)]
+        if not parts:
+            return None
+        places = [self.spread(_POINTS)]
         for part in parts:
-            found = coefficients(part, {self.expr.text: x}, unit, self.unit_of)
-            sums = [total + np.atleast_2d(own) for total, own in zip(sums, found, strict=True)]
-        return x, sums[0], sums[1]
+            if isinstance(part, (Shaped, Table)):
+                nodes, _ = part.profile(self.unit, lambda: (self.low, self.high))
+                places += [nodes, np.nextafter(nodes, -np.inf), np.nextafter(nodes, np.inf)]
+        x = np.unique(np.concatenate(places))
+        x = x[(x >= self.low) & (x <= self.high)]
+        unit = None if self.volume is None else self.volume.unit
+        j, alpha = np.zeros((1, 1)), np.zeros((1, 1))
+        for part in parts:
+            if isinstance(part, (Shaped, Table)) and not part.modulation.fixed:
+                none = Modulation(None, None, part.channels)
+                part = part.changed(modulation=none, names=part.expr.names)
+            own = coefficients(part, {self.expr.text: x}, unit, self.unit_of)
+            j, alpha = j + own[0], alpha + own[1]
+        return x, j, alpha
+
+    def draw(self, axes: Axes, medium: Medium) -> None:
+        gates = {f"where {part.where.text}": None for part in self.parts if part.where}
+        paints = [paint for part in self.parts if (paint := _paint(part))]
+        titles = (*gates, *dict.fromkeys(f"color by {paint.expr.text}" for paint in paints))
+        self.draw_axis(axes, "; ".join(titles))
+        names, units = ("emission of one path length", "its optical depth α"), (None, None)
+        if self.volume is not None:
+            names, units = ("emissivity j", "extinction α"), units_of(medium, self.volume)
+        lines = self.lines()
+        if lines is None:
+            axes.set_ylabel("opacity of a crossing")
+            axes.set_ylim(0.0, 1.0)
+        else:
+            _draw_lines(axes, *lines, [*map(_labelled, names, units)], paints)
+        for x, color, opacity, width in self.surfaces:
+            style = {"color": "0.3" if color is None else tuple(color)}
+            style["label"] = f"surface at {x:.4g}, opacity {opacity:.2g}"
+            if width:
+                axes.axvspan(x - 0.5 * width, x + 0.5 * width, 0.0, opacity, lw=0, **style)
+            else:
+                axes.axvline(x, 0.0, opacity, lw=3, **style)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize="small", framealpha=0.7)
+
+    def draw_axis(self, axes: Axes, title: str) -> None:
+        """Draw title, axis, and behind it a histogram with counts on a logarithmic axis."""
+        if self.log:
+            axes.set_xscale("log")
+        axes.set_xlim(self.low, self.high)
+        axes.set_xlabel(self.label)
+        axes.set_title(title, fontsize="medium", loc="left")
+        if self.volume is None:
+            return
+        values = self.values[(self.values >= self.low) & (self.values <= self.high)]
+        steps = np.unique(values)
+        edges = self.spread(_BINS + 1)
+        if 1 < len(steps) <= 2 * _BINS:  # a bar for each of few values, such as whole numbers
+            edges = np.concatenate([[self.low], 0.5 * (steps[1:] + steps[:-1]), [self.high]])
+        counts, edges = np.histogram(values, edges)
+        behind = axes.twinx()
+        behind.stairs(counts, edges, baseline=0.5, fill=True, color="0.88")
+        behind.set(yscale="log", ylim=(0.5, max(10.0, 1.5 * counts.max(initial=1.0))))
+        behind.yaxis.set_visible(False)
+        behind.set_zorder(axes.get_zorder() - 1)
+        axes.patch.set_visible(False)
+        axes.fill_between([], [], color="0.88", label="cells (logarithmic)")
 
 
 def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
@@ -136,16 +183,16 @@ def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
         axes = list(figure.subplots(count, 1, squeeze=False)[:, 0])
     else:
         axes = list(divided(ax, count, share=False))
-    for panel, own in zip(panels, axes[: len(panels)], strict=True):
-        _draw(own, panel, medium)
+    for panel, own in zip(panels, axes, strict=False):
+        panel.draw(own, medium)
     for (part, name), own in zip(several, axes[len(panels) :], strict=True):
         assert volume is not None  # else `_panels` refuses
-        _draw_means(own, part, name, volume)
+        _draw_medians(own, part, name, volume)
     return axes[0] if count == 1 else np.array(axes, dtype=object)
 
 
 def swatch(medium: Medium) -> bytes | None:
-    """Return what one path length shows over the values, as a PNG file: a strip per expression.
+    """Return the effect of one path length over the values, as a PNG file: a strip per expression.
 
     j in its colours, as high as it is bright, and α as a white line. None where that depends on
     a volume.
@@ -161,23 +208,24 @@ def swatch(medium: Medium) -> bytes | None:
 
 
 def swatch_title(medium: Medium) -> str:
-    """Return over which values the strips of a swatch are."""
+    """Return the expressions and ranges of the strips of a swatch."""
     panels, _ = _panels(with_each(medium, _closed), None)
-    free = [scalar_of(part) for part in medium.components() if _is_open(part)]
-    told = []
+    titles = []
     for panel in panels:
         span = f"{panel.low:.4g} … {panel.high:.4g}{' (logarithmic)' * panel.log}"
-        told.append(f"{panel.label}: {'as in a volume' if panel.expr in free else span}")
-    return "; ".join(told)
+        is_open = any(_is_open(p) and scalar_of(p) == panel.expr for p in medium.components())
+        titles.append(f"{panel.label}: {'as in a volume' if is_open else span}")
+    return "; ".join(titles)
 
 
 def _strip(panel: _Panel) -> np.ndarray:
     ny, nx = _STRIP
     rows = np.arange(ny)[:, None]
-    found = np.zeros((ny, nx, 3))
+    strip = np.zeros((ny, nx, 3))
     edges = panel.spread(nx + 1)
-    if any(not isinstance(part, Isosurface) for part in panel.parts):
-        x, j, alpha = panel.lines()
+    lines = panel.lines()
+    if lines is not None:
+        x, j, alpha = lines
         place = np.clip(np.digitize(x, edges) - 1, 0, nx - 1)
         columns = np.zeros((len(j) + 1, nx))
         for row, values in zip(columns, [*j, alpha.max(axis=0)], strict=True):
@@ -185,16 +233,14 @@ def _strip(panel: _Panel) -> np.ndarray:
         bright, dense = columns[:-1] if len(j) == 3 else columns[:-1].max(axis=0)[None], columns[-1]
         top = bright.max(axis=0)
         colors = (bright / np.where(top > 0, top, 1.0)).T * np.ones(3)
-        found = np.where((rows < (ny - 1) * top / (top.max() or 1.0))[..., None], colors, found)
+        strip = np.where((rows < (ny - 1) * top / (top.max() or 1.0))[..., None], colors, strip)
         line = np.rint((ny - 2) * dense / dense.max()) if dense.any() else np.full(nx, -9)
-        found[abs(rows - line) <= 0] = 1.0
-    for part in panel.parts:
-        for level, color, opacity, width in _surfaces(part, panel.unit):
-            aside = 0.5 * width + (edges[1:] - edges[:-1])
-            near = (edges[1:] >= level - aside) & (edges[:-1] <= level + aside)
-            shown = color if len(color) == 3 else (0.7, 0.7, 0.7)
-            found[(rows < ny * opacity) & near] = np.clip(shown, 0.0, 1.0)
-    return found
+        strip[rows == line] = 1.0
+    for level, color, opacity, width in panel.surfaces:
+        aside = 0.5 * width + (edges[1:] - edges[:-1])
+        near = (edges[1:] >= level - aside) & (edges[:-1] <= level + aside)
+        strip[(rows < ny * opacity) & near] = 0.7 if color is None else color
+    return strip
 
 
 def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[tuple[Medium, str]]]:
@@ -216,29 +262,27 @@ def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[t
     return [_Panel(Expression(text), parts, volume) for text, parts in groups.items()], several
 
 
-def _is_open(part: Any) -> bool:
+def _is_open(part: Medium) -> bool:
     return isinstance(part, Colormap) and part.range.is_open
 
 
-def _closed(part: Any) -> Any:
+def _closed(part: Medium) -> Medium:
     """Return a part as one path length of it shows, over the places of an open colormap."""
-    if _is_open(part):
+    if isinstance(part, Colormap) and part.range.is_open:
         part = part.within(*((1.0, 10.0) if part.range.positive else (0.0, 1.0)), None)
     return one_path_length(part)
 
 
-def _ungated(part: Any) -> Any:
-    if not hasattr(part, "modulation") or part.modulation.fixed:
-        return part
-    return part.changed(modulation=Modulation(None, None, part.channels), names=part.expr.names)
+def _unit_of(part: Medium) -> Unit:
+    """Return the unit in which a part's values are given."""
+    if isinstance(part, Table):
+        return part.unit
+    given: Any = part.levels[0] if isinstance(part, Isosurface) else None
+    given = part.center if isinstance(part, Shaped) else given
+    return parse_unit(given.unit) if is_quantity(given) else None
 
 
-def _unit_told(part: Any) -> Any:
-    given: Any = part.levels[0] if isinstance(part, Isosurface) else getattr(part, "center", None)
-    return parse_unit(given.unit) if is_quantity(given) else getattr(part, "unit", None)
-
-
-def _spans(part: Any, unit: Any) -> list[tuple[float, float]]:
+def _spans(part: Medium, unit: Unit) -> list[tuple[float, float]]:
     if isinstance(part, Shaped):
         center, width = (float(plain(value, unit, "center")) for value in (part.center, part.width))
         aside = width * min(_AROUND, 1.2 * float(part.profile_places[-1]))
@@ -248,74 +292,31 @@ def _spans(part: Any, unit: Any) -> list[tuple[float, float]]:
         return [(float(values[0]), float(values[-1]))]
     if isinstance(part, Isosurface):
         levels = [float(plain(level, unit, "level")) for level in part.levels]
-        aside = float(plain(part.width, unit, "width")) or 0.05 * np.ptp(levels)
+        aside = float(plain(part.width, unit, "width")) or 0.05 * float(np.ptp(levels))
         return [(min(levels) - aside, max(levels) + aside)]
     return []
 
 
-def _draw(axes: Any, panel: _Panel, medium: Medium) -> None:
-    if panel.log:
-        axes.set_xscale("log")
-    axes.set_xlim(panel.low, panel.high)
-    axes.set_xlabel(panel.label)
-    axes.set_title("; ".join(_told(panel.parts)), fontsize="medium", loc="left")
-    if panel.values is not None:
-        _draw_cells(axes, panel)
-    units = (None, None) if panel.volume is None else units_of(medium, panel.volume)
-    if any(not isinstance(part, Isosurface) for part in panel.parts):
-        names = ("emissivity j", "extinction α")
-        if panel.volume is None:
-            names = ("emission of one path length", "its optical depth α")
-        x, j, alpha = panel.lines()
-        painted = [p.modulation.color for p in panel.parts if _paint(p)]
-        _draw_lines(axes, x, j, alpha, [*map(_labelled, names, map(unit_name, units))], painted)
-    else:
-        axes.set_ylabel("opacity of a crossing")
-        axes.set_ylim(0.0, 1.0)
-    for part in panel.parts:
-        if isinstance(part, Isosurface):
-            _draw_surfaces(axes, part, panel.unit)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize="small", framealpha=0.7)
-
-
-def _draw_cells(axes: Any, panel: _Panel) -> None:
-    """Draw the histogram behind, its counts on a logarithmic axis of its own."""
-    known = panel.values[(panel.values >= panel.low) & (panel.values <= panel.high)]
-    steps = np.unique(known)
-    if 1 < len(steps) <= 2 * _BINS:  # a bar for each of few values, such as whole numbers
-        middles = 0.5 * (steps[1:] + steps[:-1])
-        places = np.concatenate([[panel.low], middles, [panel.high]])
-    else:
-        places = panel.spread(_BINS + 1)
-    counts, edges = np.histogram(known, places)
-    behind = axes.twinx()
-    behind.stairs(counts, edges, baseline=0.5, fill=True, color="0.88")
-    behind.set(yscale="log", ylim=(0.5, max(10.0, 1.5 * counts.max(initial=1.0))))
-    behind.yaxis.set_visible(False)
-    behind.set_zorder(axes.get_zorder() - 1)
-    axes.patch.set_visible(False)
-    axes.fill_between([], [], color="0.88", label="cells (logarithmic)")
-
-
 def _draw_lines(
-    axes: Any, x: Any, j: Any, alpha: Any, labels: Sequence[str], painted: Sequence[Any] = ()
+    axes: Axes,
+    x: np.ndarray,
+    j: np.ndarray,
+    alpha: np.ndarray,
+    labels: Sequence[str],
+    paints: Sequence[ColorBy] = (),
 ) -> None:
     """Draw j per channel, the colours that they are together, and α on an axis to the right."""
-    one = len(j) == 1 or (len(j) == 3 and np.all(j == j[0]))
-    if len(j) == 3 and not painted:
+    count = len(j)
+    if count == 3 and not paints:
         _fill(axes, x, j)
-    if one:
-        names = ["j"] if len(j) == 1 else ["j, all channels"]
-        if painted:
-            names = [f"j, times the color of {painted[0].expr.text}"]
-        rows, colors = j[:1], ["0.45"]
-    else:
-        names = [f"j, {name}" for name in ("red", "green", "blue")]
-        rows, colors = j, list(RGB)
-        if len(j) != 3:
-            names = [f"j, channel {k}" for k in range(len(j))]
-            colors = [f"C{k % 10}" for k in range(len(j))]
+    colors: Sequence[str] = RGB if count == 3 else [f"C{k % 10}" for k in range(count)]
+    names = [f"j, {c}" for c in ("red", "green", "blue")]
+    names = names if count == 3 else [f"j, channel {k}" for k in range(count)]
+    rows = j
+    if count == 1 or (count == 3 and np.all(j == j[0])):
+        rows, colors, names = j[:1], ["0.45"], ["j" if count == 1 else "j, all channels"]
+        if paints:
+            names = [f"j, times the color of {paints[0].expr.text}"]
     for k, (row, color, name) in enumerate(zip(rows, colors, names, strict=True)):
         axes.plot(x, row, color=color, lw=1.4, label=name if k < 8 else None)
     other = axes.twinx()
@@ -329,96 +330,49 @@ def _draw_lines(
         axis.set_ylim(1.06 * low, 1.06 * high if high > low else 1.0)
 
 
-def _fill(axes: Any, x: np.ndarray, j: np.ndarray) -> None:
+def _fill(axes: Axes, x: np.ndarray, j: np.ndarray) -> None:
+    """Fill the area below the brightest channel with the colours."""
     top = j.max(axis=0)
-    shown = np.clip(j / np.where(top > 0, top, 1.0), 0.0, 1.0).T
     good = np.isfinite(top) & (top > 0)
     if not good.any():
         return
+    colors = np.clip(j / np.where(top > 0, top, 1.0), 0.0, 1.0).T
     area = axes.fill_between(x, 0.0, np.where(good, top, 0.0), color="none", lw=0)
-    paths = area.get_paths()
-    mesh = axes.pcolormesh(
-        x,
-        [0.0, float(top[good].max())],
-        np.stack([shown[:-1]]),
-        shading="flat",
-        alpha=0.8,
-        rasterized=True,
-    )
-    if paths:
-        mesh.set_clip_path(paths[0], axes.transData)
+    height, row = float(top[good].max()), colors[None, :-1]
+    mesh = axes.pcolormesh(x, [0.0, height], row, shading="flat", alpha=0.8, rasterized=True)
+    if area.get_paths():
+        mesh.set_clip_path(area.get_paths()[0], axes.transData)
 
 
-def _draw_surfaces(axes: Any, part: Isosurface, unit: Any) -> None:
-    for x, color, opacity, width in _surfaces(part, unit):
-        shown = tuple(np.clip(color, 0.0, 1.0)) if len(color) == 3 else "0.3"
-        style = {"color": shown, "label": f"surface at {x:.4g}, opacity {opacity:.2g}"}
-        if width:
-            axes.axvspan(x - 0.5 * width, x + 0.5 * width, 0.0, opacity, lw=0, **style)
-        else:
-            axes.axvline(x, 0.0, opacity, lw=3, **style)
-
-
-def _surfaces(part: Any, unit: Any) -> list[tuple[float, Any, float, float]]:
-    """Return level, colour, opacity and width of each surface; nothing of other media."""
-    if not isinstance(part, Isosurface):
-        return []
-    width = float(plain(part.width, unit, "width"))
-    levels = [float(plain(level, unit, "level")) for level in part.levels]
-    opacities = [max(row) for row in part.opacities]
-    opacities = opacities * len(levels) if len(opacities) == 1 else opacities
-    return [(*own, width) for own in zip(levels, part.colors, opacities, strict=True)]
-
-
-def _draw_means(axes: Any, part: Medium, name: str, volume: Volume) -> None:
-    """Draw the medians of j and α in bins of a field, for a medium that looks at others, too."""
+def _draw_medians(axes: Axes, part: Medium, name: str, volume: Volume) -> None:
+    """Draw medians of j and α in bins of a field, for a medium that depends on others, too."""
     names = list(dict.fromkeys((*part.names, name)))
     step = max(1, volume.grid.size // _CELLS)
-    streams = (pieces(volume, Expression(own)) for own in names)
-    columns = [
-        np.concatenate(own)
-        for own in zip(
-            *([piece.x.ravel()[::step] for piece in row] for row in zip(*streams, strict=True)),
-            strict=True,
-        )
-    ]
-    good = np.all(np.isfinite(columns), axis=0)
-    fields = {own: values[good] for own, values in zip(names, columns, strict=True)}
+    table = np.array(
+        [
+            np.concatenate([piece.x.ravel()[::step] for piece in pieces(volume, Expression(own))])
+            for own in names
+        ]
+    )
+    fields = dict(zip(names, table[:, np.all(np.isfinite(table), axis=0)], strict=True))
     panel = _Panel(Expression(name), [], volume)
     j, alpha = coefficients(part, fields, volume.unit, volume.expression_unit)
-    edges = panel.spread(_COARSE + 1)
-    place = np.digitize(fields[name], edges[1:-1])
-    rows = np.concatenate([j, np.atleast_2d(alpha)])
-    there = [place == k for k in range(_COARSE)]
-    x = np.array([np.median(fields[name][own]) for own in there if own.any()])
-    middle = np.stack([np.median(rows[:, own], axis=1) for own in there if own.any()], axis=1)
-    if panel.log:
-        axes.set_xscale("log")
-    axes.set_xlim(panel.low, panel.high)
-    axes.set_xlabel(panel.label)
+    rows = np.concatenate([fields[name][None], j, np.atleast_2d(alpha)])
+    place = np.digitize(fields[name], panel.spread(_COARSE + 1)[1:-1])
+    bins = [rows[:, place == k] for k in range(_COARSE)]
+    medians = np.stack([np.median(own, axis=1) for own in bins if own.size], axis=1)
     others = ", ".join(own for own in names if own != name)
-    axes.set_title(f"median of cells, which differ in {others}", fontsize="medium", loc="left")
-    _draw_cells(axes, panel)
-    units = (unit_name(u) for u in units_of(part, volume))
-    labels = [*map(_labelled, ("emissivity j", "extinction α"), units)]
-    _draw_lines(axes, x, middle[: part.channels], middle[part.channels :], labels)
+    panel.draw_axis(axes, f"median of cells, which differ in {others}")
+    labels = [*map(_labelled, ("emissivity j", "extinction α"), units_of(part, volume))]
+    split = part.channels + 1
+    _draw_lines(axes, medians[0], medians[1:split], medians[split:], labels)
     axes.legend(fontsize="small", framealpha=0.7)
 
 
-def _paint(part: Any) -> Any:
-    return getattr(getattr(part, "modulation", None), "color", None)
+def _paint(part: Medium) -> ColorBy | None:
+    return part.modulation.color if part.modulation else None
 
 
-def _told(parts: list[Any]) -> list[str]:
-    found: dict[str, None] = {}
-    for part in parts:
-        gate = getattr(getattr(part, "modulation", None), "where", None)
-        if gate is not None:
-            found[f"where {gate.text}"] = None
-        if _paint(part):
-            found[f"color by {_paint(part).expr.text}"] = None
-    return list(found)
-
-
-def _labelled(name: str, unit: str) -> str:
-    return f"{name} [{pretty_unit(unit)}]" if unit else name
+def _labelled(name: str, unit: Unit) -> str:
+    text = unit_name(unit)
+    return f"{name} [{pretty_unit(text)}]" if text else name

@@ -22,24 +22,7 @@ if TYPE_CHECKING:
 
 
 def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndarray:
-    """Return a derivative of an expression in all cells, in units of the grid's length.
-
-    Parameters
-    ----------
-    volume : Volume
-        On any grid. Structured grids use parabolas along the axes, others differences of
-        neighbours.
-    operation : str
-        ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``: Cartesian components on
-        all grids.
-    argument : Expression
-        The expression to differentiate.
-
-    Returns
-    -------
-    array
-        Of the grid's shape; float32 if the argument is and the range of the result allows it.
-    """
+    """Return a derivative of an expression in all cells, in units of the grid's length."""
     if not volume.grid.cells_are_boxes:
         raise InputError(
             f"{operation} needs cells that are boxes, got a {type(volume.grid).__name__}; resample "
@@ -59,15 +42,7 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
 def differences(
     grid: Grid, evaluate: Callable[[int, int], np.ndarray]
 ) -> NeighbourDifferences | BoxesOfTree:
-    """Return the object that differentiates on unstructured grids; trees use kernels.
-
-    Parameters
-    ----------
-    grid : grid
-        See `grids.contract.Grid`.
-    evaluate : callable
-        Returns the values to differentiate, for the cells between two numbers.
-    """
+    """Return the object that differentiates on unstructured grids; trees use kernels."""
     return (BoxesOfTree if is_tree(grid) else NeighbourDifferences)(grid, evaluate)
 
 

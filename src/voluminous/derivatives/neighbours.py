@@ -75,13 +75,7 @@ class NeighbourDifferences:
         return _gradient(faces, count), np.any(missing, axis=0)
 
     def derivative(self, operation: str) -> np.ndarray:
-        """Return a derivative in all cells, float64, shape (N,).
-
-        Parameters
-        ----------
-        operation : str
-            See `structured.differentiate`.
-        """
+        """Return a derivative in all cells, float64, shape (N,)."""
         if operation == "laplacian":
             return self._laplacian()
         out = np.empty(self.grid.size)
@@ -157,17 +151,7 @@ def _parts(size: int) -> list[tuple[int, int]]:
 def filled_up(
     bends: np.ndarray, inner: np.ndarray, unknown: np.ndarray | bool = False
 ) -> np.ndarray:
-    """Return second derivatives (3, N), at the surface those of the cells further in.
-
-    Parameters
-    ----------
-    bends : array, shape (3, N)
-        NaN where a neighbour is missing.
-    inner : int array, shape (3, N)
-        The neighbour on the other side there, by its number.
-    unknown : bool array, shape (N,), optional
-        Where others know more, if there are any that know.
-    """
+    """Return second derivatives (3, N), at the surface those of the cells further in."""
     for own, beside in zip(bends, inner, strict=True):
         waiting = np.isnan(own) | unknown
         for _ in range(_STEPS_INWARDS):

@@ -19,19 +19,7 @@ AxisRule = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def differentiate(
     operation: str, values: np.ndarray, centers: Sequence[np.ndarray], keep: slice
 ) -> np.ndarray:
-    """Return a derivative at cell centres.
-
-    Parameters
-    ----------
-    operation : str
-        ``gradmag`` |∇f|, ``laplacian`` ∇²f, or ``grad.x``, ``grad.y``, ``grad.z``.
-    values : float64 array, shape (nx, ny, nz)
-        f at the cell centres.
-    centers : three arrays, shapes (nx,), (ny,), (nz,)
-        The cell centres.
-    keep : slice
-        The layers of the first axis to return; the others serve as neighbours.
-    """
+    """Return a derivative at cell centres."""
 
     def along(axis: int, rule: AxisRule) -> np.ndarray:
         if axis == 0:
@@ -184,25 +172,7 @@ def whole(
     centers: Sequence[np.ndarray],
     rule: Rule,
 ) -> np.ndarray:
-    """Return a derivative on all cells.
-
-    Parameters
-    ----------
-    operation : str
-        See `differentiate`.
-    layers : callable
-        Returns what is differentiated, for layers of the first axis.
-    centers : three arrays
-        The cell centres along each axis.
-    rule : callable
-        The differences, called as `differentiate`.
-
-    Returns
-    -------
-    array
-        float32 if that is what is differentiated, and if the result is neither too small nor too
-        large for it (as of 1e-20 g/cm³ over a parsec in cm), else float64.
-    """
+    """Return a derivative on all cells."""
     if layers(slice(0, 1)).dtype == np.float32:
         found, largest = _filled(np.dtype(np.float32), operation, layers, centers, rule)
         if _fits_single(largest):

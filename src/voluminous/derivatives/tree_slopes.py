@@ -350,12 +350,6 @@ def solved(matrix: list[Any], right: list[Any]) -> list[Any]:
     """Return the solutions of symmetric 3 x 3 systems; of singular ones that of least norm.
 
     Rows and columns are scaled so that the diagonal is one: cells may be far wider than high.
-
-    Parameters
-    ----------
-    matrix : list of six arrays
-        xx, yy, zz, xy, xz, yz.
-    right : list of three arrays
     """
     scale = [dr.select(m > 0.0, 1.0 / dr.sqrt(m), 0.0) for m in matrix[:3]]
     a = b = c = 1.0 + _LEAST
@@ -397,13 +391,6 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
     """Return first and second derivatives along the axes in some cells (traced).
 
     They are per length of the grid's scale, and per its square.
-
-    Parameters
-    ----------
-    slopes : CellSlopes
-        The first of its fields is differentiated.
-    part : TreeCellsPart
-        The cells, which must have neighbours on all sides.
     """
     real, UInt = slopes.backend.Float, slopes.backend.UInt
     tables = [from_host(real, column) for column in _PLACES.T]

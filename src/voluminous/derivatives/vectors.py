@@ -24,17 +24,7 @@ _CHUNK = 1 << 20
 
 
 def component(name: str, fields: Container[str], grid: Grid) -> DerivedField | None:
-    """Return what a component such as ``velocity_x`` is made of, None if that is not there.
-
-    Parameters
-    ----------
-    name : str
-        No field itself.
-    fields : container of str
-        The fields.
-    grid : grid
-        Its own coordinates are looked for first.
-    """
+    """Return what a component such as ``velocity_x`` is made of, None if that is not there."""
     stem, _, axis = name.rpartition("_")
     if not stem or not any(axis in system for system in _SYSTEMS):
         return None

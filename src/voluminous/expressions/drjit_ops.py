@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,7 +43,9 @@ class DrjitOps(Ops):
     * ``//`` and ``%`` need a quotient below 1/ε. Above, one operand's rounding exceeds the other.
     """
 
-    def __init__(self, float_type: Any, constant: Callable[[float], Any] | None = None) -> None:
+    def __init__(
+        self, float_type: type[Float], constant: Callable[[float], Float] | None = None
+    ) -> None:
         from ..backend import dr
         from ..backend.functions import power_of_two
 
@@ -51,7 +53,7 @@ class DrjitOps(Ops):
         self._float = float_type
         self._constant = float_type if constant is None else constant
         self.where = dr.select
-        for name in ("log", "exp", "sqrt", "tanh", "minimum", "maximum"):
+        for name in ("log", "exp", "sqrt", "tanh", "minimum", "maximum", "ones_like"):
             setattr(self, name, getattr(dr, name))
         dtype = np.dtype(f"f{dr.itemsize_v(float_type)}")
         self._most_exponent = float(np.finfo(dtype).maxexp - 2)
@@ -61,37 +63,32 @@ class DrjitOps(Ops):
         self._turn = float(dtype.type(math.tau))
         self._rest_of_turn = (math.tau - self._turn) - math.sin(math.tau)
 
-    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+    def prepare(self, values: Mapping[str, Float]) -> tuple[Ops, dict[str, Float]]:
         return self, {name: self.number(value) for name, value in values.items()}
 
-    def constant(self, value: float) -> Any:
+    def constant(self, value: float) -> Float:
         return self._constant(value)
 
-    def literal(self, value: float) -> Any:
+    def literal(self, value: float) -> Float:
         return self._float(value)
 
-    def interpolate(self, x: Float, places: np.ndarray, entries: np.ndarray) -> Any:
+    def interp(self, x: Float, places: tuple[float, ...], entries: tuple[float, ...]) -> Float:
         from .interpolation import interpolate
 
-        return interpolate(self._float, x, places, [entries])[0]
+        return interpolate(self._float, x, np.array(places), [np.array(entries)])[0]
 
     def is_mask(self, value: Float) -> bool:
         return bool(self._dr.is_mask_v(value))
 
-    def number(self, value: Float) -> Any:
+    def number(self, value: Float) -> Float:
         if self.is_mask(value):
             return self._dr.select(value, self._float(1), self._float(0))
         return value if isinstance(value, self._float) else self._float(value)
 
-    def ones_like(self, value: Float) -> Any:
-        """Return ones, as many as `value` has."""
-        return self._dr.ones_like(value)
-
-    def log10(self, x: Float) -> Any:
-        """Return the logarithm to base 10."""
-        # Dr.Jit has none. With x = m 2^n, n log10(2) is added in two parts, the first of which is
-        # exact, to the small log10(m): so the sum is rounded once. log2(x) log10(2) is rounded
-        # twice, and a narrow Gaussian of log10(x) shows that in its 13th digit.
+    def log10(self, x: Float) -> Float:
+        # Dr.Jit has none. With x = m 2^n, n log10(2) is added to the small log10(m) in two parts,
+        # the first of which is exact, so that the sum is rounded once. log2(x) log10(2) is rounded
+        # twice, which changes a narrow Gaussian of log10(x) in its 13th digit.
         if self._dr.itemsize_v(self._float) == 4:
             return self._log10_single(x)
         dr = self._dr
@@ -100,7 +97,7 @@ class DrjitOps(Ops):
         rest = dr.fma(n, _LOG10_2_LOW, dr.log(x * self._power_of_two(-n)) * math.log10(math.e))
         return dr.fma(n, _LOG10_2_HIGH, rest)
 
-    def _log10_single(self, x: Float) -> Any:
+    def _log10_single(self, x: Float) -> Float:
         from ..backend.functions import split_log
 
         dr = self._dr
@@ -110,21 +107,18 @@ class DrjitOps(Ops):
         ordinary = (x >= self._smallest) & (x < dr.inf)
         return dr.select(ordinary, value, dr.select(x == x, beyond, x))
 
-    def sin(self, x: Float) -> Any:
-        """Return the sine."""
+    def sin(self, x: Float) -> Float:
         return self._dr.sin(self._within_a_turn(x))
 
-    def cos(self, x: Float) -> Any:
-        """Return the cosine."""
+    def cos(self, x: Float) -> Float:
         return self._dr.cos(self._within_a_turn(x))
 
-    def tan(self, x: Float) -> Any:
-        """Return the tangent."""
+    def tan(self, x: Float) -> Float:
         # Dr.Jit's own returns x for |x| < 1e-4, which in double precision loses x² / 3.
         sine, cosine = self._dr.sincos(self._within_a_turn(x))
         return sine / cosine
 
-    def _within_a_turn(self, x: Float) -> Any:
+    def _within_a_turn(self, x: Float) -> Float:
         # Dr.Jit's functions lose digits from 1e4 on in single precision, and from 1e9 on in double
         # precision give numbers far above 1. Taking off whole turns, with 2π in two parts and each
         # product rounded only together with its difference, is exact to about ε (Cody and Waite,
@@ -134,17 +128,17 @@ class DrjitOps(Ops):
         angle = dr.fma(-turns, self._rest_of_turn, dr.fma(-turns, self._turn, x))
         return dr.select(dr.abs(turns) < self._most_turns, angle, math.nan)
 
-    def atan2(self, y: Float, x: Float) -> Any:
+    def atan2(self, y: Float, x: Float) -> Float:
         """Return the angle of the point (x, y) in radians; NaN if one is (Dr.Jit's own is 0)."""
         undefined = self._dr.isnan(x) | self._dr.isnan(y)
         return self._dr.select(undefined, math.nan, self._dr.atan2(y, x))
 
-    def power(self, base: Any, exponent: Any) -> Any:
+    def power(self, base: Float, exponent: Float) -> Float:
         """Return base**exponent; NaN where that is not real."""
         dr = self._dr
         doublings = exponent * dr.log2(dr.abs(base))
-        # x**0 and 1**y are 1 also for infinite and undefined x and y. Elsewhere the product is
-        # left alone, because what is replaced has no derivative.
+        # x**0 and 1**y are 1 also for infinite and undefined x and y. Elsewhere the product is not
+        # replaced, because a replaced one has no derivative.
         is_one = dr.isnan(doublings) & ((exponent == 0) | (dr.abs(base) == 1))
         # dr.exp2 is -inf just above its underflow (double precision, [-1024, -1023.5]).
         tiny = dr.select(doublings < -1022, -dr.inf, doublings)
@@ -154,20 +148,20 @@ class DrjitOps(Ops):
         real = dr.select(whole | dr.isinf(base), size, math.nan)
         return dr.select(base < 0, dr.select(odd, -size, real), size)
 
-    def floor_divide(self, left: Float, right: Float) -> Any:
+    def floor_divide(self, left: Float, right: Float) -> Float:
         """Return the quotient rounded down; NaN for an infinite numerator, as NumPy does."""
         dr = self._dr
         quotient = dr.select(dr.isinf(left), math.nan, self._divmod(left, right)[0])
         return dr.select(right == 0, left / right, quotient)
 
-    def remainder(self, left: Float, right: Float) -> Any:
+    def remainder(self, left: Float, right: Float) -> Float:
         """Return the remainder of the division, with the divisor's sign."""
         return self._divmod(left, right)[1]
 
-    def _divmod(self, left: Float, right: Float) -> tuple[Any, Any]:
-        # Rounding may lift left/right to the next whole number q (1/0.1 gives 10, although 0.1 is
-        # a little more than a tenth) but never lets it miss one. left - q right, rounded only once
-        # by the fused multiply-add, then has the wrong sign.
+    def _divmod(self, left: Float, right: Float) -> tuple[Float, Float]:
+        # Rounding may raise left/right to the next whole number q (1/0.1 gives 10, although 0.1 is
+        # a little more than a tenth), and never lowers it below one. Then left - q right, rounded
+        # once by the fused multiply-add, has the wrong sign.
         dr = self._dr
         quotient = dr.floor(left / right)
         rest = dr.select(quotient == 0, left, dr.fma(-quotient, right, left))

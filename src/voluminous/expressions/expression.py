@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -25,9 +24,20 @@ from .analysis import (
     may_peak,
 )
 from .language import marked, one_line
-from .ops import Ops
+from .ops import Ops, Value
 from .parser import Vector, parse
-from .tree import Comparison, Derivative, Field, Node, NumberWithUnit, Steps, in_steps, nodes, text
+from .tree import (
+    Call,
+    Derivative,
+    Field,
+    Node,
+    NumberWithUnit,
+    Steps,
+    field_names,
+    in_steps,
+    replaced,
+    text,
+)
 
 
 class Expression:
@@ -36,13 +46,13 @@ class Expression:
     Parameters
     ----------
     source : str, float, Quantity or Expression
-        The text, for example ``"log10(density)"``, or a number, or one with a unit. An
+        The text, for example ``"log10(density)"``, or a number, also with a unit. An
         `Expression` is returned as is.
 
     Attributes
     ----------
     text : str
-        What the user wrote, on one line and without the spaces around it.
+        What the user wrote, on one line and stripped.
     names : tuple of str
         The field names used, without repetition, in order of first appearance. Identifiers are in
         Unicode normal form NFKC, as everywhere in Python. Derivatives are fields too, by names such
@@ -51,7 +61,7 @@ class Expression:
     Raises
     ------
     ExpressionError
-        If the text is not in the language; shows the place with a caret.
+        If the text is not in the language; a caret shows where.
 
     Notes
     -----
@@ -95,7 +105,7 @@ class Expression:
         return cls.of_tree(*parse(marked(shown)), shown)
 
     def among(self, fields: tuple[str, ...]) -> Expression:
-        """Return it as it is meant where there are these fields: one hides a unit of its name.
+        """Return what the text means where these fields exist.
 
         In ``20 K/T`` T is the tesla, unless there is a field T.
         """
@@ -104,16 +114,15 @@ class Expression:
 
     @classmethod
     def of_tree(cls, tree: Node, names: tuple[str, ...], shown: str) -> Expression:
-        """Return the expression of a tree of which there is no text in the language.
+        """Return the expression of a tree.
 
         Parameters
         ----------
         tree : Node
-            What it means.
         names : tuple of str
             The fields in it, at least.
         shown : str
-            What stands for it: of no other expression of the same fields.
+            Its text: no other expression of the same fields has it.
         """
         self = super().__new__(cls)
         for attribute, value in (("text", shown), ("names", names), ("tree", tree)):
@@ -121,17 +130,17 @@ class Expression:
         return self
 
     def margins(self) -> tuple[Margin, ...]:
-        """Return the differences of what it compares: where one changes its sign, it may jump."""
+        """Return the differences of compared values; the expression may jump where one is zero."""
         return margins(self.tree, self.text)
 
     @property
     def stepped(self) -> bool:
-        """Whether it is a condition that changes at its `margins`, and nowhere else."""
+        """Whether it is a condition that changes only where one of its `margins` is zero."""
         return is_stepped(self.tree)
 
     @property
     def smooth(self) -> bool:
-        """Whether it has neither jumps nor kinks wherever it is finite, nor waves of its own."""
+        """Whether it has neither jumps, kinks nor oscillations where it is finite."""
         return is_smooth(self.tree)
 
     @property
@@ -141,11 +150,11 @@ class Expression:
 
     @property
     def peaked(self) -> bool:
-        """Whether it may have peaks that are narrower than what its fields do."""
+        """Whether it may have peaks narrower than any structure of its fields."""
         return may_peak(self.tree)
 
     def kind(self, curved: Collection[str] = ()) -> Monotonicity:
-        """Return whether it is a sum of fields, grows or falls with one, or neither.
+        """Return whether it is a constant, a sum of fields, monotonic in one, or none of these.
 
         Parameters
         ----------
@@ -154,7 +163,7 @@ class Expression:
         """
         return kind_of(self.tree, curved)
 
-    def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
+    def evaluate(self, ops: Ops, values: Mapping[str, Value]) -> Value:
         """Return the value of the expression.
 
         Parameters
@@ -162,24 +171,23 @@ class Expression:
         ops : Ops
             `NumpyOps` or `DrjitOps`.
         values : mapping of str to array
-            The fields; all that are in `names` must be there.
+            The fields, all of `names`.
 
         Returns
         -------
         array
             Numbers of the fields' common shape (a scalar array if no field is used). A comparison
-            gives 1 and 0. Where a value does not exist, such as ``log10(0)``, infinite or NaN.
+            gives 1 and 0. An undefined value, such as ``log10(0)``, is infinite or NaN.
 
         Raises
         ------
         UnknownNameError
             If a field is missing; names the nearest.
         UnitsError
-            If there are numbers with units in it: a volume converts them.
+            If it contains numbers with units: only a volume can convert them.
         """
         check_names(self, values)
         fitted, fields = ops.prepare({name: values[name] for name in self.names})
-        # Dr.Jit knows no floating-point warnings; for NumPy the result itself says enough.
         with np.errstate(all="ignore"):
             return self.tree.number(fitted, fields)
 
@@ -237,7 +245,7 @@ def _source_text(source: Any) -> str:
 
 
 class DerivedField(NamedTuple):
-    """A field that is computed from others, with more than their values in the same cell.
+    """A field computed from others, not from their values in the same cell alone.
 
     Attributes
     ----------
@@ -245,10 +253,10 @@ class DerivedField(NamedTuple):
         Its name in `Expression.names`.
     operation : str
         ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``los``, the component
-        away from the observer; or ``along.x`` and the like, the component of a vector that is given
-        by others.
+        away from the observer; or ``along.x`` and the like, a component of a vector field that is
+        given by others.
     arguments : tuple of Expression
-        What is differentiated; or the three components of a vector.
+        The differentiated expression, or the three components of a vector.
     """
 
     name: str
@@ -258,7 +266,7 @@ class DerivedField(NamedTuple):
 
 @functools.lru_cache(maxsize=1024)
 def derived_field(name: str) -> DerivedField | None:
-    """Return what a name such as ``gradmag(a)`` stands for, however it is written; or None."""
+    """Return the derived field of a name such as ``gradmag(a)``, however written; else None."""
     if "(" not in name:  # most names are identifiers
         return None
     try:
@@ -273,21 +281,17 @@ def derived_field(name: str) -> DerivedField | None:
 
 
 def required_names(expression: Expression) -> tuple[str, ...]:
-    """Return the fields and coordinates that an expression needs, those in derivatives too."""
-    found: dict[str, None] = {}
+    """Return the fields and coordinates that an expression needs, also those in derivatives."""
+    names: dict[str, None] = {}
     for name in expression.names:
         derived = derived_field(name)
-        if derived is None:
-            found[name] = None
-            continue
-        for argument in derived.arguments:
-            found |= dict.fromkeys(required_names(argument))
-    return tuple(found)
+        needed = [(name,)] if derived is None else map(required_names, derived.arguments)
+        names |= dict.fromkeys(itertools.chain.from_iterable(needed))
+    return tuple(names)
 
 
-@dataclass(frozen=True)
-class ComparisonField:
-    """A comparison, and the field that tells whether it holds."""
+class ComparisonField(NamedTuple):
+    """A comparison, and the name of the field that is true where it holds."""
 
     name: str
     condition: Expression
@@ -296,38 +300,26 @@ class ComparisonField:
 def on_one_side(
     expressions: Iterable[Expression],
 ) -> tuple[tuple[Expression, ...], tuple[ComparisonField, ...]]:
-    """Return expressions without comparisons, and what these were, each once."""
+    """Return expressions with fields in place of comparisons, and these comparisons, each once."""
     sides: dict[Node, ComparisonField] = {}
-    found = tuple(_decided(expression, sides) for expression in expressions)
-    return found, tuple(sides.values())
 
+    def decided(expression: Expression) -> Expression:
+        tree = expression.tree
+        steps = tree.steps if isinstance(tree, Steps) else ()
 
-def _decided(expression: Expression, sides: dict[Node, ComparisonField]) -> Expression:
-    tree = expression.tree
-    before = tree.steps if isinstance(tree, Steps) else ()
+        def field_of(node: Node) -> Node | None:
+            if not isinstance(node, Call) or node.operation != "compare":
+                return None
+            own = in_steps(steps, node)
+            if own not in sides:
+                name = f"%side {len(sides)}"
+                shown = f"{expression.text}: {name}"
+                condition = Expression.of_tree(own, field_names(own), shown)
+                sides[own] = ComparisonField(name, condition)
+            return Field(sides[own].name)
 
-    def side_of(node: Comparison) -> Field:
-        own = in_steps(before, node)
-        if own not in sides:
-            name = f"%side {len(sides)}"
-            condition = Expression.of_tree(own, _fields(own), f"{expression.text}: {name}")
-            sides[own] = ComparisonField(name, condition)
-        return Field(sides[own].name)
+        new = replaced(tree, field_of)
+        return Expression.of_tree(new, field_names(new), f"{expression.text}: on one side")
 
-    new = _replaced(tree, side_of)
-    return Expression.of_tree(new, _fields(new), f"{expression.text}: on one side")
-
-
-def _fields(tree: Node) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(node.name for node in nodes(tree) if isinstance(node, Field)))
-
-
-def _replaced(node: Any, side_of: Any) -> Any:
-    if isinstance(node, tuple):
-        return tuple(_replaced(part, side_of) for part in node)
-    if isinstance(node, Comparison):
-        return side_of(node)
-    if not isinstance(node, Node) or isinstance(node, Field):
-        return node
-    parts = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}  # type: ignore[arg-type]
-    return type(node)(**{name: _replaced(value, side_of) for name, value in parts.items()})
+    changed = tuple(map(decided, expressions))
+    return changed, tuple(sides.values())

@@ -1,22 +1,23 @@
 """Piecewise-linear interpolation in a table, by Dr.Jit.
 
-Beyond the ends the values of the ends go on; two equal nodes make a jump, at which the value is
-already that behind it.
+Beyond the table the value at its end continues; two equal nodes make a jump, at which the value is
+that behind it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..backend import Float, dr, from_host
 from ..backend.functions import first_true
+from .interval import TablePosition
 
 
-def interpolate(real: Any, x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
+def interpolate(
+    real: type[Float], x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]
+) -> list[Float]:
     """Return the columns interpolated at x (traced by Dr.Jit); NaN where x is.
 
     Parameters
@@ -31,39 +32,16 @@ def interpolate(real: Any, x: Float, nodes: np.ndarray, columns: Sequence[np.nda
         The entries.
     """
     place = locate(x, from_host(real, nodes))
-    place.fraction = dr.select(dr.isnan(x), x, place.fraction)
-    return [place.between(*place.around(from_host(real, column))) for column in columns]
+    fraction = dr.select(dr.isnan(x), x, place.fraction)
+
+    def value(column: Float) -> Float:
+        before, after = (dr.gather(real, column, k) for k in (place.upper - 1, place.upper))
+        return dr.fma(fraction, after - before, before)
+
+    return [value(from_host(real, column)) for column in columns]
 
 
-@dataclass
-class TablePosition:
-    """Where in a table a number lies.
-
-    Attributes
-    ----------
-    passed : Dr.Jit integer array
-        How many nodes do not lie above it.
-    upper : Dr.Jit integer array
-        The node that ends the piece in which it lies.
-    fraction : Dr.Jit float array
-        How far it is from the node before that one.
-    """
-
-    passed: Any
-    upper: Any
-    fraction: Any
-
-    def around(self, column: Any) -> tuple[Any, Any]:
-        """Return the entries before and after it."""
-        real = type(self.fraction)
-        return dr.gather(real, column, self.upper - 1), dr.gather(real, column, self.upper)
-
-    def between(self, before: Any, after: Any) -> Any:
-        """Return the interpolated entry."""
-        return dr.fma(self.fraction, after - before, before)
-
-
-def locate(x: Float, nodes: Any) -> TablePosition:
+def locate(x: Float, nodes: Float) -> TablePosition:
     """Return where in a table a number lies; where it is NaN, anywhere."""
     real, count = type(x), len(nodes)
     UInt = dr.uint32_array_t(real)

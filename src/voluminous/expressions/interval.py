@@ -1,12 +1,13 @@
-"""Intervals that hold every value of an expression, and what its comparisons can be in them.
+"""Intervals that contain every value of an expression, and the possible results of comparisons.
 
 Rounding goes outward, after Moore, Kearfott & Cloud, *Introduction to Interval Analysis* (2009),
-chapters 2 and 5. Values that do not exist (``0/0``) are kept apart from the numbers, in a flag.
+chapters 2 and 5. Undefined values (``0/0``) are kept apart from the numbers, in a flag.
 
 One set of rules serves NumPy arrays (`Interval`) and arrays inside kernels (`TracedInterval`); what
-differs is in `Ends`. On the host sums, products and quotients are rounded by their own errors,
-which are floating-point numbers: Knuth, *The Art of Computer Programming* II (1997), section 4.2.2,
-and Dekker, *Numerische Mathematik* 18 (1971), 224-242.
+differs is in `Ends`. Kernels round by some ε, which is fast, and wide enough on devices whose
+division is not rounded correctly. On the host the errors of sums, products and quotients are
+computed, so that exact results stay exact: Knuth, *The Art of Computer Programming* II (1997),
+section 4.2.2, and Dekker, *Numerische Mathematik* 18 (1971), 224-242.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-Array = Any  # ends: NumPy arrays of float64, or Dr.Jit arrays
-Operation = Callable[[Array, Array], Array]
+Array: TypeAlias = Any
+"""Ends of intervals: NumPy arrays of float64, or Dr.Jit arrays."""
+Operation: TypeAlias = Callable[[Array, Array], Array]
 Own = TypeVar("Own", bound="Interval")
 
 # In ε: each of the four operations loses 0.5, and division on a GPU 2.
@@ -30,29 +32,61 @@ ROUNDING = 4.0
 _TINY = float(np.finfo(np.float64).tiny)
 
 
+class TablePosition(NamedTuple):
+    """Where in a table a number lies.
+
+    Attributes
+    ----------
+    passed : integer array
+        How many nodes do not lie above it.
+    upper : integer array
+        The node that ends the piece in which it lies.
+    fraction : float array
+        Its distance from the node before that one, relative to the piece.
+    """
+
+    passed: Array
+    upper: Array
+    fraction: Array
+
+
 class Ends(ABC):
     """Arithmetic with ends of intervals, for one kind of arrays."""
 
-    select: Callable[..., Array]
+    select: Callable[[Array, Array, Array], Array]
     abs: Callable[[Array], Array]
     floor: Callable[[Array], Array]
     ceil: Callable[[Array], Array]
     log2: Callable[[Array], Array]
     isfinite: Callable[[Array], Array]
+    fma: Callable[[Array, Array, Array], Array]
+    smaller: Operation
+    """The smaller of two arrays; intervals never have NaN at an end."""
+    larger: Operation
 
     @abstractmethod
-    def info(self, value: Array) -> Any:
+    def info(self, value: Array) -> np.finfo[Any]:
         """Return NumPy's description of the floating-point numbers of an array."""
 
     @abstractmethod
-    def smaller(self, left: Array, right: Array) -> Array:
-        """Return the smaller of two arrays, ignoring NaN."""
+    def locate(self, x: Array, nodes: np.ndarray) -> TablePosition:
+        """Return where in a table a number lies."""
 
     @abstractmethod
-    def larger(self, left: Array, right: Array) -> Array:
-        """Return the larger of two arrays, ignoring NaN."""
+    def data(self, column: np.ndarray, like: Array) -> Array:
+        """Return a column of a table as numbers of the same type as some array."""
 
     @abstractmethod
+    def gather(self, data: Array, index: Array, active: Array = True) -> Array:
+        """Return entries of a column."""
+
+    @abstractmethod
+    def two_blocks(self, start: Array, stop: Array, count: int) -> tuple[Array, Array, Array]:
+        """Return two indices into `extremes_of_blocks`, and where entries lie in between.
+
+        Together the two blocks contain the entries from `start` to `stop`.
+        """
+
     def lowered(self, value: Array, loss: Any = ROUNDING) -> Array:
         """Return a lower limit of a number that was computed with an error of `loss` ε.
 
@@ -64,18 +98,29 @@ class Ends(ABC):
         loss : float or array
             In ε of the value.
         """
+        info = self.info(value)
+        # Dr.Jit's functions overflow a little below the largest number, and underflow just above
+        # the smallest normal number.
+        most = 2.0 ** (info.maxexp - 1)
+        capped = self.select(value > most, most, value)
+        moved = self.fma(self.abs(capped), -float(info.eps) * loss, capped) - 2 * float(info.tiny)
+        return self.select((value > 0) & (moved < 0), 0, moved)
 
     def raised(self, value: Array, loss: Any = ROUNDING) -> Array:
         """Return an upper limit; see `lowered`."""
         return -self.lowered(-value, loss)
 
-    @abstractmethod
     def sums(self, low: tuple[Array, Array], high: tuple[Array, Array]) -> tuple[Array, Array]:
         """Return a lower limit of one sum and an upper limit of another."""
+        lo, hi = sum(low), sum(high)
+        # Only a sum of opposite numbers is zero without having been rounded to it.
+        lo = self.select(low[0] == -low[1], lo, self.lowered(lo))
+        return lo, self.select(high[0] == -high[1], hi, self.raised(hi))
 
-    @abstractmethod
     def limits(self, operation: Operation, pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return limits of all products or quotients of some pairs."""
+        lo, hi = self.extremes([operation(x, y) for x, y in pairs])
+        return self.lowered(lo), self.raised(hi)
 
     def extremes(self, values: Iterable[Array]) -> tuple[Array, Array]:
         """Return the smallest and the largest of some arrays."""
@@ -94,33 +139,46 @@ class _HostEnds(Ends):
     ceil = staticmethod(np.ceil)
     log2 = staticmethod(np.log2)
     isfinite = staticmethod(np.isfinite)
+    smaller = staticmethod(np.fmin)
+    larger = staticmethod(np.fmax)
 
-    def info(self, value: Array) -> Any:
+    def fma(self, a: Array, b: Array, c: Array) -> Array:
+        return a * b + c
+
+    def info(self, value: Array) -> np.finfo[Any]:
         return np.finfo(np.float64)
 
-    def smaller(self, left: Array, right: Array) -> Array:
-        return np.fmin(left, right)
-
-    def larger(self, left: Array, right: Array) -> Array:
-        return np.fmax(left, right)
-
     def lowered(self, value: Array, loss: Any = ROUNDING) -> Array:
-        # Kernels overflow a little before NumPy does.
-        most, info = 2.0**1023, np.finfo(np.float64)
-        capped = np.minimum(value, most)
-        moved = capped - np.abs(capped) * (float(info.eps) * loss) - 2 * _TINY
-        moved = np.where(moved < -most, -np.inf, moved)
-        return np.where((value > 0) & (moved < 0), 0, moved)
+        moved = super().lowered(value, loss)
+        return np.where(moved < -(2.0**1023), -np.inf, moved)  # where a kernel overflows
 
     def sums(self, low: tuple[Array, Array], high: tuple[Array, Array]) -> tuple[Array, Array]:
         return _outward(*_sum(*low), -np.inf), _outward(*_sum(*high), np.inf)
 
     def limits(self, operation: Operation, pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-        # Corners such as 0 · inf have no value; the others then give the range of the numbers.
+        # Corners such as 0 · inf are NaN; the others then give the range of the numbers.
         function = _product if operation is operator.mul else _quotient
-        found = [function(x, y) for x, y in pairs]
-        lo = functools.reduce(np.fmin, (_outward(v, error, -np.inf) for v, error in found))
-        return lo, functools.reduce(np.fmax, (_outward(v, error, np.inf) for v, error in found))
+        results = [function(x, y) for x, y in pairs]
+        lo = functools.reduce(np.fmin, (_outward(v, error, -np.inf) for v, error in results))
+        return lo, functools.reduce(np.fmax, (_outward(v, error, np.inf) for v, error in results))
+
+    def locate(self, x: Array, nodes: np.ndarray) -> TablePosition:
+        passed = np.searchsorted(nodes, x, "right")
+        upper = np.clip(passed, 1, len(nodes) - 1)
+        low, high = nodes[upper - 1], nodes[upper]
+        width = high - low
+        inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
+        return TablePosition(passed, upper, np.where(width > 0, inside, np.where(x < high, 0, 1)))
+
+    def data(self, column: np.ndarray, like: Array) -> Array:
+        return column
+
+    def gather(self, data: Array, index: Array, active: Array = True) -> Array:
+        return np.take(data, index, mode="clip")
+
+    def two_blocks(self, start: Array, stop: Array, count: int) -> tuple[Array, Array, Array]:
+        level = np.log2(np.maximum(stop - start, 1)).astype(int)
+        return level * count + start, level * count + stop - (1 << level), start < stop
 
 
 class Interval:
@@ -242,8 +300,7 @@ class Interval:
     def _hull(self: Own, operation: Operation, other: Own, undefined: Array) -> Own:
         """Return the range of a product or quotient, from its corners; it has the sign of both.
 
-        Corners without value (0 · inf) are undefined, or quotients by zero: the caller handles
-        both.
+        The caller marks corners that are undefined (0 · inf), and handles quotients by zero.
         """
         lo, hi = self.ends.limits(operation, self.corners(other))
         same = ((self.lo >= 0) & (other.lo >= 0)) | ((self.hi <= 0) & (other.hi <= 0))
@@ -302,6 +359,11 @@ class Truth:
     true: Array
     false: Array
 
+    @property
+    def either(self) -> Array:
+        """Where both are possible."""
+        return self.true & self.false
+
     def __and__(self, other: Truth) -> Truth:
         return Truth(self.true & other.true, self.false | other.false)
 
@@ -334,6 +396,12 @@ def _product(x: Array, y: Array) -> tuple[Array, Array]:
     return rounded, np.where(known, error, np.nan)
 
 
+def _halves(x: Array) -> tuple[Array, Array]:
+    large = _SPLITTER * x
+    high = large - (large - x)
+    return high, x - high
+
+
 def _quotient(x: Array, y: Array) -> tuple[Array, Array]:
     """Return the rounded quotient and a number with the sign of its error."""
     rounded = x / y
@@ -343,16 +411,10 @@ def _quotient(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _outward(value: Array, error: Array, toward: float) -> Array:
-    """Return a rounded value, moved on towards an infinity if it was rounded away from there.
+    """Return a rounded value, moved towards an infinity if it was rounded away from there.
 
-    What underflows to a zero keeps the sign that the zero carries.
+    A zero due to underflow keeps its sign.
     """
-    sign = np.sign(toward)
-    underflow = (value == 0) & (np.signbit(value) == (sign > 0))
-    return np.where((error * sign <= 0) | underflow, value, np.nextafter(value, toward))
-
-
-def _halves(x: Array) -> tuple[Array, Array]:
-    large = _SPLITTER * x
-    high = large - (large - x)
-    return high, x - high
+    underflow = (value == 0) & (np.signbit(value) == (toward > 0))
+    exact = (error * np.sign(toward) <= 0) | underflow
+    return np.where(exact, value, np.nextafter(value, toward))

@@ -1,4 +1,9 @@
-"""The operations of expressions on intervals: which values an expression can have in a box."""
+"""The operations of expressions on intervals: which values an expression can have in a box.
+
+Between the ends of an interval lie any number of entries of a table. Their extremes are those of
+two blocks of 2^k entries that may overlap, and the extremes of all such blocks are tabulated
+(Bender & Farach-Colton, *The LCA problem revisited*, 2000, section 3).
+"""
 
 from __future__ import annotations
 
@@ -8,59 +13,57 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .interval import Array, Interval, Own, Truth
-from .ops import NumpyOps, Ops
+from .interval import Array, Interval, Own, TablePosition, Truth
+from .ops import NumpyOps, Ops, Value
 
-# Loss of a library's functions in ε: NumPy's 2, Dr.Jit's 4, first at the end of an interval and
-# then at the place inside; and as much again for safety.
+# Error of a library's functions in ε: NumPy's 2, Dr.Jit's 4, both at the end of an interval and at
+# the place inside; and as much again for safety.
 _LOSS = 16.0
-# Loss of an interpolated value in ε of the largest value around: the position loses 1.5, the
-# difference of two values 1, their sum 0.5, and as much again for safety.
-LOSS_OF_TABLES = 8.0
-_EPS = float(np.finfo(np.float64).eps)
+# Error of an interpolated value in ε of the largest value around: 1.5 from the position, 1 from the
+# difference of two values, 0.5 from their sum, and as much again for safety.
+_LOSS_OF_TABLES = 8.0
 
 
 class IntervalOps(Ops):
     """Evaluation with `Interval`: an enclosure of all values in a box of field values.
 
     The fields are independent of each other: each takes every value of its interval. The result
-    holds every value of the expression, computed with real numbers, or in double precision by
-    `NumpyOps` or `DrjitOps` (in single precision, it may lie outside by that rounding). It is tight
-    to some ε where each field occurs once and the expression is continuous, but for ``//`` and
-    ``%``; elsewhere, it may be too large, but never too small.
+    contains every value of the expression, computed with real numbers, or in double precision by
+    `NumpyOps` or `DrjitOps` (in single precision, a value may lie outside by that rounding). It is
+    tight to some ε where each field occurs once and the expression is continuous, except for ``//``
+    and ``%``; elsewhere it may be too large, but never too small.
     """
 
     loss_of_angles: ClassVar[float] = _LOSS
 
     def __init__(self) -> None:
-        self._real: Callable[[float], Array] = np.float64
+        self._real: type[Array] = np.float64
         self._at: Ops = NumpyOps()
 
-    def of(self, value: Any) -> Any:
+    def of(self, value: Any) -> Interval:
         """Return a value as an interval."""
         return Interval.of(value)
 
-    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+    def prepare(self, values: Mapping[str, Value]) -> tuple[Ops, dict[str, Value]]:
         return self, {name: self.of(value) for name, value in values.items()}
 
-    def constant(self, value: float) -> Any:
+    def constant(self, value: float) -> Value:
         return Interval(value)
 
-    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
-        return interpolate_ranges(x, places, [entries])[0]
+    def interp(self, x: Value, places: tuple[float, ...], entries: tuple[float, ...]) -> Value:
+        return interpolate_ranges(x, np.array(places), [np.array(entries)])[0]
 
-    def is_mask(self, value: Any) -> bool:
+    def is_mask(self, value: Value) -> bool:
         return isinstance(value, Truth)
 
-    def number(self, value: Any) -> Any:
+    def number(self, value: Value) -> Value:
         if not isinstance(value, Truth):
             return self.of(value)
         zero, one, interval = self._real(0.0), self._real(1.0), type(self.literal(1.0))
         select = interval.ends.select
         return interval(select(value.false, zero, one), select(value.true, one, zero))
 
-    def ones_like(self, value: Any) -> Any:
-        """Return ones, as many as `value` has."""
+    def ones_like(self, value: Value) -> Value:
         return Interval(np.ones_like(value.lo))
 
     def where(self, mask: Truth, chosen: Own, otherwise: Own) -> Own:
@@ -76,24 +79,20 @@ class IntervalOps(Ops):
         return type(chosen)(lo, hi, (mask.true & chosen.nan) | (mask.false & otherwise.nan))
 
     def minimum(self, left: Own, right: Own) -> Own:
-        """Return the smaller of both; undefined if one is."""
         smaller = left.ends.smaller
         limits = smaller(left.lo, right.lo), smaller(left.hi, right.hi)
         return type(left)(*limits, left.nan | right.nan)
 
     def maximum(self, left: Own, right: Own) -> Own:
-        """Return the larger of both; undefined if one is."""
         larger = left.ends.larger
         limits = larger(left.lo, right.lo), larger(left.hi, right.hi)
         return type(left)(*limits, left.nan | right.nan)
 
-    def integer_power(self, base: Any, exponent: int) -> Any:
+    def integer_power(self, base: Value, exponent: int) -> Value:
         if exponent < 3 or exponent % 2 == 0:
             return super().integer_power(base, exponent)
-        low, high = (
-            end * self.integer_power(end, exponent - 1)
-            for end in (Interval(base.lo), Interval(base.hi))
-        )
+        ends = (Interval(base.lo), Interval(base.hi))
+        low, high = (end * self.integer_power(end, exponent - 1) for end in ends)
         return Interval(low.lo, high.hi, base.nan)
 
     def power(self, base: Own, exponent: Own) -> Own:
@@ -146,31 +145,24 @@ class IntervalOps(Ops):
         return make(lo, hi, undefined).unknown_where(vague, undefined)
 
     def exp(self, x: Own) -> Own:
-        """Return the exponential."""
         return _increasing(self._at.exp, x, exact_at=0, least=0.0)
 
     def tanh(self, x: Own) -> Own:
-        """Return the hyperbolic tangent."""
         return _increasing(self._at.tanh, x, exact_at=0, least=-1.0, most=1.0)
 
     def log(self, x: Own) -> Own:
-        """Return the natural logarithm; undefined for negative numbers."""
         return _increasing(self._at.log, _from_zero(x), exact_at=1)
 
     def log10(self, x: Own) -> Own:
-        """Return the logarithm to base 10; undefined for negative numbers."""
         return _increasing(self._at.log10, _from_zero(x), exact_at=1)
 
     def sqrt(self, x: Own) -> Own:
-        """Return the square root; undefined for negative numbers."""
         return _increasing(self._at.sqrt, _from_zero(x), exact_at=0, least=0.0)
 
     def sin(self, x: Own) -> Own:
-        """Return the sine."""
         return _wave(self._at.sin, x, highest_at=0.5 * math.pi)
 
     def cos(self, x: Own) -> Own:
-        """Return the cosine."""
         return _wave(self._at.cos, x, highest_at=0.0)
 
     def tan(self, x: Own) -> Own:
@@ -202,7 +194,7 @@ def _increasing(
     least: float = -math.inf,
     most: float = math.inf,
 ) -> Own:
-    """Return the range of an increasing function that has no rounding error at one place."""
+    """Return the range of an increasing function that is exact at one place."""
     low, high, ends = function(x.lo), function(x.hi), x.ends
     low = ends.select(x.lo == exact_at, low, ends.lowered(low, _LOSS))
     high = ends.select(x.hi == exact_at, high, ends.raised(high, _LOSS))
@@ -211,9 +203,9 @@ def _increasing(
 
 
 def _from_zero(x: Own) -> Own:
-    """Return the part that is not negative, for functions that have no value elsewhere.
+    """Return the part that is not negative, for functions that are undefined elsewhere.
 
-    Its ends are zero or normal numbers: of others functions may lose all digits.
+    Its ends are zero or normal numbers, because functions may lose all digits of subnormal ones.
     """
     tiny, select = float(x.ends.info(x.lo).tiny), x.ends.select
     hi = select((x.hi > 0) & (x.hi < tiny), tiny, x.hi)
@@ -245,7 +237,7 @@ def _undefined_angle(x: Interval) -> Array:
 
 
 def _meets(x: Interval, place: float, period: float) -> Array:
-    """Return where `place`, or that some periods further, is in the interval, or may be."""
+    """Return where the interval may contain `place`, or that some periods further."""
     ends, loss = x.ends, 4 * float(x.ends.info(x.lo).eps)
     first, last = (x.lo - place) / period, (x.hi - place) / period
     before = ends.ceil(first - loss * (1 + ends.abs(first)))
@@ -253,9 +245,7 @@ def _meets(x: Interval, place: float, period: float) -> Array:
     return ~(before > after)
 
 
-def interpolate_ranges(
-    x: Interval, nodes: np.ndarray, columns: Sequence[np.ndarray]
-) -> list[Interval]:
+def interpolate_ranges(x: Own, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Own]:
     """Return enclosures of the columns interpolated anywhere in x: from both ends and all between.
 
     Parameters
@@ -263,45 +253,52 @@ def interpolate_ranges(
     x : Interval
         Places.
     nodes, columns
-        As in `interpolate`.
+        As in `interpolation.interpolate`.
     """
-    passed: list[Array] = [np.searchsorted(nodes, end, "right") for end in (x.lo, x.hi)]
-    first, last = (np.clip(count, 1, len(nodes) - 1) for count in passed)
-    f_first, f_last = _fraction(x.lo, nodes, first), _fraction(x.hi, nodes, last)
-
-    def enclosure(column: np.ndarray) -> Interval:
-        ends = _between(column, first, f_first), _between(column, last, f_last)
-        lo, hi = x.ends.extremes([*ends, *_extremes_within(column, *passed)])
-        least, most = _extremes_within(column, first - 1, last + 1)
-        loss = np.where(
-            least < most, _EPS * LOSS_OF_TABLES * np.maximum(np.abs(least), np.abs(most)), 0.0
-        )
-        # Rounding never carries a value across zero.
-        floor, ceiling = np.where(least >= 0, 0, -np.inf), np.where(most <= 0, 0, np.inf)
-        return Interval(np.maximum(lo - loss, floor), np.minimum(hi + loss, ceiling), x.nan)
-
-    return [enclosure(column) for column in columns]
+    places = [x.ends.locate(end, nodes) for end in (x.lo, x.hi)]
+    return [_enclosure(x, column, *places) for column in columns]
 
 
-def _fraction(x: np.ndarray, nodes: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    low, high = nodes[upper - 1], nodes[upper]
-    width = high - low
-    inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
-    return np.where(width > 0, inside, np.where(x < high, 0, 1))
+def _enclosure(x: Own, column: np.ndarray, first: TablePosition, last: TablePosition) -> Own:
+    ends, data = x.ends, x.ends.data(column, x.lo)
+    pieces = [
+        (ends.gather(data, place.upper - 1), ends.gather(data, place.upper))
+        for place in (first, last)
+    ]
+    values = [
+        ends.fma(place.fraction, after - before, before)
+        for place, (before, after) in zip((first, last), pieces, strict=True)
+    ]
+    # The entries between are among those around: with none between, any of the values will do.
+    between = [
+        extreme_between(x, column, extreme, first.passed, last.passed, values[0])
+        for extreme in (np.minimum, np.maximum)
+    ]
+    least, most = ends.extremes([*pieces[0], *pieces[1], *between])
+    lo, hi = ends.extremes([*values, *between])
+    info = ends.info(x.lo)
+    largest = ends.larger(ends.abs(least), ends.abs(most))
+    loss = ends.fma(largest, _LOSS_OF_TABLES * float(info.eps), float(info.tiny))
+    loss = ends.select(least < most, loss, 0)  # equal entries lose nothing
+    lo, hi = lo - loss, hi + loss
+    # Rounding never carries a value across zero.
+    lo = ends.select(least >= 0, ends.positive(lo), lo)
+    hi = ends.select(most <= 0, -ends.positive(-hi), hi)
+    return type(x)(lo, hi, x.nan)
 
 
-def _between(column: np.ndarray, upper: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    return column[upper - 1] + fraction * (column[upper] - column[upper - 1])
-
-
-def _extremes_within(
-    column: np.ndarray, first: np.ndarray, stop: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest and largest of ``column[first:stop]``; NaN where there are none."""
-    ranges = np.stack([first, stop], axis=-1).reshape(-1)
-    padded = np.append(column, np.nan)  # so that `stop` is an index
-    least, most = (
-        np.where(first < stop, function.reduceat(padded, ranges)[::2].reshape(first.shape), np.nan)
-        for function in (np.fmin, np.fmax)
-    )
-    return least, most
+def extreme_between(
+    x: Interval, column: np.ndarray, extreme: np.ufunc, start: Array, stop: Array, otherwise: Array
+) -> Array:
+    """Return the extreme of ``column[start:stop]``; `otherwise` where that is empty."""
+    ends, rows, half = x.ends, [np.ascontiguousarray(column)], 1
+    while 2 * half <= len(column):  # the extremes of 1, 2, 4 … entries from each entry on
+        row = rows[-1].copy()
+        row[:-half] = extreme(row[:-half], row[half:])
+        rows.append(row)
+        half *= 2
+    data = ends.data(np.concatenate(rows), x.lo)
+    first, last, some = ends.two_blocks(start, stop, len(column))
+    pair = ends.gather(data, first, some), ends.gather(data, last, some)
+    larger = extreme is np.maximum
+    return ends.select(some, (ends.larger if larger else ends.smaller)(*pair), otherwise)

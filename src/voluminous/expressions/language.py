@@ -1,4 +1,4 @@
-"""The language of expressions: its words, its text, and numbers with units in it.
+"""The language of expressions: its words, its errors, and numbers with units in it.
 
 Python's grammar has no place for a unit. Therefore ``los(velocity) / (0.2 km/s)`` is rewritten with
 ``0.2["km/s"]`` before it is parsed, and the parser makes a `NumberWithUnit` of that.
@@ -20,7 +20,7 @@ CONSTANTS = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}
 
 
 class Signature(NamedTuple):
-    """A function of the language: how it is called, and how many arguments it takes."""
+    """How a function of the language is called, and how many arguments it takes."""
 
     signature: str
     least: int
@@ -34,20 +34,17 @@ FUNCTIONS = {
     "interp": Signature("interp(x, [x1, x2, …], [y1, y2, …])", 3, 3),
     "min": Signature("min(a, b, …)", 2, math.inf),
     "max": Signature("max(a, b, …)", 2, math.inf),
-    "gradmag": Signature("gradmag(x)", 1, 1),
-    "laplacian": Signature("laplacian(x)", 1, 1),
-    "grad": Signature("grad(x)", 1, 1),
     "vector": Signature("vector(a, b, c)", 3, 3),
     "norm": Signature("norm(v)", 1, 1),
     "dot": Signature("dot(v, w)", 2, 2),
     "los": Signature("los(v)", 1, 1),
-    **{
-        name: Signature(f"{name}(x)", 1, 1)
-        for name in ("abs", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")
-    },
 }
+_ONE = ("abs", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")
+for _name in (*_ONE, "grad", "gradmag", "laplacian"):
+    FUNCTIONS[_name] = Signature(f"{_name}(x)", 1, 1)
 
-ARITHMETIC: dict[type[ast.AST], str] = {
+# Python's operators, by the methods of `Ops` that evaluate them; `**` is parsed by itself.
+OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "add",
     ast.Sub: "subtract",
     ast.Mult: "multiply",
@@ -56,32 +53,26 @@ ARITHMETIC: dict[type[ast.AST], str] = {
     ast.Mod: "remainder",
     ast.UAdd: "positive",
     ast.USub: "negative",
-}
-COMPARISONS: dict[type[ast.AST], str] = {
     ast.Lt: "less",
     ast.LtE: "less_equal",
     ast.Gt: "greater",
     ast.GtE: "greater_equal",
     ast.Eq: "equal",
     ast.NotEq: "not_equal",
-}
-LOGIC: dict[type[ast.AST], str] = {
     ast.And: "logical_and",
     ast.Or: "logical_or",
     ast.Not: "logical_not",
-}
-# Also logical here, but they bind more tightly than comparisons.
-TIGHT_LOGIC: dict[type[ast.AST], str] = {
     ast.BitAnd: "logical_and",
     ast.BitOr: "logical_or",
     ast.Invert: "logical_not",
 }
 FOREIGN_OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
-    ast.BitXor: ("^", "'^' is not an operator of expressions; powers are written with '**'"),
-    ast.MatMult: ("@", "'@' is not an operator of expressions; '*' multiplies"),
-    ast.LShift: ("<<", "'<<' is not an operator of expressions; '<' compares"),
-    ast.RShift: (">>", "'>>' is not an operator of expressions; '>' compares"),
+    ast.BitXor: ("^", "powers are written with '**'"),
+    ast.MatMult: ("@", "'*' multiplies"),
+    ast.LShift: ("<<", "'<' compares"),
+    ast.RShift: (">>", "'>' compares"),
 }
+NOT_AN_OPERATOR = "'{}' is not an operator of expressions; {}"
 FOREIGN: dict[type[ast.AST], str] = {
     ast.Attribute: "'.' after a name is not part of an expression; write log10(x), not np.log10(x)",
     ast.Subscript: "[] after a name is not part of an expression; it holds for all elements",
@@ -90,7 +81,7 @@ FOREIGN: dict[type[ast.AST], str] = {
     ast.List: "a list is only allowed as the table of interp(x, [x1, x2, …], [y1, y2, …])",
     ast.Tuple: "',' is only allowed between the arguments of a function",
 }
-# Functions of other languages, and what says the same here.
+# Functions of other languages, and how to write them here.
 FOREIGN_FUNCTIONS: dict[str, str] = {
     "ln": "the natural logarithm is log(x)",
     "log2": "write log(x) / log(2)",
@@ -106,27 +97,21 @@ FOREIGN_FUNCTIONS: dict[str, str] = {
     "sign": "write (x > 0) - (x < 0)",
     "heaviside": "write x > 0, which counts 1 where it holds",
 }
-FOREIGN_FUNCTIONS |= {
-    f"arc{name[1:]}": FOREIGN_FUNCTIONS[name] for name in ("asin", "acos", "atan")
-}
-
+for _name in ("asin", "acos", "atan"):
+    FOREIGN_FUNCTIONS[f"arc{_name[1:]}"] = FOREIGN_FUNCTIONS[_name]
 
 MAX_LENGTH = 10_000
 MAX_DEPTH = 100
 
-_UNWANTED = {
-    "#": "a comment ('#') cannot be part of an expression",
-    "\0": "a null byte cannot be part of an expression",
-}
-# What people used to other languages write, by the character at which Python's parser gives up.
+# Habits from other languages, by the character at which Python's parser gives up.
 _HINTS = {
-    "=": "'=' is not an operator of expressions; '==' compares",
-    "&": "'&&' is not an operator of expressions; write 'and'",
-    "|": "'||' is not an operator of expressions; write 'or'",
-    "!": "'!' is not an operator of expressions; write 'not'",
-    "?": "'?' is not an operator of expressions; write where(condition, a, b)",
+    "=": NOT_AN_OPERATOR.format("=", "'==' compares"),
+    "&": NOT_AN_OPERATOR.format("&&", "write 'and'"),
+    "|": NOT_AN_OPERATOR.format("||", "write 'or'"),
+    "!": NOT_AN_OPERATOR.format("!", "write 'not'"),
+    "?": NOT_AN_OPERATOR.format("?", "write where(condition, a, b)"),
 }
-# Two names or numbers with nothing between them: `2 a`, `log10 a`, `v - 5 km`.
+# For two names or numbers with nothing between them: `2 a`, `log10 a`, `v - 5 km`.
 _NO_OPERATOR = (
     "an operator or brackets are missing here: write 2*a and log10(a); a number may be followed by "
     "a unit that astropy knows, as in 'v / (5 km/s)'"
@@ -140,7 +125,16 @@ def one_line(text: str) -> str:
 
 def python_tree(text: str) -> ast.expr:
     """Return Python's syntax tree of the text; nothing is compiled."""
-    _check_text(text)
+    if not text:
+        raise ExpressionError("the expression is empty; write a field name or 'log10(density)'")
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(
+            f"the expression has {len(text)} characters, expected at most {MAX_LENGTH}; "
+            "split it into derived fields"
+        )
+    for character, what in (("#", "a comment ('#')"), ("\0", "a null byte")):
+        if character in text:
+            fail(text, text.index(character), f"{what} cannot be part of an expression")
     try:
         return ast.parse(text, mode="eval").body
     except SyntaxError as error:
@@ -151,35 +145,17 @@ def python_tree(text: str) -> ast.expr:
         fail_too_deep(text, 0)
 
 
-def _check_text(text: str) -> None:
-    if not text:
-        raise ExpressionError("the expression is empty; write a field name or 'log10(density)'")
-    if len(text) > MAX_LENGTH:
-        raise ExpressionError(
-            f"the expression has {len(text)} characters, expected at most {MAX_LENGTH}; "
-            "split it into derived fields"
-        )
-    for character, problem in _UNWANTED.items():
-        if character in text:
-            fail(text, text.index(character), problem)
-
-
 def _fail_syntax(text: str, error: SyntaxError) -> NoReturn:
-    # Python counts from 1; 0 stands for the whole text, or its end if that is what is wrong.
-    if error.offset:
-        place = error.offset - 1
-        fail(text, place, _HINTS.get(text[place : place + 1]) or _explained(text, place, error))
-    if error.msg == "invalid syntax":
-        fail(text, len(text), "the expression ends too early")
-    fail(text, 0, error.msg)
-
-
-def _explained(text: str, place: int, error: SyntaxError) -> str:
-    """Return what Python says of an error, or more than that where two operands stand together."""
+    if not error.offset:  # it counts from 1; 0 stands for the whole text, or its end
+        if error.msg == "invalid syntax":
+            fail(text, len(text), "the expression ends too early")
+        fail(text, 0, error.msg)
+    place = error.offset - 1
     before, here = text[:place].rstrip()[-1:], text[place : place + 1]
-    beside = (before.isalnum() or before == ")") and here.isalnum()
+    adjacent = (before.isalnum() or before == ")") and here.isalnum()
     # Of 2a Python points to the number.
-    return _NO_OPERATOR if beside or "decimal literal" in error.msg else error.msg
+    plain = _NO_OPERATOR if adjacent or "decimal literal" in error.msg else error.msg
+    fail(text, place, _HINTS.get(here, plain))
 
 
 def fail_too_deep(text: str, place: int) -> NoReturn:
@@ -207,7 +183,7 @@ _POWER = rf"(?:[-+]?\d+|{_FRACTION}|\s*(?:\*\*|\^)\s*(?:[-+]?\d+(?:\.\d+)?|{_FRA
 # One factor of a unit: a name that is no function being called, with its power.
 _FACTOR = re.compile(rf"([^\W\d]+)({_POWER})(?![\w(])")
 _FIRST = re.compile(r"\s*(?=[^\W\d])|\s+1\s*/\s*(?=[^\W\d(])")
-_OPENED = re.compile(r"(?:dex)?\(")
+_OPENED, _CLOSED = re.compile(r"(?:dex)?\("), re.compile(rf"\s*\){_POWER}")
 _NEXT = re.compile(r"\s*[*/]\s*|\s+")
 # `a` and `b` are units too (years, bits), but nobody means these by "2a".
 _KEYWORDS = {"and", "or", "not", "if", "else", "in", "is", "lambda", "a", "b", *CONSTANTS}
@@ -250,39 +226,32 @@ def _unit_end(text: str, start: int, fields: Collection[str]) -> int:
             f"{name[1]!r} is a field and the name of a unit: write 2*{name[1]} for a product, or "
             "the unit by another name, such as 'meter' for 'm'",
         )
-    end = _factors_end(text, first.end(), fields)
-    return start if end is None else end
+    return _factors_end(text, first.end(), fields) or start
 
 
 def _factors_end(text: str, place: int, fields: Collection[str]) -> int | None:
+    """Return where the longest product of units ends that begins here; None if there is none."""
     end = None
     while True:
-        after = _factor_end(text, place, fields)
-        if after is None:
+        opened = _OPENED.match(text, place)
+        if opened is not None:
+            inside = _factors_end(text, opened.end(), fields)
+            factor = None if inside is None else _CLOSED.match(text, inside)
+        else:
+            factor = _FACTOR.match(text, place)
+            if factor is not None and (factor[1] in fields or not _is_unit(factor[1])):
+                factor = None
+        if factor is None:
             return end
-        end = after
+        end = factor.end()
         between = _NEXT.match(text, end)
         if between is None:
             return end
         place = between.end()
 
 
-def _factor_end(text: str, place: int, excluded: Collection[str]) -> int | None:
-    opened = _OPENED.match(text, place)
-    if opened is not None:
-        inside = _factors_end(text, opened.end(), excluded)
-        closed = None if inside is None else re.compile(rf"\s*\){_POWER}").match(text, inside)
-        return None if closed is None else closed.end()
-    factor = _FACTOR.match(text, place)
-    if factor is None or factor[1] in excluded or not _is_unit(factor[1]):
-        return None
-    return factor.end()
-
-
 def _is_unit(name: str) -> bool:
-    if name in _KEYWORDS:
-        return False
     try:
-        return parse_unit(name) is not None
+        return name not in _KEYWORDS and parse_unit(name) is not None
     except UnitsError:
         return False

@@ -1,4 +1,4 @@
-"""The operations an expression is evaluated with, and their implementation for NumPy arrays."""
+"""The operations that evaluate an expression, and their implementation for NumPy arrays."""
 
 from __future__ import annotations
 
@@ -6,15 +6,21 @@ import functools
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any
+from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
 
+Value: TypeAlias = Any
+"""Numbers or masks as an evaluator has them: NumPy or Dr.Jit arrays, intervals, jets."""
+_One: TypeAlias = Callable[[Value], Value]
+_Two: TypeAlias = Callable[[Value, Value], Value]
+
 
 class Ops(ABC):
-    """What an evaluator offers: the operators and functions of the language.
+    """An evaluator: the operators and functions of the language.
 
     Arithmetic, functions and comparisons get numbers; `logical_and`, `logical_or` and `logical_not`
     get masks.
@@ -31,73 +37,83 @@ class Ops(ABC):
     greater = staticmethod(operator.gt)
     greater_equal = staticmethod(operator.ge)
     equal = staticmethod(operator.eq)
-    logical_and = staticmethod(operator.and_)
-    logical_or = staticmethod(operator.or_)
     logical_not = staticmethod(operator.invert)
     abs = staticmethod(operator.abs)
 
-    log10: Callable[[Any], Any]
-    log: Callable[[Any], Any]
-    exp: Callable[[Any], Any]
-    sqrt: Callable[[Any], Any]
-    sin: Callable[[Any], Any]
-    cos: Callable[[Any], Any]
-    tan: Callable[[Any], Any]
-    tanh: Callable[[Any], Any]
-    atan2: Callable[[Any, Any], Any]
-    power: Callable[[Any, Any], Any]
-    floor_divide: Callable[[Any, Any], Any]
-    remainder: Callable[[Any, Any], Any]
-    minimum: Callable[[Any, Any], Any]
-    maximum: Callable[[Any, Any], Any]
-    where: Callable[[Any, Any, Any], Any]
-    ones_like: Callable[[Any], Any]
+    log10: _One
+    log: _One
+    exp: _One
+    sqrt: _One
+    sin: _One
+    cos: _One
+    tan: _One
+    tanh: _One
+    atan2: _Two
+    power: _Two
+    floor_divide: _Two
+    remainder: _Two
+    minimum: _Two
+    maximum: _Two
+    where: Callable[[Value, Value, Value], Value]
+    ones_like: _One
 
     @abstractmethod
-    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+    def prepare(self, values: Mapping[str, Value]) -> tuple[Ops, dict[str, Value]]:
         """Return the evaluator fit for these fields, and the fields as it computes with them."""
 
     @abstractmethod
-    def constant(self, value: float) -> Any:
+    def constant(self, value: float) -> Value:
         """Return a constant in the evaluator's type."""
 
-    def literal(self, value: float) -> Any:
-        """Return a number that is never turned; where it can be, a part of the machine code."""
+    def literal(self, value: float) -> Value:
+        """Return a constant that may be compiled into the kernel."""
         return self.constant(value)
 
     @abstractmethod
-    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+    def interp(self, x: Value, places: tuple[float, ...], entries: tuple[float, ...]) -> Value:
         """Return the entries of a table, given at increasing places, interpolated at x."""
 
     @abstractmethod
-    def is_mask(self, value: Any) -> bool:
+    def is_mask(self, value: Value) -> bool:
         """Return True if `value` is true or false rather than a number."""
 
     @abstractmethod
-    def number(self, value: Any) -> Any:
+    def number(self, value: Value) -> Value:
         """Return `value` as numbers: true is 1, false is 0."""
 
-    def mask(self, value: Any) -> Any:
+    def mask(self, value: Value) -> Value:
         """Return `value` as a mask: numbers other than 0 are true, NaN too."""
         return value if self.is_mask(value) else ~(value == 0)
 
-    def not_equal(self, left: Any, right: Any) -> Any:
+    def logical_and(self, *masks: Value) -> Value:
+        return functools.reduce(operator.and_, masks)
+
+    def logical_or(self, *masks: Value) -> Value:
+        return functools.reduce(operator.or_, masks)
+
+    def not_equal(self, left: Value, right: Value) -> Value:
         """Return where two numbers differ; NaN differs from everything (not so in Dr.Jit's !=)."""
         return ~self.equal(left, right)
 
-    def min(self, *values: Any) -> Any:
+    def compare(self, *arguments: Any) -> Value:
+        """Return where a chain holds, given its values and the names of the comparisons between."""
+        *values, operations = arguments
+        pairs = zip(operations, pairwise(values), strict=True)
+        return self.logical_and(*(getattr(self, operation)(*pair) for operation, pair in pairs))
+
+    def min(self, *values: Value) -> Value:
         """Return the smallest of two or more; NaN if one is."""
         return functools.reduce(self.minimum, values)
 
-    def max(self, *values: Any) -> Any:
+    def max(self, *values: Value) -> Value:
         """Return the largest of two or more; NaN if one is."""
         return functools.reduce(self.maximum, values)
 
-    def clip(self, value: Any, lower: Any, upper: Any) -> Any:
+    def clip(self, value: Value, lower: Value, upper: Value) -> Value:
         """Return `value` limited to an interval; `upper` wins if the limits are the wrong way."""
         return self.minimum(self.maximum(value, lower), upper)
 
-    def integer_power(self, base: Any, exponent: int) -> Any:
+    def integer_power(self, base: Value, exponent: int) -> Value:
         """Return a whole power by repeated squaring; the reciprocal for a negative exponent."""
         if exponent < 0:
             return self.ones_like(base) / self.integer_power(base, -exponent)
@@ -119,31 +135,15 @@ class NumpyOps(Ops):
     Parameters
     ----------
     dtype : numpy dtype, optional
-        The type of constants; `prepare` finds it from the fields.
+        The type of constants; `prepare` derives it from the fields.
     """
 
-    log10 = staticmethod(np.log10)
-    log = staticmethod(np.log)
-    exp = staticmethod(np.exp)
-    sqrt = staticmethod(np.sqrt)
-    sin = staticmethod(np.sin)
-    cos = staticmethod(np.cos)
-    tan = staticmethod(np.tan)
-    tanh = staticmethod(np.tanh)
     atan2 = staticmethod(np.arctan2)
-    power = staticmethod(np.power)
-    floor_divide = staticmethod(np.floor_divide)
-    remainder = staticmethod(np.remainder)
-    minimum = staticmethod(np.minimum)
-    maximum = staticmethod(np.maximum)
-    where = staticmethod(np.where)
-    ones_like = staticmethod(np.ones_like)
 
     def __init__(self, dtype: Any = np.float64) -> None:
         self._dtype = np.dtype(dtype)
 
-    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        """Return the evaluator for the fields' common floating type, and the fields in it."""
+    def prepare(self, values: Mapping[str, Value]) -> tuple[Ops, dict[str, Value]]:
         arrays = {name: np.asarray(value) for name, value in values.items()}
         types = [_floating_type(name, array.dtype) for name, array in arrays.items()]
         common = functools.reduce(np.promote_types, types) if types else np.dtype(np.float64)
@@ -151,17 +151,23 @@ class NumpyOps(Ops):
             name: array.astype(common, copy=False) for name, array in arrays.items()
         }
 
-    def constant(self, value: float) -> Any:
+    def constant(self, value: float) -> Value:
         return np.asarray(value, dtype=self._dtype)
 
-    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+    def interp(self, x: Value, places: tuple[float, ...], entries: tuple[float, ...]) -> Value:
         return self.number(np.interp(x, places, entries))
 
-    def is_mask(self, value: Any) -> bool:
+    def is_mask(self, value: Value) -> bool:
         return bool(value.dtype == np.bool_)
 
-    def number(self, value: Any) -> Any:
+    def number(self, value: Value) -> Value:
         return np.asarray(value, dtype=self._dtype)
+
+
+for _name in ("log10", "log", "exp", "sqrt", "sin", "cos", "tan", "tanh", "power", "floor_divide"):
+    setattr(NumpyOps, _name, staticmethod(getattr(np, _name)))
+for _name in ("remainder", "minimum", "maximum", "where", "ones_like"):
+    setattr(NumpyOps, _name, staticmethod(getattr(np, _name)))
 
 
 def _floating_type(name: str, dtype: np.dtype[Any]) -> np.dtype[Any]:

@@ -1,4 +1,4 @@
-"""Functions of numbers read as expressions: called with symbols, they write their formulas down.
+"""Functions of numbers read as expressions: called with symbols, they record their formulas.
 
 Symbols know the arithmetic of Python, that of `voluminous.math`, and NumPy's functions.
 """
@@ -8,83 +8,64 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from numbers import Real
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .expression import Expression
 from .parser import interpolation, power
-from .tree import (
-    Call,
-    Comparison,
-    Constant,
-    Earlier,
-    Field,
-    Literal,
-    Logic,
-    Node,
-    Where,
-    in_steps,
-    text,
-)
+from .tree import Call, Constant, Earlier, Field, Literal, Node, in_steps, text
 
 
 class UnreadableError(TypeError):
-    """What a function does with a symbol is no part of an expression."""
+    """The language of expressions lacks an operation that a function applies to a symbol."""
+
+    def __init__(self, what: object) -> None:
+        super().__init__(f"{what} is not part of an expression")
+
+
+_Steps: TypeAlias = dict[Node, int]
+"""The steps of one function, equal ones once, and their numbers."""
 
 
 class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
-    """A number not yet known. Operators are NumPy's functions: the base class says which.
+    """An unknown number. The base class turns Python's operators into NumPy's functions.
 
     Attributes
     ----------
     node : Node
         A field, a constant, or the number of the step that computes it.
-    recorder : StepRecorder
-        Who keeps the steps.
+    steps : dict
+        All steps of the function so far.
     """
 
-    __slots__ = ("node", "recorder")
+    __slots__ = ("node", "steps")
 
-    def __init__(self, node: Node, recorder: StepRecorder) -> None:
-        self.node, self.recorder = node, recorder
+    def __init__(self, node: Node, steps: _Steps) -> None:
+        if not isinstance(node, (Field, Constant)):
+            node = Earlier(steps.setdefault(node, len(steps)))
+        self.node, self.steps = node, steps
 
     def __bool__(self) -> bool:
-        raise UnreadableError("a symbol is neither true nor false")
+        raise UnreadableError("the truth of a symbol")
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         """Return the symbol for an operator or a function of NumPy's."""
         # ``a += b`` gives `a` as the place for the result; a symbol never changes.
         options.pop("out", None)
         if method != "__call__" or options:
-            raise UnreadableError(f"{ufunc.__name__} so called is no part of an expression")
+            raise UnreadableError(f"{ufunc.__name__} with these arguments")
         return apply(ufunc.__name__, *inputs)
 
-    def __array_function__(self, function: Any, types: Any, given: Any, named: Any) -> Any:
+    def __array_function__(
+        self, function: Callable[..., Any], types: Any, inputs: Any, options: Any
+    ) -> Any:
         """Return the symbol for one of NumPy's other functions, such as ``where``."""
-        return apply(function.__name__, *given, **named)
-
-
-class StepRecorder:
-    """The steps of one function, in the order in which it takes them; equal ones are one."""
-
-    def __init__(self) -> None:
-        self._numbers: dict[Node, int] = {}
-
-    def symbol(self, node: Node) -> Symbol:
-        """Return the symbol for a step."""
-        if not isinstance(node, (Field, Constant)):
-            node = Earlier(self._numbers.setdefault(node, len(self._numbers)))
-        return Symbol(node, self)
-
-    def expression(self, value: Any, names: tuple[str, ...]) -> Expression:
-        """Return a value of the function as an expression of fields."""
-        tree = in_steps(tuple(self._numbers), _node(value))
-        return Expression.of_tree(tree, names, text(tree))
+        return apply(function.__name__, *inputs, **options)
 
 
 def is_symbolic(*values: Any) -> bool:
-    """Return whether there is a symbol among some values."""
+    """Return whether one of the values is a symbol."""
     return any(isinstance(value, Symbol) for value in values)
 
 
@@ -94,17 +75,25 @@ def apply(name: str, *values: Any) -> Any:
     An array of numbers, such as a colour, makes an array of symbols.
     """
     if name == "interp":
-        return _interpolated(*values)
+        x, places, entries = values
+        if not isinstance(x, Symbol):
+            raise UnreadableError("a table that depends on a symbol")
+        return Symbol(interpolation(x.node, places, entries), x.steps)
     if any(isinstance(value, np.ndarray) for value in values):
-        return _one_by_one(name, values)
-    recorder = next(value.recorder for value in values if isinstance(value, Symbol))
-    return recorder.symbol(_composed(name, values))
+
+        def one(*parts: Any) -> Any:
+            return (apply if is_symbolic(*parts) else _of_numbers)(name, *parts)
+
+        objects = (np.asarray(value, dtype=object) for value in values)
+        return np.frompyfunc(one, len(values), 1)(*objects)
+    steps = next(value.steps for value in values if isinstance(value, Symbol))
+    return Symbol(_composed(name, values), steps)
 
 
 def read(
     function: Callable[..., Any], inputs: Sequence[Expression], parameters: dict[str, float]
 ) -> tuple[Any, Callable[[Any], Expression]]:
-    """Return what a function returns for symbols, and what makes expressions of that.
+    """Return what a function returns for symbols, and what turns that into expressions.
 
     Parameters
     ----------
@@ -115,37 +104,20 @@ def read(
     parameters : dict of float
         Numbers given to it by name.
     """
-    recorder = StepRecorder()
+    steps: _Steps = {}
     names = tuple(dict.fromkeys(name for e in inputs for name in e.names))
-    arguments = [recorder.symbol(e.tree) for e in inputs]
-    numbers = {
-        name: recorder.symbol(Constant(_finite(value))) for name, value in parameters.items()
-    }
-    return function(*arguments, **numbers), lambda value: recorder.expression(value, names)
+    numbers = {n: Symbol(Constant(_finite(value)), steps) for n, value in parameters.items()}
+    result = function(*(Symbol(e.tree, steps) for e in inputs), **numbers)
+
+    def expression(value: Any) -> Expression:
+        tree = in_steps(tuple(steps), _node(value))
+        return Expression.of_tree(tree, names, text(tree))
+
+    return result, expression
 
 
-def _interpolated(x: Any, places: Any, entries: Any) -> Symbol:
-    if not isinstance(x, Symbol):
-        raise UnreadableError("the tables of interp hold numbers only")
-    return x.recorder.symbol(interpolation(x.node, places, entries))
-
-
-def _one_by_one(name: str, values: Sequence[Any]) -> np.ndarray:
-    """Return an array of symbols for an operation on arrays of numbers and symbols."""
-    parts = np.broadcast_arrays(*(_as_objects(value) for value in values))
-    found = np.empty(parts[0].shape, dtype=object)
-    for index in np.ndindex(found.shape):
-        one = [part[index] for part in parts]
-        found[index] = apply(name, *one) if is_symbolic(*one) else getattr(np, name)(*one)
-    return found
-
-
-def _as_objects(value: Any) -> np.ndarray:
-    if isinstance(value, np.ndarray):
-        return value.astype(object)
-    held = np.empty((), dtype=object)
-    held[()] = value
-    return held
+def _of_numbers(name: str, *values: Any) -> Any:
+    return getattr(np, name)(*values)
 
 
 def _node(value: Any) -> Node:
@@ -153,29 +125,26 @@ def _node(value: Any) -> Node:
         return value.node
     if isinstance(value, (Real, np.bool_)):
         return Literal(_finite(float(value)))
-    raise UnreadableError(f"{type(value).__name__} is no part of an expression")
+    raise UnreadableError(type(value).__name__)
 
 
 def _finite(value: float) -> float:
     if not math.isfinite(value):
-        raise UnreadableError(f"{value} is no part of an expression")
+        raise UnreadableError(value)
     return value
 
 
 def _composed(name: str, values: Sequence[Any]) -> Node:
-    """Return the node for an operation; of several, if the language has it not."""
+    """Return the node for an operation, or for several that compute the same."""
     nodes = tuple(_node(value) for value in values)
     if name == "power" and not isinstance(values[1], Symbol):
         return power(*nodes)  # an exponent written in the function, not a parameter
-    for table, kind in ((_CALLS, Call), (_LOGIC, Logic)):
-        if name in table:
-            return kind(table[name], nodes)
+    if name in _CALLS:
+        return Call(_CALLS[name], nodes)
     if name in _COMPARISONS:
-        return Comparison((_COMPARISONS[name],), nodes)
-    if name == "where":
-        return Where(*nodes)
+        return Call("compare", nodes, ((name,),))
     if name not in _COMPOSITIONS:
-        raise UnreadableError(f"{name} is no part of an expression")
+        raise UnreadableError(name)
     return _COMPOSITIONS[name](*nodes)
 
 
@@ -188,33 +157,18 @@ def _half_of(x: Node, operation: str) -> Node:
     return _of("multiply", Literal(0.5), _of(operation, up, _of("divide", Literal(1.0), up)))
 
 
-_CALLS = {
-    "add": "add",
-    "subtract": "subtract",
-    "multiply": "multiply",
-    "divide": "divide",
-    "floor_divide": "floor_divide",
-    "remainder": "remainder",
-    "power": "power",
-    "negative": "negative",
-    "positive": "positive",
+_SAME = "add subtract multiply divide floor_divide remainder power negative positive abs atan2 "
+_SAME += "clip cos exp log log10 sin sqrt tan tanh where logical_and logical_or logical_not"
+_CALLS = {name: name for name in _SAME.split()} | {
     "absolute": "abs",
-    "abs": "abs",
     "arctan2": "atan2",
-    "atan2": "atan2",
     "minimum": "min",
     "maximum": "max",
-    **{n: n for n in ("clip", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")},
-}
-_LOGIC = {
     "bitwise_and": "logical_and",
     "bitwise_or": "logical_or",
     "invert": "logical_not",
-    **{n: n for n in ("logical_and", "logical_or", "logical_not")},
 }
-_COMPARISONS = {n: n for n in ("less", "less_equal", "greater", "greater_equal", "equal")} | {
-    "not_equal": "not_equal"
-}
+_COMPARISONS = {"less", "less_equal", "greater", "greater_equal", "equal", "not_equal"}
 _COMPOSITIONS: dict[str, Callable[..., Node]] = {
     "square": lambda x: power(x, Literal(2.0)),
     "reciprocal": lambda x: _of("divide", Literal(1.0), x),
@@ -225,7 +179,7 @@ _COMPOSITIONS: dict[str, Callable[..., Node]] = {
     "floor": lambda x: _of("floor_divide", x, Literal(1.0)),
     "ceil": lambda x: _of("negative", _of("floor_divide", _of("negative", x), Literal(1.0))),
     "fma": lambda a, b, c: _of("add", _of("multiply", a, b), c),
-    "isnan": lambda x: Comparison(("not_equal",), (x, x)),
+    "isnan": lambda x: Call("compare", (x, x), (("not_equal",),)),
     "zeros_like": lambda x: Literal(0.0),
     "ones_like": lambda x: Literal(1.0),
 }

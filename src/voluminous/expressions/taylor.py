@@ -1,30 +1,28 @@
 """Intervals with derivatives along a line: how much a value bends, and so how straight it is.
 
-A jet holds, for all places u from 0 to 1 of a stretch, an interval of the value, of its first and
-of its second derivative by u (Moore, Kearfott & Cloud 2009, *Introduction to Interval Analysis*,
-chapter 9).
+A jet contains, for all places u from 0 to 1 of a segment, intervals of a value and of its first and
+second derivative with respect to u (Moore, Kearfott & Cloud 2009, *Introduction to Interval
+Analysis*, chapter 9).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..backend import Float, dr
 from .interval import Truth
-from .ops import Ops
+from .ops import Ops, Value
 from .traced_interval import TracedInterval, TracedIntervalOps, slopes_in_ranges
 
-# A derivative that is zero everywhere is None: constants cost nothing.
-Derivative = TracedInterval | None
+Derivative: TypeAlias = TracedInterval | None
+"""All values of a derivative; None where it is zero everywhere, so that constants cost nothing."""
 
 
-@dataclass
-class TracedJet:
+class TracedJet(NamedTuple):
     """Intervals of a value and of its derivatives.
 
     Attributes
@@ -62,6 +60,11 @@ def negative(a: Derivative) -> Derivative:
     return None if a is None else -a
 
 
+def over(a: Derivative, b: TracedInterval) -> Derivative:
+    """Return a derivative divided by a value."""
+    return None if a is None else a / b
+
+
 def chain(
     x: TracedJet, value: TracedInterval, slope: TracedInterval, bend: TracedInterval
 ) -> TracedJet:
@@ -70,9 +73,6 @@ def chain(
     if x.first is not None:
         second = plus(times(bend, x.first * x.first), second)
     return TracedJet(value, times(slope, x.first), second)
-
-
-_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 
 
 class TracedJetOps(Ops):
@@ -90,55 +90,56 @@ class TracedJetOps(Ops):
         As in `DrjitOps`.
     """
 
-    def __init__(self, float_type: Any, constant: Callable[[float], Any] | None = None) -> None:
+    def __init__(
+        self, float_type: type[Float], constant: Callable[[float], Float] | None = None
+    ) -> None:
         self._float = float_type
         self._at = TracedIntervalOps(float_type, constant)
-        for name in _COMPARISONS:
+        for name in ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal"):
             setattr(self, name, self._comparison(name))
         for name in ("tan", "remainder"):
             setattr(self, name, self._rough(name))
 
-    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+    def prepare(self, values: Mapping[str, Value]) -> tuple[Ops, dict[str, Value]]:
         return self, dict(values)
 
     def constant(self, value: float) -> TracedJet:
         return TracedJet(self._at.constant(value))
 
-    def interpolate(self, x: TracedJet, places: np.ndarray, entries: np.ndarray) -> TracedJet:
-        value = self._at.interpolate(x.value, places, entries)
-        slope, straight = slopes_in_ranges(x.value, places, entries)
+    def interp(
+        self, x: TracedJet, places: tuple[float, ...], entries: tuple[float, ...]
+    ) -> TracedJet:
+        value = self._at.interp(x.value, places, entries)
+        slope, straight = slopes_in_ranges(x.value, np.array(places), np.array(entries))
         return chain(x, value, slope, self._zero().unknown_where(~straight, False))
 
-    def is_mask(self, value: Float) -> bool:
+    def is_mask(self, value: Value) -> bool:
         return isinstance(value, Truth)
 
-    def number(self, value: Float) -> TracedJet:
+    def number(self, value: Value) -> TracedJet:
         if not isinstance(value, Truth):
-            return value
-        jump = self._zero().unknown_where(value.true & value.false, False)
+            jet: TracedJet = value
+            return jet
+        jump = self._zero().unknown_where(value.either, False)
         return TracedJet(self._at.number(value), jump, jump)
 
-    def mask(self, value: Float) -> Any:
-        return value if self.is_mask(value) else self._at.mask(value.value)
+    def mask(self, value: Value) -> Truth:
+        truth: Truth = value if isinstance(value, Truth) else self._at.mask(value.value)
+        return truth
 
     def ones_like(self, value: TracedJet) -> TracedJet:
-        """Return one."""
         return TracedJet(self._at.ones_like(value.value))
 
     def add(self, a: TracedJet, b: TracedJet) -> TracedJet:
-        """Return the sum."""
         return TracedJet(a.value + b.value, plus(a.first, b.first), plus(a.second, b.second))
 
     def negative(self, a: TracedJet) -> TracedJet:  # type: ignore[override]
-        """Return minus a value."""
         return TracedJet(-a.value, negative(a.first), negative(a.second))
 
     def positive(self, a: TracedJet) -> TracedJet:  # type: ignore[override]
-        """Return the value."""
         return a
 
     def subtract(self, a: TracedJet, b: TracedJet) -> TracedJet:
-        """Return the difference."""
         return self.add(a, self.negative(b))
 
     def multiply(self, a: TracedJet, b: TracedJet) -> TracedJet:
@@ -153,12 +154,10 @@ class TracedJetOps(Ops):
 
     def divide(self, a: TracedJet, b: TracedJet) -> TracedJet:
         """Return the quotient; its value is that of intervals, tighter than a product's."""
+        value = a.value / b.value
         if b.fixed:
-            over = [None if part is None else part / b.value for part in (a.first, a.second)]
-            return TracedJet(a.value / b.value, *over)
-        inverse = self.integer_power(b, -1)
-        found = self.multiply(a, inverse)
-        return TracedJet(a.value / b.value, found.first, found.second)
+            return TracedJet(value, over(a.first, b.value), over(a.second, b.value))
+        return self.multiply(a, self.integer_power(b, -1))._replace(value=value)
 
     def integer_power(self, base: TracedJet, exponent: int) -> TracedJet:
         at = self._at
@@ -183,16 +182,13 @@ class TracedJetOps(Ops):
         return chain(base, value, slope, bend)
 
     def exp(self, x: TracedJet) -> TracedJet:
-        """Return the exponential, which is its own derivative."""
         value = self._at.exp(x.value)
         return chain(x, value, value, value)
 
     def log(self, x: TracedJet) -> TracedJet:
-        """Return the natural logarithm."""
         return self._logarithm(x, self._at.log(x.value), 1.0)
 
     def log10(self, x: TracedJet) -> TracedJet:
-        """Return the logarithm to base ten."""
         return self._logarithm(x, self._at.log10(x.value), 1.0 / math.log(10.0))
 
     def _logarithm(self, x: TracedJet, value: TracedInterval, factor: float) -> TracedJet:
@@ -203,7 +199,6 @@ class TracedJetOps(Ops):
         return chain(x, value, slope, -(slope / x.value))
 
     def sqrt(self, x: TracedJet) -> TracedJet:
-        """Return the square root."""
         root = self._at.sqrt(x.value)
         if x.fixed:
             return TracedJet(root)
@@ -211,50 +206,45 @@ class TracedJetOps(Ops):
         return chain(x, root, slope, -0.5 * (slope / x.value))
 
     def sin(self, x: TracedJet) -> TracedJet:
-        """Return the sine."""
         sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
         return chain(x, sine, cosine, -sine)
 
     def cos(self, x: TracedJet) -> TracedJet:
-        """Return the cosine."""
         sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
         return chain(x, cosine, -sine, -cosine)
 
     def tanh(self, x: TracedJet) -> TracedJet:
-        """Return the hyperbolic tangent."""
         value = self._at.tanh(x.value)
         slope = 1.0 - value * value
         return chain(x, value, slope, -2.0 * (value * slope))
 
     def atan2(self, y: TracedJet, x: TracedJet) -> TracedJet:
         """Return the angle; it jumps by a turn where y changes its sign left of the origin."""
-        found = self.turning_angle(y, x)
+        value, *derivatives = self.turning_angle(y, x)
         if y.fixed and x.fixed:
-            return found
+            return TracedJet(value)
         cut = (y.value.lo < 0.0) & (y.value.hi >= 0.0) & (x.value.lo <= 0.0)
-        derivatives = (self._interval(d) for d in (found.first, found.second))
-        return TracedJet(found.value, *(d.unknown_where(cut, False) for d in derivatives))
+        unknown = (self._interval(d).unknown_where(cut, False) for d in derivatives)
+        return TracedJet(value, *unknown)
 
     def turning_angle(self, y: TracedJet, x: TracedJet) -> TracedJet:
         """Return the angle: α' = (y'x - yx')/r², α'' = (y''x - yx'' - α'(r²)')/r².
 
-        The derivatives are those of an angle that goes on where this one jumps by a turn.
+        The derivatives are those of an angle that continues where this one jumps by a turn.
         """
         value = self._at.atan2(y.value, x.value)
         if y.fixed and x.fixed:
             return TracedJet(value)
+
+        def cross(dy: Derivative, dx: Derivative) -> Derivative:
+            return plus(times(dy, x.value), negative(times(y.value, dx)))
+
         square = x.value * x.value + y.value * y.value
-        turn = self._over(self._cross(y.first, x.value, y.value, x.first), square)
+        turn = over(cross(y.first, x.first), square)
         growth = plus(times(x.value, x.first), times(y.value, y.first))
-        bend = self._cross(y.second, x.value, y.value, x.second)
+        bend = cross(y.second, x.second)
         twice = times(turn, plus(growth, growth))
-        return TracedJet(value, turn, self._over(plus(bend, negative(twice)), square))
-
-    def _cross(self, dy: Derivative, x: Float, y: Float, dx: Derivative) -> Derivative:
-        return plus(times(dy, x), negative(times(y, dx)))
-
-    def _over(self, a: Derivative, b: TracedInterval) -> Derivative:
-        return None if a is None else a / b
+        return TracedJet(value, turn, over(plus(bend, negative(twice)), square))
 
     def floor_divide(self, left: TracedJet, right: TracedJet) -> TracedJet:
         """Return the quotient rounded down: constant, but for jumps."""
@@ -269,12 +259,10 @@ class TracedJetOps(Ops):
         return self._kinked(abs(x.value), x.value >= 0.0, x, self.negative(x))
 
     def minimum(self, left: TracedJet, right: TracedJet) -> TracedJet:
-        """Return the smaller of both."""
         value = self._at.minimum(left.value, right.value)
         return self._kinked(value, left.value < right.value, left, right)
 
     def maximum(self, left: TracedJet, right: TracedJet) -> TracedJet:
-        """Return the larger of both."""
         value = self._at.maximum(left.value, right.value)
         return self._kinked(value, left.value > right.value, left, right)
 
@@ -282,8 +270,7 @@ class TracedJetOps(Ops):
         """Return the one or the other; where it can be either, derivatives may be anything."""
         value = self._at.where(mask, chosen.value, otherwise.value)
         found = self._kinked(value, mask, chosen, otherwise)
-        first = self._interval(found.first).unknown_where(mask.true & mask.false, False)
-        return TracedJet(value, first, found.second)
+        return found._replace(first=self._interval(found.first).unknown_where(mask.either, False))
 
     def _kinked(
         self, value: TracedInterval, mask: Truth, chosen: TracedJet, otherwise: TracedJet
@@ -293,7 +280,7 @@ class TracedJetOps(Ops):
             self._at.where(mask, self._interval(a), self._interval(b))
             for a, b in ((chosen.first, otherwise.first), (chosen.second, otherwise.second))
         )
-        return TracedJet(value, first, second.unknown_where(mask.true & mask.false, False))
+        return TracedJet(value, first, second.unknown_where(mask.either, False))
 
     def _comparison(self, name: str) -> Callable[[TracedJet, TracedJet], Truth]:
         compare = getattr(self._at, name)
@@ -303,7 +290,7 @@ class TracedJetOps(Ops):
         function = getattr(self._at, name)
         return lambda *xs: self._of_unknown_shape(function(*(x.value for x in xs)), xs)
 
-    def _of_unknown_shape(self, value: TracedInterval, inputs: Any) -> TracedJet:
+    def _of_unknown_shape(self, value: TracedInterval, inputs: Sequence[TracedJet]) -> TracedJet:
         if all(x.fixed for x in inputs):
             return TracedJet(value)
         anything = TracedInterval(self._float(-dr.inf), self._float(dr.inf))

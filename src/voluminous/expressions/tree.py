@@ -1,22 +1,22 @@
-"""The nodes of a parsed expression: immutable, comparable, and able to evaluate themselves."""
+"""Parsed expressions: immutable, comparable trees of nodes that any `Ops` evaluates."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
-from typing import Any
-
-import numpy as np
+from itertools import chain
+from typing import Any, TypeAlias
 
 from ..errors import UnitsError
 from ..units import Unit
-from .ops import Ops
+from .ops import Ops, Value
 
-Fields = Mapping[str, Any]
+Fields: TypeAlias = Mapping[str, Value]
+
+# How many arguments of an operation, from the first on, are masks; the others are numbers.
+_MASKS = {"where": 1, "logical_not": 1, "logical_and": math.inf, "logical_or": math.inf}
 
 
 class Node:
@@ -24,16 +24,25 @@ class Node:
 
     __slots__ = ()
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+    @property
+    def children(self) -> tuple[Node, ...]:
+        """The nodes it is computed from; a derivative is a field, and has none."""
+        return ()
+
+    def with_children(self, children: tuple[Node, ...]) -> Node:
+        """Return the same operation on other children."""
+        return self
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
         """Return the value: numbers or a mask."""
         raise NotImplementedError
 
-    def number(self, ops: Ops, fields: Fields) -> Any:
-        """Return the value as numbers; true is 1 and false is 0."""
+    def number(self, ops: Ops, fields: Fields) -> Value:
+        """Return the value as numbers: true is 1, false is 0."""
         return ops.number(self.evaluate(ops, fields))
 
-    def mask(self, ops: Ops, fields: Fields) -> Any:
-        """Return the value as a mask; all but 0 is true."""
+    def mask(self, ops: Ops, fields: Fields) -> Value:
+        """Return the value as a mask: any number but 0 is true."""
         return ops.mask(self.evaluate(ops, fields))
 
 
@@ -43,26 +52,33 @@ class Constant(Node):
 
     value: float
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
         return ops.constant(self.value)
 
 
 @dataclass(frozen=True, slots=True)
 class Literal(Constant):
-    """A number that is not to be turned: part of the machine code of a kernel."""
+    """A number that is compiled into the kernel."""
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
         return ops.literal(self.value)
 
 
 @dataclass(frozen=True, slots=True)
+class InUnit(Constant):
+    """A number whose unit was converted to fit the fields."""
+
+    unit: Unit
+
+
+@dataclass(frozen=True, slots=True)
 class NumberWithUnit(Node):
-    """A number with a unit, which has no value before the units of the fields are known."""
+    """A number with a unit, before the units of the fields are known."""
 
     value: float
     unit: Unit
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
         raise UnitsError(
             f"'{self.value:g} {self.unit}' is a number with a unit, which only a volume can "
             "convert: volume.evaluate, media, and measurements do; here write the number in the "
@@ -71,186 +87,134 @@ class NumberWithUnit(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class InUnit(Constant):
-    """A plain number whose unit fits those of the fields it is combined with."""
-
-    unit: Unit
-
-
-@dataclass(frozen=True, slots=True)
 class Field(Node):
     """The values of a named field."""
 
     name: str
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        return fields[self.name]
-
-
-@dataclass(frozen=True, slots=True)
-class Earlier(Node):
-    """The value of a step before this one; see `Steps`."""
-
-    step: int
-
-    @property
-    def name(self) -> str:
-        """By which it is known among the fields; no field can have it."""
-        return f"%{self.step}"
-
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
         return fields[self.name]
 
 
 @dataclass(frozen=True, slots=True)
 class Derivative(Field):
-    """A field made of the neighbouring elements of another one; its name is its text.
-
-    The name says everything, so that the argument need not be compared.
-    """
+    """A field computed from neighbouring cells of another; its name, its text, identifies it."""
 
     operation: str = field(compare=False)
     argument: Node = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
+class Earlier(Node):
+    """The value of an earlier step; see `Steps`."""
+
+    step: int
+
+    @property
+    def name(self) -> str:
+        """Its name among the fields; no field can have it."""
+        return f"%{self.step}"
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
+        return fields[self.name]
+
+
+@dataclass(frozen=True, slots=True)
 class Call(Node):
-    """An operation on numbers: arithmetic or a function; `operation` is a method of `Ops`."""
+    """An operation on the values of other nodes.
+
+    Attributes
+    ----------
+    operation : str
+        A method of `Ops`.
+    arguments : tuple of Node
+    constants : tuple
+        Further arguments, which are no nodes: an exponent, a table, or the comparisons of a chain
+        such as ``1 < x <= 2``.
+    """
 
     operation: str
     arguments: tuple[Node, ...]
+    constants: tuple[Any, ...] = ()
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        numbers = [argument.number(ops, fields) for argument in self.arguments]
-        return getattr(ops, self.operation)(*numbers)
+    @property
+    def children(self) -> tuple[Node, ...]:
+        return self.arguments
 
+    def with_children(self, children: tuple[Node, ...]) -> Node:
+        return Call(self.operation, children, self.constants)
 
-@dataclass(frozen=True, slots=True)
-class IntegerPower(Node):
-    """A power with a small whole exponent that is written in the expression."""
-
-    base: Node
-    exponent: int
-
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        return ops.integer_power(self.base.number(ops, fields), self.exponent)
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison(Node):
-    """A chain such as ``1 < x <= 2``: true where every neighbouring pair compares so."""
-
-    operations: tuple[str, ...]
-    operands: tuple[Node, ...]
-
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        values = [operand.number(ops, fields) for operand in self.operands]
-        pairs = zip(self.operations, pairwise(values), strict=True)
-        result, *others = (getattr(ops, operation)(*pair) for operation, pair in pairs)
-        for other in others:
-            result = ops.logical_and(result, other)
-        return result
-
-
-@dataclass(frozen=True, slots=True)
-class Logic(Node):
-    """A logical operation, ``and``, ``or`` or ``not``; `operation` is a method of `Ops`."""
-
-    operation: str
-    arguments: tuple[Node, ...]
-
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        result, *others = (argument.mask(ops, fields) for argument in self.arguments)
-        if not others:
-            return getattr(ops, self.operation)(result)
-        for other in others:
-            result = getattr(ops, self.operation)(result, other)
-        return result
-
-
-@dataclass(frozen=True, slots=True)
-class Interpolation(Node):
-    """A number looked up in a table: linear between its entries, constant beyond both ends."""
-
-    argument: Node
-    places: tuple[float, ...]
-    entries: tuple[float, ...]
-
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        x = self.argument.number(ops, fields)
-        return ops.interpolate(x, np.array(self.places), np.array(self.entries))
-
-
-@dataclass(frozen=True, slots=True)
-class Where(Node):
-    """The one value where the condition is true, the other elsewhere."""
-
-    condition: Node
-    chosen: Node
-    otherwise: Node
-
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        mask = self.condition.mask(ops, fields)
-        return ops.where(mask, self.chosen.number(ops, fields), self.otherwise.number(ops, fields))
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
+        masks = _MASKS.get(self.operation, 0)
+        values = [
+            node.mask(ops, fields) if k < masks else node.number(ops, fields)
+            for k, node in enumerate(self.arguments)
+        ]
+        return getattr(ops, self.operation)(*values, *self.constants)
 
 
 @dataclass(frozen=True, slots=True)
 class Steps(Node):
-    """A value computed step by step, as a function computes it: each is named, and found once.
+    """A result computed in steps, each of which is evaluated once.
 
-    As one tree, where what is used twice is written twice, it may be of any size.
+    Written out as one tree, a function that uses intermediate values twice may be of any size.
     """
 
     steps: tuple[Node, ...]
     result: Node
 
-    def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        known = dict(fields)
+    @property
+    def children(self) -> tuple[Node, ...]:
+        return (*self.steps, self.result)
+
+    def with_children(self, children: tuple[Node, ...]) -> Node:
+        return Steps(children[:-1], children[-1])
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Value:
+        values = dict(fields)
         for number, step in enumerate(self.steps):
-            known[Earlier(number).name] = step.evaluate(ops, known)
-        return self.result.evaluate(ops, known)
+            values[Earlier(number).name] = step.evaluate(ops, values)
+        return self.result.evaluate(ops, values)
 
 
 def nodes(tree: Node) -> Iterator[Node]:
-    """Yield a node and all below it; what a derivative is made of is a field of its own."""
+    """Yield a node and all nodes below it."""
     yield tree
-    if isinstance(tree, Field):
-        return
-    for part in dataclasses.fields(tree):  # type: ignore[arg-type]
-        value = getattr(tree, part.name)
-        for below in value if isinstance(value, tuple) else (value,):
-            if isinstance(below, Node):
-                yield from nodes(below)
+    for child in tree.children:
+        yield from nodes(child)
+
+
+def replaced(node: Node, change: Callable[[Node], Node | None]) -> Node:
+    """Return a tree in which nodes are replaced by what `change` returns, unless that is None."""
+    new = change(node)
+    if new is not None:
+        return new
+    return node.with_children(tuple(replaced(child, change) for child in node.children))
+
+
+def field_names(*trees: Node) -> tuple[str, ...]:
+    """Return the names of all fields in some trees."""
+    found = (node.name for tree in trees for node in nodes(tree) if isinstance(node, Field))
+    return tuple(dict.fromkeys(found))
 
 
 def in_steps(steps: Sequence[Node], result: Node) -> Node:
-    """Return a result with the steps that it needs, no others: the same for the same formula."""
+    """Return a result with the steps it needs, renumbered: equal formulas give equal trees."""
     needed: set[int] = set()
     waiting = [result]
     while waiting:
-        for number in _earlier(waiting.pop()):
-            if number not in needed:
-                needed.add(number)
-                waiting.append(steps[number])
+        for node in nodes(waiting.pop()):
+            if isinstance(node, Earlier) and node.step not in needed:
+                needed.add(node.step)
+                waiting.append(steps[node.step])
     if not needed:
         return result
     new = {old: k for k, old in enumerate(sorted(needed))}
-    return Steps(tuple(_renumbered(steps[old], new) for old in new), _renumbered(result, new))
 
+    def renumbered(node: Node) -> Node:
+        return replaced(node, lambda n: Earlier(new[n.step]) if isinstance(n, Earlier) else None)
 
-def _earlier(node: Node) -> list[int]:
-    return [below.step for below in nodes(node) if isinstance(below, Earlier)]
-
-
-def _renumbered(node: Any, new: dict[int, int]) -> Any:
-    if isinstance(node, tuple):
-        return tuple(_renumbered(part, new) for part in node)
-    if isinstance(node, Earlier):
-        return Earlier(new[node.step])
-    if not isinstance(node, Node) or not _earlier(node):
-        return node
-    parts = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}  # type: ignore[arg-type]
-    return type(node)(**{name: _renumbered(value, new) for name, value in parts.items()})
+    return Steps(tuple(renumbered(steps[old]) for old in new), renumbered(result))
 
 
 _PREFIX = {"negative": "-", "positive": "+", "logical_not": "not "}
@@ -271,37 +235,34 @@ _INFIX = {
     "logical_and": "and",
     "logical_or": "or",
 }
-# What needs no parentheses wherever it stands.
-_CLOSED = (Field, Earlier, Where, Interpolation, NumberWithUnit)
-
-# A number in the name of a unit, as in 1e-20 erg, which the language has no place for.
+_NOT_FUNCTIONS = {*_PREFIX, *_INFIX, "compare", "integer_power"}
+# A number in the name of a unit, as in 1e-20 erg: the language cannot write it.
 _SCALED = re.compile(r"(?:^|\s\(?|dex\()(?!1 /)\d")
 
 
 def text(node: Node) -> str:
-    """Return a text that is parsed into this very tree; steps, which no text has, one by one."""
+    """Return a text that is parsed into this tree; `Steps`, which have none, are listed."""
     match node:
         case NumberWithUnit(value, unit) | InUnit(value, unit) if unit is not None:
             return _quantity(value, unit)
         case Constant(value):
             return repr(value).removesuffix(".0")
-        case Field(name):  # a derivative too
+        case Field(name) | Earlier(name=name):
             return name
-        case Earlier():
-            return node.name
         case Steps(steps, result):
             named = [f"{Earlier(k).name} = {text(step)}" for k, step in enumerate(steps)]
             return "; ".join([*named, text(result)])
-        case IntegerPower(base, exponent):
+        case Call("integer_power", (base,), (exponent,)):
             return f"{_operand(base)} ** {exponent}"
-        case Comparison(operations, operands):
-            return _chained([_INFIX[operation] for operation in operations], operands)
-        case Interpolation(argument, places, entries):
-            return f"interp({text(argument)}, {_numbers(places)}, {_numbers(entries)})"
-        case Where(condition, chosen, otherwise):
-            return f"where({_listed((condition, chosen, otherwise))})"
-        case Call(operation, arguments) | Logic(operation, arguments):
-            return _operation(operation, arguments)
+        case Call("compare", operands, (operations,)):
+            return _chained(operations, operands)
+        case Call(operation, (operand,)) if operation in _PREFIX:
+            return _PREFIX[operation] + _operand(operand)
+        case Call(operation, arguments) if operation in _INFIX:
+            return _chained([operation] * (len(arguments) - 1), arguments)
+        case Call(operation, arguments, tables):
+            lists = (f"[{', '.join(text(Constant(v)) for v in table)}]" for table in tables)
+            return f"{operation}({', '.join([*map(text, arguments), *lists])})"
     raise TypeError(f"not a number in an expression: {node!r}")
 
 
@@ -316,33 +277,17 @@ def _quantity(value: float, unit: Unit) -> str:
     return f"({text(Constant(value))} {shown.replace('%', 'percent')}".rstrip() + ")"
 
 
-def _operation(operation: str, arguments: tuple[Node, ...]) -> str:
-    if operation in _PREFIX:
-        return _PREFIX[operation] + _operand(arguments[0])
-    if operation in _INFIX:
-        return _chained([_INFIX[operation]] * (len(arguments) - 1), arguments)
-    return f"{operation}({_listed(arguments)})"
-
-
-def _chained(symbols: list[str], operands: tuple[Node, ...]) -> str:
-    first, *others = (_operand(operand) for operand in operands)
+def _chained(operations: Sequence[str], operands: Sequence[Node]) -> str:
+    symbols = [_INFIX[operation] for operation in operations]
+    first, *others = map(_operand, operands)
     return " ".join((first, *chain.from_iterable(zip(symbols, others, strict=True))))
 
 
 def _operand(node: Node) -> str:
-    """Return the text of an operand, in parentheses unless it can do without."""
+    """Return the text of an operand, in parentheses if it needs them."""
     shown = text(node)
-    simple = isinstance(node, Constant) and not shown.startswith("-")
-    function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
-    return shown if simple or function or isinstance(node, _CLOSED) else f"({shown})"
-
-
-def _numbers(values: tuple[float, ...]) -> str:
-    return f"[{', '.join(text(Constant(value)) for value in values)}]"
-
-
-def _listed(nodes: tuple[Node, ...]) -> str:
-    return ", ".join(text(node) for node in nodes)
+    operator = isinstance(node, Call) and node.operation in _NOT_FUNCTIONS
+    return f"({shown})" if operator or shown.startswith("-") else shown
 
 
 def is_dex(unit: Unit) -> bool:

@@ -1,14 +1,14 @@
-"""The unit of an expression, and its plain numbers: each operation is checked, and converted for.
+"""The unit of an expression: each operation is checked, and numbers are converted.
 
-Kernels compute with the plain numbers of the fields in their own units. `resolve` walks through a
-tree once the units of its fields are known, puts a factor wherever numbers in different units meet
-(``km/s`` and ``cm/s``), and refuses what has no unit (``density + temperature``).
+Kernels compute with plain numbers in the units of the fields. `resolve` walks through a tree once
+the units of its fields are known, inserts a factor wherever numbers in different units meet
+(``km/s`` and ``cm/s``), and refuses an expression without a unit (``density + temperature``).
 
 A plain number, written as such, is in the unit of what it is compared with (comparisons, ``min``,
 ``max``, ``clip``, ``%``, the places of ``interp``), and nowhere else. A ratio of velocities is a
 plain number, in km/s and cm/s too; only fields in percent are compared in percent. ``log10`` of a
-unit is in dex of it, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain factor, is
-a power of the field.
+quantity is in dex of its unit, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain
+factor, is a power of the field.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ import contextlib
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -28,18 +27,13 @@ from .expression import Expression
 from .ops import NumpyOps
 from .tree import (
     Call,
-    Comparison,
     Constant,
     Earlier,
     Field,
-    IntegerPower,
-    Interpolation,
     InUnit,
-    Logic,
     Node,
     NumberWithUnit,
     Steps,
-    Where,
     is_dex,
     nodes,
     text,
@@ -51,7 +45,7 @@ _ADVICE = (
 )
 
 
-def resolve(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression, Any]:
+def resolve(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression, Unit]:
     """Return an expression in plain numbers of its fields' units, and its own unit.
 
     Parameters
@@ -70,7 +64,7 @@ def resolve(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression
     if not any(_counts(unit) for unit in units) and not has_units(expression):
         return expression, None
     changed, unit = _resolved(expression, units)
-    return (expression if changed is None else changed), unit
+    return changed or expression, unit
 
 
 def times(expression: Expression, number: float, unit: Unit) -> Expression:
@@ -79,14 +73,14 @@ def times(expression: Expression, number: float, unit: Unit) -> Expression:
 
 
 def without_unit(expression: Expression, unit: Unit, shown: str) -> Expression:
-    """Return an expression that is in a unit as a plain number, divided by the unit, by a name."""
+    """Return an expression divided by its unit: a plain number; `shown` is its text."""
     if unit is None:
         return expression
     if is_dex(unit):
-        found = _combined("add", expression, InUnit(0.0, _dex(unit.physical_unit**-1)))
+        plain = _combined("add", expression, InUnit(0.0, _dex(unit.physical_unit**-1)))
     else:
-        found = times(expression, 1.0, unit**-1)
-    return Expression.of_tree(found.tree, found.names, shown)
+        plain = times(expression, 1.0, unit**-1)
+    return Expression.of_tree(plain.tree, plain.names, shown)
 
 
 def shifted(expression: Expression, number: float) -> Expression:
@@ -95,7 +89,7 @@ def shifted(expression: Expression, number: float) -> Expression:
 
 
 def product(*expressions: Expression) -> Expression:
-    """Return the product of expressions that are no functions of several steps."""
+    """Return the product of expressions, none of which has several steps."""
     tree = functools.reduce(
         lambda left, right: Call("multiply", (left, right)), [e.tree for e in expressions]
     )
@@ -119,12 +113,31 @@ def _counts(unit: Unit) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def has_units(expression: Expression) -> bool:
-    """Return whether there are numbers with units in an expression."""
+    """Return whether an expression contains numbers with units."""
     return any(isinstance(node, (NumberWithUnit, InUnit)) for node in nodes(expression.tree))
 
 
+class _Part(NamedTuple):
+    """A node in plain numbers, with its unit (None: a plain number).
+
+    `number` is its value if it consists of numbers without units alone, else None.
+    """
+
+    node: Node
+    unit: Unit = None
+    number: float | None = None
+
+    def is_bare(self, plain: bool) -> bool:
+        """Return whether it has no unit and cannot take that of others; with `plain` numbers can.
+
+        Zeros and infinities always can.
+        """
+        free = self.number is not None and (self.number == 0 or not math.isfinite(self.number))
+        return self.unit is None and not free and not (plain and self.number is not None)
+
+
 @functools.lru_cache(maxsize=512)
-def _resolved(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression | None, Any]:
+def _resolved(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression | None, Unit]:
     """Return what `resolve` does, None for an expression that stays as it is."""
     walk = _Walk(dict(zip(expression.names, units, strict=True)), expression)
     tree, unit = walk.whole(expression.tree)
@@ -133,41 +146,21 @@ def _resolved(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expressi
     return Expression.of_tree(tree, expression.names, text(tree)), unit
 
 
-@dataclass
-class _Part:
-    """A node in plain numbers, with its unit (None: a plain number).
-
-    `number` is its value if it is made of numbers without units alone, else None.
-    """
-
-    node: Node
-    unit: Unit = None
-    number: float | None = None
-
-    @property
-    def free(self) -> bool:
-        return self.number is not None and (self.number == 0 or not math.isfinite(self.number))
-
-    def bare(self, plain: bool) -> bool:
-        """Return whether it has no unit, nor takes that of others: with `plain` numbers do."""
-        return self.unit is None and not self.free and not (plain and self.number is not None)
-
-
 class _Walk:
-    """One walk through the tree of an expression."""
+    """Derives units through the tree of an expression; `_RULES` has a method per operation."""
 
     def __init__(self, units: dict[str, Unit], expression: Expression) -> None:
         self._units, self._expression = units, expression
         self._steps: list[_Part] = []
 
-    def whole(self, tree: Node) -> tuple[Node, Any]:
-        if isinstance(tree, Steps):
-            for step in tree.steps:
-                self._steps.append(self.part(step))
-            result = self._plain_if_pure(self.part(tree.result))
-            return Steps(tuple(step.node for step in self._steps), result.node), result.unit
-        result = self._plain_if_pure(self.part(tree))
-        return result.node, result.unit
+    def whole(self, tree: Node) -> tuple[Node, Unit]:
+        if not isinstance(tree, Steps):
+            result = self._plain_if_pure(self.part(tree))
+            return result.node, result.unit
+        for step in tree.steps:
+            self._steps.append(self.part(step))
+        result = self._plain_if_pure(self.part(tree.result))
+        return Steps(tuple(step.node for step in self._steps), result.node), result.unit
 
     def part(self, node: Node) -> _Part:
         match node:
@@ -176,38 +169,34 @@ class _Walk:
             case Constant(value):
                 return _Part(node, None, value)
             case Earlier(step):
-                known = self._steps[step]
-                return _Part(node, known.unit, known.number)
+                return self._steps[step]._replace(node=node)
             case Field(name):
                 return _Part(node, self._units[name])
-            case IntegerPower(base, exponent):
-                return self._power(node, self.part(base), exponent)
-            case Comparison(operations, operands):
-                parts = self._alike(node, [self.part(p) for p in operands], plain=True)
-                return _Part(Comparison(operations, tuple(p.node for p in parts)))
-            case Logic(operation, arguments):
-                return _Part(Logic(operation, tuple(self.part(a).node for a in arguments)))
-            case Interpolation(argument, places, entries):
+            case Call("where", (condition, *choices)):
+                parts = self._alike(node, [self.part(choice) for choice in choices])
+                nodes = (self.part(condition).node, *(p.node for p in parts))
+                return _Part(Call("where", nodes), _unit_of(parts))
+            case Call("interp", (argument,), tables):
                 x = self._plain_if_pure(self.part(argument))
-                return _Part(Interpolation(x.node, places, entries))
-            case Where(condition, chosen, otherwise):
-                mask = self.part(condition).node
-                parts = self._alike(node, [self.part(chosen), self.part(otherwise)])
-                return _Part(Where(mask, *(p.node for p in parts)), _unit_of(parts))
+                return _Part(Call("interp", (x.node,), tables))
+            case Call("integer_power", (base,), (exponent,)):
+                return self._power(node, self.part(base), exponent)
+            case Call("compare", operands):
+                return self._same(node, [self.part(p) for p in operands])._replace(unit=None)
             case Call(operation, arguments):
                 parts = [self.part(a) for a in arguments]
-                if all(p.number is not None for p in parts):
-                    return self._constant(Call(operation, tuple(p.node for p in parts)), parts)
+                values = [np.float64(p.number) for p in parts if p.number is not None]
+                if operation.startswith("logical"):
+                    return self._call(node, parts)
+                if len(values) == len(parts):
+                    with np.errstate(all="ignore"):
+                        value = float(getattr(NumpyOps(), operation)(*values))
+                    return self._call(node, parts)._replace(number=value)
                 return _RULES[operation](self, node, parts)
         raise TypeError(f"not a number in an expression: {node!r}")
 
-    def _constant(self, node: Call, parts: list[_Part]) -> _Part:
-        ops = NumpyOps()
-        with np.errstate(all="ignore"):
-            values = [np.float64(p.number) for p in parts]
-            return _Part(node, None, float(getattr(ops, node.operation)(*values)))
-
-    # What several operations share.
+    def _call(self, node: Call, parts: list[_Part], unit: Unit = None) -> _Part:
+        return _Part(node.with_children(tuple(part.node for part in parts)), unit)
 
     def _alike(self, node: Node, parts: list[_Part], *, plain: bool = False) -> list[_Part]:
         """Return numbers that are added, chosen from or compared, all in the unit of the first.
@@ -219,62 +208,40 @@ class _Walk:
         varying = [p for p in parts if p.number is None and not isinstance(p.node, InUnit)]
         unit = _unit_of(varying) if varying else _unit_of(parts)
         plain = plain or is_dex(unit) or _is_radian(unit)
-        if unit is not None and _is_pure(unit) and any(p.bare(plain) for p in parts):
+        if unit is not None and _is_pure(unit) and any(p.is_bare(plain) for p in parts):
             unit = None  # 1 - a, of percent
-        fits = [p.unit is None and not p.bare(plain) for p in parts]
+        fits = [p.unit is None and not p.is_bare(plain) for p in parts]
         return [p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)]
 
     def _in(self, part: _Part, unit: Unit, node: Node) -> _Part:
+        """Return a part converted to a unit."""
         if part.unit == unit or not (_counts(part.unit) or _counts(unit)):
             return part
         dex = is_dex(part.unit)
         if dex != is_dex(unit):
             self._refuse_kind(node, part, unit)
-        if dex:
-            own, wanted = part.unit.physical_unit, unit.physical_unit
-            factor = math.log10(self._factor(own, wanted) or self._refuse_kind(node, part, unit))
-            operation, change = "add", _dex(wanted / own)
-        else:
-            factor = self._factor(part.unit, unit) or self._refuse_kind(node, part, unit)
-            operation, change = "multiply", _quotient(unit, part.unit)
+        own, wanted = (part.unit.physical_unit, unit.physical_unit) if dex else (part.unit, unit)
+        factor = _factor(own, wanted) or self._refuse_kind(node, part, unit)
+        factor = math.log10(factor) if dex else factor
         if isinstance(part.node, InUnit):
             value = part.node.value
             return _Part(InUnit(value + factor if dex else value * factor, unit), unit)
+        change = _dex(wanted / own) if dex else _quotient(unit, part.unit)
         if change == _quotient(None, None):  # the same unit by another name
             return _Part(part.node, unit)
+        operation = "add" if dex else "multiply"
         return _Part(Call(operation, (part.node, InUnit(factor, change))), unit)
 
-    def _factor(self, own: Any, unit: Unit) -> float | None:
-        """Return what turns numbers in one unit into those in another; None if nothing does."""
-        from astropy import units as u
-
-        pair = [unit or u.dimensionless_unscaled for unit in (own, unit)]
-        for first, second in (pair, map(_of_gauss, pair)):
-            with contextlib.suppress(u.UnitsError, TypeError):
-                return float(first.to(second))
-        return None
-
-    def _refuse_kind(self, node: Node, part: _Part, unit: Unit) -> NoReturn:
-        wanted = "a plain number is needed" if unit is None else f"expected {_named(unit)}"
-        own = "a plain number" if part.unit is None else f"in {_named(part.unit)}"
-        shown = text(part.node)
-        if isinstance(part.node, InUnit):
-            shown = shown[1:-1]
-        advice = f"write '{shown} {_named(unit)}'" if part.number is not None else _ADVICE
-        self._refuse(node, f"{shown!r} is {own}, {wanted}", advice)
-
-    def _pure(self, node: Node, part: _Part) -> Node:
+    def _pure(self, node: Node, part: _Part) -> _Part:
         """Return a plain number, as functions such as exp need it; of an angle its radians."""
         if part.unit is not None and _is_angle(part.unit):
             part = self._in(part, _radian(), node)
-        return part.node if _is_radian(part.unit) else self._in(part, None, node).node
+        return part if _is_radian(part.unit) else self._in(part, None, node)
 
     def _plain_if_pure(self, part: _Part) -> _Part:
         """Return a plain number in place of one in km/cm; a field in percent stays as it is."""
         bare = part.unit is None or isinstance(part.node, (Field, InUnit)) or is_dex(part.unit)
-        if bare or not _is_pure(part.unit):
-            return part
-        return self._in(part, None, part.node)
+        return part if bare or not _is_pure(part.unit) else self._in(part, None, part.node)
 
     def _refuse(self, node: Node, problem: str, advice: str = _ADVICE) -> NoReturn:
         shown = text(node)
@@ -285,73 +252,77 @@ class _Walk:
             f"({units}); {advice}"
         )
 
-    # One rule for each kind of operation: from the parts to what they make.
+    def _refuse_kind(self, node: Node, part: _Part, unit: Unit) -> NoReturn:
+        wanted = "a plain number is needed" if unit is None else f"expected {_named(unit)}"
+        own = "a plain number" if part.unit is None else f"in {_named(part.unit)}"
+        shown = text(part.node)
+        if isinstance(part.node, InUnit):
+            shown = shown[1:-1]
+        advice = f"write '{shown} {_named(unit)}'" if part.number is not None else _ADVICE
+        self._refuse(node, f"{shown!r} is {own}, {wanted}", advice)
+
+    def _refuse_dex(self, node: Node, part: _Part) -> None:
+        """Refuse the logarithm of a quantity."""
+        if is_dex(part.unit):
+            self._refuse(
+                node,
+                f"{text(part.node)!r} is in {_named(part.unit)}, and only plain numbers may be "
+                "added to it or be its factors",
+            )
 
     def _sum(self, node: Call, parts: list[_Part]) -> _Part:
-        first, second = parts
+        if not any(is_dex(p.unit) for p in parts):
+            return self._same(node, parts, plain=False)
+        # The logarithm of a product or quotient; plain numbers are logarithms of factors.
         sign = 1 if node.operation == "add" else -1
-        if is_dex(first.unit) or is_dex(second.unit):
-            return self._sum_of_dex(node, parts, sign)
-        same = self._alike(node, parts)
-        return _Part(Call(node.operation, tuple(p.node for p in same)), _unit_of(same))
-
-    def _sum_of_dex(self, node: Call, parts: list[_Part], sign: int) -> _Part:
-        """Return the logarithm of a product or quotient; plain numbers are logarithms of them."""
-        own: list[Any] = [p.unit.physical_unit if is_dex(p.unit) else None for p in parts]
+        own: list[Unit] = [p.unit.physical_unit if is_dex(p.unit) else None for p in parts]
         unit = _product(own[0], own[1], sign)
         if unit is not None and _is_pure(unit):  # of two densities, in g/cm3 and in kg/m3
             parts = [parts[0], self._in(parts[1], _dex(own[0] ** -sign), node)]
             unit = None
-        plain = [p.node if is_dex(p.unit) else self._pure(node, p) for p in parts]
-        return _Part(Call(node.operation, tuple(plain)), None if unit is None else _dex(unit))
+        parts = [p if is_dex(p.unit) else self._pure(node, p) for p in parts]
+        return self._call(node, parts, None if unit is None else _dex(unit))
 
-    def _product(self, node: Call, parts: list[_Part]) -> _Part:
+    def _times(self, node: Call, parts: list[_Part]) -> _Part:
         first, second = parts
         sign = 1 if node.operation == "multiply" else -1
-        plain = Call(node.operation, (first.node, second.node))
+        plain = self._call(node, parts)
         if sign > 0 and 0 in (first.number, second.number):
-            return _Part(plain, None, 0.0)  # fits any unit
+            return plain._replace(number=0.0)  # fits any unit
         if is_dex(first.unit) or is_dex(second.unit):
             log, other = parts if is_dex(first.unit) else parts[::-1]
             if other.number is None or (sign < 0 and log is second) or other.number == 0:
                 self._refuse_dex(node, log)
-            return _Part(plain, _dex(log.unit.physical_unit ** (other.number**sign)))
-        return _Part(plain, _product(first.unit, second.unit, sign))
+            assert other.number is not None
+            return plain._replace(unit=_dex(log.unit.physical_unit ** (other.number**sign)))
+        return plain._replace(unit=_product(first.unit, second.unit, sign))
 
-    def _power(self, node: Node, base: _Part, exponent: float) -> _Part:
-        made = IntegerPower(base.node, int(exponent))
+    def _power(self, node: Call, base: _Part, exponent: float) -> _Part:
+        """Return a power with a number as exponent."""
+        made = self._call(node, [base])
         if base.number is not None:
-            return _Part(made, None, float(np.float64(base.number) ** exponent))
-        if is_dex(base.unit):
-            self._refuse_dex(node, base)
-        plain = base.unit is None or _is_radian(base.unit)
-        return _Part(made, None if plain else parse_unit(base.unit**exponent))
+            return made._replace(number=float(np.float64(base.number) ** exponent))
+        self._refuse_dex(node, base)
+        plain = base.unit is None or (_is_radian(base.unit) and node.operation != "sqrt")
+        return made if plain else made._replace(unit=parse_unit(base.unit**exponent))
 
     def _general_power(self, node: Call, parts: list[_Part]) -> _Part:
         base, exponent = parts
         if is_dex(exponent.unit):
             if base.number != 10:
                 self._refuse_dex(node, exponent)
-            return _Part(Call("power", (base.node, exponent.node)), exponent.unit.physical_unit)
+            return self._call(node, parts, exponent.unit.physical_unit)
         plain = self._pure(node, exponent)
         if exponent.number is None or base.unit is None:
-            return _Part(Call("power", (self._pure(node, base), plain)))
-        if is_dex(base.unit):
-            self._refuse_dex(node, base)
-        return _Part(Call("power", (base.node, plain)), parse_unit(base.unit**exponent.number))
-
-    def _root(self, node: Call, parts: list[_Part]) -> _Part:
-        (x,) = parts
-        if is_dex(x.unit):
-            self._refuse_dex(node, x)
-        return _Part(Call("sqrt", (x.node,)), None if x.unit is None else parse_unit(x.unit**0.5))
+            return self._call(node, [self._pure(node, base), plain])
+        self._refuse_dex(node, base)
+        return self._call(node, [base, plain], parse_unit(base.unit**exponent.number))
 
     def _logarithm(self, node: Call, parts: list[_Part]) -> _Part:
         (x,) = parts
         if x.unit is None or _is_pure(x.unit):
-            return _Part(Call(node.operation, (self._pure(node, x),)))
-        if is_dex(x.unit):
-            self._refuse_dex(node, x)
+            return self._function(node, parts)
+        self._refuse_dex(node, x)
         if node.operation == "log":
             shown = text(x.node)
             self._refuse(
@@ -359,41 +330,32 @@ class _Walk:
                 f"{shown!r} is in {_named(x.unit)}, and its natural logarithm has no unit; "
                 f"log10({shown}) is in dex",
             )
-        return _Part(Call("log10", (x.node,)), _dex(x.unit))
+        return self._call(node, parts, _dex(x.unit))
 
-    def _same(self, node: Call, parts: list[_Part]) -> _Part:
-        same = self._alike(node, parts, plain=True)
-        return _Part(Call(node.operation, tuple(p.node for p in same)), _unit_of(same))
+    def _same(self, node: Call, parts: list[_Part], plain: bool = True) -> _Part:
+        same = self._alike(node, parts, plain=plain)
+        return self._call(node, same, _unit_of(same))
 
     def _negative(self, node: Call, parts: list[_Part]) -> _Part:
-        (x,) = parts
-        unit = _dex(x.unit.physical_unit**-1) if is_dex(x.unit) else x.unit
-        return _Part(Call("negative", (x.node,)), unit)
+        unit = parts[0].unit
+        return self._call(node, parts, _dex(unit.physical_unit**-1) if is_dex(unit) else unit)
 
     def _ratio(self, node: Call, parts: list[_Part]) -> _Part:
-        same = self._alike(node, parts)
         unit = _radian() if node.operation == "atan2" else None
-        return _Part(Call(node.operation, tuple(p.node for p in same)), unit)
+        return self._call(node, self._alike(node, parts), unit)
 
     def _function(self, node: Call, parts: list[_Part]) -> _Part:
-        return _Part(Call(node.operation, tuple(self._pure(node, p) for p in parts)))
-
-    def _refuse_dex(self, node: Node, part: _Part) -> NoReturn:
-        self._refuse(
-            node,
-            f"{text(part.node)!r} is in {_named(part.unit)}, and only plain numbers may be added "
-            "to it or be its factors",
-        )
+        return self._call(node, [self._pure(node, p) for p in parts])
 
 
-_Rule = Callable[[_Walk, Call, list[_Part]], _Part]
+_Rule: TypeAlias = Callable[[_Walk, Call, list[_Part]], _Part]
 _RULES: dict[str, _Rule] = {
     "add": _Walk._sum,
     "subtract": _Walk._sum,
-    "multiply": _Walk._product,
-    "divide": _Walk._product,
+    "multiply": _Walk._times,
+    "divide": _Walk._times,
     "power": _Walk._general_power,
-    "sqrt": _Walk._root,
+    "sqrt": lambda walk, node, parts: walk._power(node, parts[0], 0.5),
     "log10": _Walk._logarithm,
     "log": _Walk._logarithm,
     "negative": _Walk._negative,
@@ -413,7 +375,18 @@ def _unit_of(parts: list[_Part]) -> Unit:
     return next((p.unit for p in parts if p.unit is not None), None)
 
 
-def _product(first: Any, second: Any, sign: int) -> Unit:
+def _factor(own: Unit, unit: Unit) -> float | None:
+    """Return what converts numbers from one unit to another; None if they are of other kinds."""
+    from astropy import units as u
+
+    pair = [unit or u.dimensionless_unscaled for unit in (own, unit)]
+    for first, second in (pair, map(_of_gauss, pair)):
+        with contextlib.suppress(u.UnitsError, TypeError):
+            return float(first.to(second))
+    return None
+
+
+def _product(first: Unit, second: Unit, sign: int) -> Unit:
     from astropy import units as u
 
     if _is_radian(first) and _is_radian(second):
@@ -426,11 +399,10 @@ def _product(first: Any, second: Any, sign: int) -> Unit:
     return parse_unit((first or plain) * (second or plain) ** sign)
 
 
-def _quotient(first: Any, second: Any) -> Unit:
+def _quotient(first: Unit, second: Unit) -> Unit:
     from astropy import units as u
 
-    found = _product(first, second, -1)
-    return u.dimensionless_unscaled if found is None else found
+    return _product(first, second, -1) or u.dimensionless_unscaled
 
 
 def _is_pure(unit: Unit) -> bool:
@@ -441,19 +413,19 @@ def _is_pure(unit: Unit) -> bool:
 
 @functools.lru_cache(maxsize=64)
 def _of_gauss(unit: Unit) -> Unit:
-    """Return a unit with what gauss are in Gaussian units, where ``B**2 / (8*pi)`` is a pressure.
+    """Return a unit with gauss as in Gaussian units, where ``B**2 / (8*pi)`` is a pressure.
 
-    astropy has them as 1e-4 tesla only, of SI.
+    astropy's gauss is 1e-4 tesla, of SI.
     """
     from astropy import units as u
 
     if is_dex(unit):
         return unit
-    gauss, found = u.Unit("g(1/2) / (cm(1/2) s)"), u.Unit(unit.scale)
+    gauss, result = u.Unit("g(1/2) / (cm(1/2) s)"), u.Unit(unit.scale)
     for base, power in zip(unit.bases, unit.powers, strict=True):
         is_gauss = base.name.endswith(("G", "Gauss", "gauss")) and base.is_equivalent(u.T)
-        found = found * (base.to(u.G) * gauss if is_gauss else base) ** power
-    return u.Unit(found)
+        result = result * (base.to(u.G) * gauss if is_gauss else base) ** power
+    return u.Unit(result)
 
 
 def _is_angle(unit: Unit) -> bool:

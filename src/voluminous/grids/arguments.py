@@ -28,13 +28,7 @@ _SHORTEST, _LONGEST = 1e-100, 1e100
 
 
 def check_extent(**axes: np.ndarray) -> None:
-    """Refuse domains that are too small or too large for double precision.
-
-    Parameters
-    ----------
-    **axes : array
-        The walls along each axis that is a length.
-    """
+    """Refuse domains that are too small or too large for double precision."""
     for name, edges in axes.items():
         if np.abs(edges).max() > _LONGEST or edges[-1] - edges[0] < _SHORTEST:
             raise InputError(

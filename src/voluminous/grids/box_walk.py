@@ -214,7 +214,6 @@ class BoxWalk(Walk):
     to_scale: Float
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
-        """Return the track and the cursor at the point where each ray enters the domain."""
         Wide = self.backend.Wide
         sides = [
             axis.side(o, d) for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)

@@ -17,13 +17,15 @@ import numpy as np
 
 from ..backend.types import Float, Int, Mask
 from ..errors import InputError
-from ..geometry import CARTESIAN
+from ..geometry import CARTESIAN, span
 from ..units import unit_name
 
 if TYPE_CHECKING:
     from ..backend import Backend
 
 Made = TypeVar("Made")
+# Single precision must tell this many points apart across the thinnest cell.
+_POINTS_PER_CELL = 256
 
 
 @dataclass
@@ -228,6 +230,9 @@ class Grid:
         Corners of the Cartesian box around the domain.
     cell_volumes : array
         Volumes of the cells, exact, of the grid's shape; a mirrored cell counts twice.
+    resolution : float
+        Width of the thinnest cell as a part of the domain's, or of its distance from where
+        distances are counted: where it is below 3e-5, kernels need double precision.
     levels : array of uint8
         How often each cell's base cell was refined, of the grid's shape.
     kind : str
@@ -302,8 +307,11 @@ class Grid:
         def is_periodic(self) -> bool: ...
         @property
         def vertex_count(self) -> int: ...
+        @property
+        def resolution(self) -> float: ...
     else:
         is_uniform = is_periodic = False
+        resolution = 1.0
 
     @property
     def is_structured(self) -> bool:
@@ -460,7 +468,7 @@ class Grid:
 
     def needs_double(self) -> bool:
         """Return True where single precision cannot tell cells apart."""
-        return False
+        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
 
     def describe(self) -> dict[str, Any]:
         """Return what ``voluminous info`` and an image's provenance tell of the grid.
@@ -474,8 +482,15 @@ class Grid:
             "unit": unit_name(self.unit),
         }
 
+    def _counts(self) -> str:
+        return f"{'x'.join(map(str, self.shape))} cells"
+
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.size} cells {unit_name(self.unit)}".rstrip() + ">"
+        walls = zip(self.coordinates, self.base_edges or self.edges, strict=False)
+        limits = [f"{name}: {span(e[0], e[-1])}" for name, e in walls]
+        mirrored = ["mirrored"] if self.mirror else []
+        told = ", ".join([self._counts(), *limits, *mirrored])
+        return f"<{type(self).__name__} {told} {unit_name(self.unit)}".rstrip() + ">"
 
     def on_device(self, backend: Backend, what: str, make: Callable[[], Made]) -> Made:
         """Return what `make` returned the first time for a backend: once made, it is kept."""

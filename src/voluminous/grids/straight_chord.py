@@ -24,15 +24,7 @@ def trilinear(values: Values, place: list[Any]) -> Any:
 
 
 def trilinear_cubic(values: Values, start: list[Any], way: list[Any]) -> list[Any]:
-    """Return a trilinear function along a straight line, as a cubic (power basis).
-
-    Parameters
-    ----------
-    values : nested lists [x][y][z]
-        Values at the corners of the unit cube.
-    start, way : three arrays each
-        The line is ``start + s way``.
-    """
+    """Return a trilinear function along a straight line, as a cubic (power basis)."""
     edges = [
         [_line(values[0][b][c], values[1][b][c], start[0], way[0]) for c in (0, 1)] for b in (0, 1)
     ]

@@ -69,7 +69,6 @@ class TwoWalks(Walk):
         self.has_gaps = first.has_gaps
 
     def cross(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
-        """Return rays where they are in cells of both walks, beyond the gap they were in."""
         first = self.first.cross(track.first, cursor.first)
         second = self.second.cross(track.second, cursor.second)
         here = first.cursor.t - _arrive(track.first)
@@ -81,7 +80,6 @@ class TwoWalks(Walk):
         return TwoLandings(moved, first.moved | second.moved, first, second)
 
     def enter(self, ray: Ray) -> tuple[TwoTracks, TwoCursors]:
-        """Return the track and the cursor at the point where each ray enters the domain."""
         (track, here), (other, there) = self.first.enter(ray), self.second.enter(ray)
         # Distances count from where a walk's own domain begins: the dual one begins earlier.
         later = here.t - there.t - (_arrive(track) - _arrive(other))
@@ -90,7 +88,6 @@ class TwoWalks(Walk):
         return tracks, TwoCursors(here, there, t, here.inside & there.inside)
 
     def next(self, track: TwoTracks, cursor: TwoCursors) -> tuple[WalkPiece, TwoCursors]:
-        """Return the piece of a segment up to the next wall of either walk."""
         whole, onward = self.first.next(track.first, cursor.first)
         cell, beyond = self.second.next(track.second, cursor.second)
         wall = cell.end + track.later
@@ -109,7 +106,6 @@ class TwoWalks(Walk):
         return replace(piece, active=whole.active & cell.active), moved
 
     def chord(self, track: TwoTracks, segment: Segment) -> Any:
-        """Return a piece as a line through its cell of the first walk."""
         return self.first.chord(track.first, segment)
 
 

@@ -14,17 +14,7 @@ def pick(through: list[Any], values: list[Any]) -> Any:
 
 
 def bilinear(base: Any, through: list[Any], fractions: list[Any], strides: list[Any]) -> Corners:
-    """Return the vertices of a wall from its lower one, with bilinear weights.
-
-    Parameters
-    ----------
-    base : array
-        The vertex at the wall's lower corner.
-    through : list of three arrays of Bool
-        The axis the wall is across.
-    fractions, strides : lists of three arrays
-        Where in the cell the ray is along each axis, and the step from vertex to vertex.
-    """
+    """Return the vertices of a wall from its lower one, with bilinear weights."""
     f, s = fractions, strides
     u, v = pick(through, [f[1], f[2], f[0]]), pick(through, [f[2], f[0], f[1]])
     du, dv = pick(through, [s[1], s[2], s[0]]), pick(through, [s[2], s[0], s[1]])

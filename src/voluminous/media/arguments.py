@@ -1,7 +1,8 @@
-"""What users give for surfaces, brought into one form: levels, colours, opacities."""
+"""Arguments of media: checked and brought into one form, and described in scene files."""
 
 from __future__ import annotations
 
+import inspect
 import math
 from numbers import Real
 from typing import Any
@@ -17,7 +18,40 @@ from ..colormaps import (
     without_alpha,
 )
 from ..errors import InputError, UnknownNameError
+from ..expressions import Expression
 from ..units import as_given, is_quantity, parse_unit, plain, split_text, unit_name, unit_of
+from ..value import Value
+
+
+def described(thing: Value) -> dict[str, Any]:
+    """Return the arguments of a medium as plain values, without None and options at their defaults.
+
+    Of an argument that is also an attribute, it is the attribute.
+    """
+    parameters = inspect.signature(type(thing)).parameters
+    result = {}
+    for name, given in thing.arguments().items():
+        parameter = parameters.get(name)
+        option = parameter is not None and parameter.kind is parameter.KEYWORD_ONLY
+        default = parameter.default if parameter is not None and option else None
+        if given is default or (isinstance(given, (str, float, int)) and given == default):
+            continue
+        value: Any = given if isinstance(given, Value) else getattr(thing, name, given)
+        value = value[0] if isinstance(value, tuple) and len(value) == 1 else value
+        result[name] = _described(float(value) if isinstance(default, float) else value)
+    return result
+
+
+def _described(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return [_described(one) for one in value]
+    if isinstance(value, Value):
+        return value.describe()
+    if isinstance(value, Expression):
+        return value.text
+    if isinstance(value, (np.ndarray, np.generic)) and not is_quantity(value):
+        return value.tolist()
+    return named(value)
 
 
 def scalar(value: Any, what: str) -> Any:
@@ -58,7 +92,7 @@ def named(value: Any) -> Any:
 
 def plain_number(value: Any) -> float:
     """Return a quantity's value, or a number itself."""
-    return float(getattr(value, "value", value))
+    return float(value.value if is_quantity(value) else value)
 
 
 def channel_values(value: Any, what: str) -> tuple[float, ...]:
@@ -146,7 +180,9 @@ _OPAQUE = 40.0
 
 def given_levels(level: Any) -> tuple[Any, ...]:
     """Return the levels of surfaces, from one value or several."""
-    several = isinstance(level, (list, tuple)) or np.ndim(getattr(level, "value", level))
+    several = isinstance(level, (list, tuple)) or np.ndim(
+        level.value if is_quantity(level) else level
+    )
     listed = list(level) if several else [level]
     if level is None or not listed:
         raise InputError("level must be a value, or a list of at least one")

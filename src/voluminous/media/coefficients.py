@@ -16,8 +16,8 @@ from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import larger
 from ..units import parse_unit, unit_name
-from .context import Context
-from .contract import Feature, Medium, MediumSample, Sampling
+from .context import Context, Feature, MediumSample
+from .contract import Medium, Sampling
 from .edges import SENSITIVITY, Level
 from .sampled import FIVE, Sampled, compared
 from .stretch import extremes, kept, may_turn, undecided, within
@@ -167,6 +167,9 @@ class Coefficients(Medium):
             ],
         )
 
+    def emission_range(self) -> tuple[float, float] | None:
+        return (0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None
+
     def features(self) -> tuple[Feature, ...]:
         return tuple(map(Feature, (*self.emissivity, *self.extinction)))
 
@@ -262,14 +265,6 @@ class Coefficients(Medium):
             "|",
             *(e.text for e in self.extinction),
         )
-
-    def describe(self) -> dict[str, Any]:
-        extinction = [e.text for e in self.extinction]
-        return {
-            "type": "coefficients",
-            "emissivity": [e.text for e in self.emissivity],
-            "extinction": extinction[0] if self.grey else extinction,
-        }
 
 
 def _expressions(value: Float, what: str) -> tuple[Expression, ...]:

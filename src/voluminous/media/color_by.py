@@ -17,7 +17,7 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..units import plain, unit_of
 from ..value import Value
-from .arguments import channel_values, named, scalar, whole_number
+from .arguments import channel_values, described, named, scalar, whole_number
 from .context import Context
 from .piecewise_linear import PiecewiseLinear
 
@@ -125,11 +125,6 @@ class ColorScale:
         self.position = np.linspace(0.0, 1.0, _entries(samples))
         self.values = values_at(self.position, norm, low, high)
         self.rgb = mapped_colors(get_colormap(cmap), self.position)
-        self._described = _described(cmap, vmin, vmax, norm, samples)
-
-    def describe(self) -> dict[str, Any]:
-        """Return colormap, range and norm as plain values."""
-        return dict(self._described)
 
 
 class OpenRange:
@@ -191,22 +186,20 @@ class OpenRange:
         return OpenRange(self.cmap, vmin, vmax, self.norm, self.samples)
 
     def describe(self) -> dict[str, Any]:
-        """Return colormap, range and norm as plain values."""
-        return _described(self.cmap, self.vmin, self.vmax, self.norm, self.samples)
+        """Return colormap, range and norm as plain values; nothing where they are open."""
+        norm = self.norm
+        values = {
+            "cmap": colormap_name(get_colormap(self.cmap)),
+            "vmin": named(self.vmin),
+            "vmax": named(self.vmax),
+            "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
+            "samples": None if self.samples == SAMPLES else int(self.samples),
+        }
+        return {key: value for key, value in values.items() if value is not None}
 
 
 def _entries(samples: Any) -> int:
     return whole_number(samples, "samples", 2, _MOST_SAMPLES)
-
-
-def _described(cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> dict[str, Any]:
-    told = {
-        "cmap": colormap_name(get_colormap(cmap)),
-        "vmin": named(vmin),
-        "vmax": named(vmax),
-        "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
-    }
-    return told if samples == SAMPLES else {**told, "samples": int(samples)}
 
 
 class ColorBy(Value):
@@ -314,10 +307,7 @@ class ColorBy(Value):
 
     def describe(self) -> dict[str, Any]:
         """Return it as plain values, as in a scene file."""
-        told = {"expr": self.expr.text, **self.range.describe()}
-        if self.brightness != 1.0:
-            told["brightness"] = self.brightness
-        return {key: value for key, value in told.items() if value is not None}
+        return {**described(self), **self.range.describe()}
 
     def nodes(self, context: Context) -> np.ndarray:
         """Return the values of the colormap's entries in the unit of the expression."""

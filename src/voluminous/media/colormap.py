@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .arguments import check_plain, named
+from .arguments import check_plain
 from .color_by import SAMPLES, ColorScale, OpenRange
 from .context import Context
+from .contract import Medium
 from .table import Table
 
 
@@ -59,7 +60,7 @@ class Colormap(Table):
         norm: Any = None,
         samples: int = SAMPLES,
         where: Any = None,
-        shading: Any = 0.0,
+        shading: float = 0.0,
         lights: Any = None,
     ) -> None:
         self.range = OpenRange(cmap, vmin, vmax, norm, samples)
@@ -96,10 +97,7 @@ class Colormap(Table):
         return super().nodes(context)
 
     def describe(self) -> dict[str, Any]:
-        ends = {key: value for key, value in self.range.describe().items() if value is not None}
-        own = {"opacity": self._opacity, "expr": self.expr.text}
-        last = {"path_length": named(self.path_length)}
-        return {"type": "colormap", **ends, **own, **last, **self.modulated()}
+        return {**Medium.describe(self), **self.range.describe(), "opacity": self._opacity}
 
 
 def _values(scale: ColorScale) -> Any:

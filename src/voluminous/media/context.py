@@ -1,10 +1,10 @@
-"""How media are evaluated: number type, run-time constants, units."""
+"""How media are evaluated, and what they return: coefficients, and the expressions they use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,10 +12,41 @@ from ..backend import dr
 from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Margin, Ops
 from ..expressions.interpolation import interpolate
+from ..units import Unit
+
+T = TypeVar("T")
 
 
-def _same(value: Float) -> Any:
-    return value
+@dataclass
+class MediumSample:
+    """Emissivity per channel; one extinction for all channels (grey), or one per channel."""
+
+    emissivity: list[Float]
+    extinction: list[Float]
+
+    def listed(self) -> list[Float]:
+        """Return all values, those of the emissivity first."""
+        return [*self.emissivity, *self.extinction]
+
+
+@dataclass(frozen=True)
+class Feature:
+    """An expression that a medium evaluates.
+
+    Attributes
+    ----------
+    expr : Expression
+        The expression.
+    width : float or Quantity
+        The smallest difference of its values that matters, for example a shell's width; 0 if
+        unknown. It decides whether single precision is sufficient along rays.
+    scalar : bool
+        True if `Medium.means` interpolates it linearly and needs no fields inside a panel.
+    """
+
+    expr: Expression
+    width: Any = 0.0
+    scalar: bool = False
 
 
 def no_unit(expression: Expression) -> None:
@@ -55,28 +86,29 @@ class Context:
     """
 
     real: Any
-    number: Callable[[float], Any]
-    unit: Any
-    unit_of: Callable[[Expression], Any]
-    narrow: Callable[[Any], Any] = _same
+    number: Callable[[float], Float]
+    unit: Unit
+    unit_of: Callable[[Expression], Unit]
+    narrow: Callable[[Float], Float] = lambda value: value
     scale: float = 1.0
     radiance: float = 1.0
-    limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
+    limits: dict[str, tuple[Float, Float]] = field(default_factory=dict)
     faint: float = 1e-8
     tolerance: float = 1e-3
     coordinates: dict[str, Expression] = field(default_factory=dict)
-    _kept: dict[Any, Any] = field(default_factory=dict)
+    _kept: dict[Hashable, Any] = field(default_factory=dict)
 
     @property
     def ops(self) -> Ops:
         """The operations and functions to compute with."""
         return DrjitOps(self.real, constant=self.number)
 
-    def keep(self, key: Any, make: Callable[[], Any]) -> Any:
+    def keep(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the cached result of `make`, so that run-time numbers enter a kernel once."""
         if key not in self._kept:
             self._kept[key] = make()
-        return self._kept[key]
+        result: T = self._kept[key]
+        return result
 
     def kept_number(self, value: float) -> Float:
         """Return a number as cached run-time data, which enters a kernel once."""
@@ -92,7 +124,7 @@ class Context:
         kind = type(self.narrow(number))
         return number if isinstance(number, kind) else dr.opaque(kind, value)
 
-    def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
+    def evaluate(self, expression: Expression | Margin, fields: dict[str, Float]) -> Float:
         """Return the value of an expression of the fields."""
         return self.real(expression.evaluate(self.ops, fields))
 

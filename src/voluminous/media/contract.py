@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -15,14 +17,20 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import picture
 from ..packages import room
+from ..units import Unit
 from ..value import Value
-from .context import Context, no_unit
+from .arguments import described
+from .context import Context, Feature, MediumSample, no_unit
+from .ranges import Bounds, RangeContext, intervals
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from ..volume import Volume
     from .edges import Level
-    from .ranges import Bounds
+    from .modulation import Modulation
     from .sampled import Sampled
+    from .shading import Shade
     from .stretch import Panel, Stretch
 
 # Places and weights on [0, 1].
@@ -31,38 +39,6 @@ GAUSS_LEGENDRE_3 = (
     (0.5, 8 / 18),
     (0.5 + math.sqrt(0.15), 5 / 18),
 )
-
-
-@dataclass
-class MediumSample:
-    """Emissivity per channel; one extinction for all channels (grey), or one per channel."""
-
-    emissivity: list[Float]
-    extinction: list[Float]
-
-    def listed(self) -> list[Float]:
-        """Return all values, those of the emissivity first."""
-        return [*self.emissivity, *self.extinction]
-
-
-@dataclass(frozen=True)
-class Feature:
-    """An expression that a medium evaluates.
-
-    Attributes
-    ----------
-    expr : Expression
-        The expression.
-    width : float or Quantity
-        The smallest difference of its values that matters, for example a shell's width; 0 if
-        unknown. It decides whether single precision is sufficient along rays.
-    scalar : bool
-        True if `Medium.means` interpolates it linearly and needs no fields inside a panel.
-    """
-
-    expr: Expression
-    width: Any = 0.0
-    scalar: bool = False
 
 
 @dataclass(frozen=True)
@@ -90,8 +66,8 @@ class Sampling:
 class Medium(Value):
     """A rule from field values to (j, α); media add with ``+``.
 
-    Only `coefficients`, `key` and `describe` are required. `features`, `ranges`, `means` and
-    `visible` make a medium fast and give it error estimates; the rest refines these.
+    Only `coefficients` and `key` are required. `features`, `ranges`, `means` and `visible` make a
+    medium fast and give it error estimates; the rest refines these.
 
     Attributes
     ----------
@@ -107,9 +83,15 @@ class Medium(Value):
     path_length : float, Quantity or "auto", optional
         The length to which its colours and opacities refer, if any; ``"auto"`` until
         `Medium.calibrated` measures it, for media with a `profile`.
+    modulation : Modulation, optional
+        Its gate, and its colours by another expression.
+    shade : Shade, optional
+        The shading of its surfaces, unless it is part of the modulation.
     sensitivity : float
         Factor on the error of the fields at structures without width and at jumps: their places,
         and the values evaluated there, depend on the slopes of the fields.
+    kind : str
+        Its type in scene files; the name of the class by default.
     """
 
     channels: int
@@ -117,7 +99,10 @@ class Medium(Value):
     names: tuple[str, ...]
     discrete: bool = False
     path_length: Any = None
+    modulation: Modulation | None = None
+    shade: Shade | None = None
     sensitivity: float = 1.0
+    kind: ClassVar[str] = ""
 
     # --- required -----------------------------------------------------------------------------
 
@@ -133,11 +118,7 @@ class Medium(Value):
         """
         raise NotImplementedError
 
-    def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values, as in a scene file."""
-        raise NotImplementedError
-
-    # --- what it evaluates, and where it shows ------------------------------------------------
+    # --- for speed: which expressions it uses, and where it shows ------------------------------
 
     def features(self) -> tuple[Feature, ...]:
         """Return all expressions that it evaluates; empty if unknown."""
@@ -162,35 +143,30 @@ class Medium(Value):
         A medium whose `coefficients` only uses operators, `Context.ops` and
         `Context.interpolate` returns ``self.coefficients(...)``.
         """
-        count = 1 if self.grey else self.channels
-        return MediumSample(
-            [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
+        return self.split(
+            [Interval(-np.inf, np.inf)] * self.channels + [Interval(0.0, np.inf)] * self.extinctions
         )
 
     def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         """Return upper bounds of |j| and α on a ray while the fields stay in ranges (NumPy)."""
-        found = self.ranges(fields, context)
-        return MediumSample(
-            *(
-                [np.where(value.nan, np.inf, value.size) for value in values]
-                for values in (found.emissivity, found.extinction)
-            )
-        )
+        values = self.ranges(fields, context).listed()
+        return self.split([np.where(value.nan, np.inf, value.size) for value in values])
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         """Return where it may be noticeable while the fields stay in ranges (NumPy, a mask).
 
         Default: where its coefficients may be other than zero.
         """
-        found = self.ranges(fields, context)
-        seen: Any = False
-        for value in (*found.emissivity, *found.extinction):
-            seen = seen | value.nan | (value.size > 0.0)
-        return seen
+        values = self.ranges(fields, context).listed()
+        return functools.reduce(operator.or_, (v.nan | (v.size > 0.0) for v in values))
 
     def visible_key(self) -> Any:
         """Return a key of all that `visible_in` depends on except the fields; None if unknown."""
         return self.key()
+
+    def emission_range(self) -> tuple[float, float] | None:
+        """Return the least and largest emission of one path length; None if unknown."""
+        return None
 
     def strongest(self) -> tuple[float, float]:
         """Return the brightness and opacity of one path length at the peak; 0 without a peak."""
@@ -203,7 +179,27 @@ class Medium(Value):
         """
         return x * 0.0 + 1.0
 
-    # --- means over panels of a ray -----------------------------------------------------------
+    def used_names(self) -> tuple[str, ...]:
+        """Return the fields and coordinates that its expressions depend on."""
+        used = [name for feature in self.features() for name in feature.expr.names]
+        return tuple(dict.fromkeys((*used, *(self.modulation.names if self.modulation else ()))))
+
+    def on_rays(self) -> Medium:
+        """Return the medium for schemes that need its light only on rays with known directions.
+
+        The gradient along the line of sight, in all cells, took three times as long as the picture.
+        """
+        changes: dict[str, Any] = {}
+        if self.modulation is not None and self.modulation.shade is not None:
+            changes["modulation"] = self.modulation.on_rays()
+        if self.shade is not None:
+            changes["shade"] = self.shade.on_rays()
+        if not changes:
+            return self
+        medium = self.changed(**changes)
+        return medium.changed(names=medium.used_names())
+
+    # --- for speed and error estimates: means over panels of a ray -----------------------------
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         """Return the means of j and α over a panel of a ray (traced by Dr.Jit).
@@ -211,15 +207,24 @@ class Medium(Value):
         Per `context.scale` of length, emission in units of `context.radiance`. Default: three
         Gauss-Legendre points, exact for polynomials of degree five.
         """
-        total: list[Any] = []
+        total: list[Float] = []
         for place, weight in GAUSS_LEGENDRE_3:
             values = [weight * v for v in self.in_units(panel.fields(place), context)]
             total = [t + v for t, v in zip(total, values, strict=True)] if total else values
         return self.split(total)
 
+    @property
+    def extinctions(self) -> int:
+        """Number of extinctions: one if grey, else one per channel."""
+        return 1 if self.grey else self.channels
+
     def split(self, values: list[Float]) -> MediumSample:
         """Return a list of values, j of all channels first, as coefficients."""
         return MediumSample(values[: self.channels], values[self.channels :])
+
+    def everywhere(self, value: Float) -> MediumSample:
+        """Return coefficients that all have one value."""
+        return self.split([value] * (self.channels + self.extinctions))
 
     def in_units(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return j, then α, at a place in the units of `means`."""
@@ -227,10 +232,10 @@ class Medium(Value):
             "units",
             lambda: [context.number(u) for u in (context.scale / context.radiance, context.scale)],
         )
-        found = self.coefficients(fields, context)
+        sample = self.coefficients(fields, context)
         # A negative extinction becomes NaN, even where the mean would hide it.
-        usable = [dr.select(a >= 0.0, a, math.nan) for a in found.extinction]
-        values = [bright * j for j in found.emissivity] + [dense * a for a in usable]
+        usable = [dr.select(a >= 0.0, a, math.nan) for a in sample.extinction]
+        values = [bright * j for j in sample.emissivity] + [dense * a for a in usable]
         return [context.narrow(v) for v in values]
 
     def discontinuities(self, context: Context) -> list[Level]:
@@ -239,13 +244,12 @@ class Medium(Value):
         Panels end there: `means` and `sampled` are called for stretches without a discontinuity
         inside (`Stretch.edgeless`).
         """
-        return []
+        return self.modulation.discontinuities(context) if self.modulation else []
 
     def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
-        """Return optically thin emission and optical depth of the infinitely thin surfaces crossed.
+        """Return emission and depth of the infinitely thin surfaces crossed; None if it has none.
 
-        In the units of `means` times length; evaluated at a place s from 0 to 1. None if the medium
-        has no such surfaces.
+        In the units of `means` times length, without absorption; evaluated at a place s, 0 to 1.
         """
         return None
 
@@ -270,15 +274,11 @@ class Medium(Value):
         In the units of `means`; with more samples if `fine`. Default: an infinite error wherever
         the medium may be noticeable.
         """
-        seen, _ = self.visible(stretch, context)
+        visible, _ = self.visible(stretch, context)
         zero = stretch.length * 0.0
-        count = 1 if self.grey else self.channels
-        nothing, unknown = (
-            MediumSample([value] * self.channels, [value] * count)
-            for value in (zero, dr.select(seen, math.inf, zero))
-        )
-        found: Sampled = room("media.sampled").Sampled(nothing, nothing, nothing, unknown)
-        return found
+        nothing, unknown = map(self.everywhere, (zero, dr.select(visible, math.inf, zero)))
+        result: Sampled = room("media.sampled").Sampled(nothing, nothing, nothing, unknown)
+        return result
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         """Return two masks: where the medium may be noticeable, and where panels may miss that.
@@ -306,25 +306,19 @@ class Medium(Value):
         zero = stretch.length * 0.0
         return [zero, zero]
 
-    # --- units, parts, what users call --------------------------------------------------------
+    # --- units, parts, scene files --------------------------------------------------------------
 
-    def intensity_unit(self, context: Context) -> Any:
+    def intensity_unit(self, context: Context) -> Unit:
         """Return the unit of emissivity times length; None where colours are plain numbers."""
         return None
 
     def profile(
-        self, unit: Any, extent: Callable[[], tuple[float, float]]
+        self, unit: Unit, extent: Callable[[], tuple[float, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the medium as a function of its only scalar: nodes and heights.
+        """Return the medium as a function of its only scalar, in `unit`: nodes and heights.
 
-        Linear in between, zero outside, in any unit; two equal nodes make a jump.
-
-        Parameters
-        ----------
-        unit : astropy unit or None
-            The unit of the scalar.
-        extent : callable
-            Returns its least and greatest value in the volume, for profiles without an end.
+        Linear in between, zero outside, in any unit; two equal nodes make a jump. `extent` returns
+        the scalar's least and greatest value in the volume, for profiles without an end.
         """
         raise NotImplementedError
 
@@ -336,12 +330,23 @@ class Medium(Value):
         """Return the medium with its Python function as expressions, if possible; else None."""
         return None
 
+    def describe(self) -> dict[str, Any]:
+        """Return the medium as plain values, as in a scene file: its arguments by default."""
+        return {"type": self.kind or type(self).__name__.lower(), **described(self)}
+
+    @property
+    def where(self) -> Expression | None:
+        """The expression of its gate."""
+        return self.modulation.where if self.modulation else None
+
+    # --- for users ------------------------------------------------------------------------------
+
     def bounds(
         self,
         lo: Mapping[str, Any],
         hi: Mapping[str, Any],
-        unit: Any = None,
-        unit_of: Callable[[Expression], Any] = no_unit,
+        unit: Unit = None,
+        unit_of: Callable[[Expression], Unit] = no_unit,
     ) -> Bounds:
         """Return bounds of j and α over ranges of the fields, for example of blocks of cells.
 
@@ -371,21 +376,22 @@ class Medium(Value):
         UnknownNameError
             If a field is missing.
         """
-        whole = room("media.function").with_formulas(self)
-        found: Bounds = room("media.ranges").bounds(whole, lo, hi, unit, unit_of)
-        return found
+        whole: Medium = room("media.function").with_formulas(self)
+        fields = intervals(lo, hi)
+        with np.errstate(all="ignore"):
+            return Bounds.of(whole.ranges(fields, RangeContext(unit, unit_of)), fields)
 
     def __add__(self, other: Any) -> Medium:
         if not isinstance(other, Medium):
             return NotImplemented
-        found: Medium = room("media.sum").Sum(self.components() + other.components())
-        return found
+        total: Medium = room("media.sum").Sum(self.components() + other.components())
+        return total
 
     def __radd__(self, other: Any) -> Medium:
         # sum([...]) starts from 0.
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def __call__(self, values: Float) -> tuple[Any, Any]:
+    def __call__(self, values: Any) -> tuple[Any, Any]:
         """Return j and α per unit length at values of its fields or expressions.
 
         Parameters
@@ -415,7 +421,8 @@ class Medium(Value):
         >>> j.shape, alpha.round(4)
         ((3, 2), array([0.182, 0.3  ]))
         """
-        return room("calibration.at_values").evaluate(self, values)
+        j, alpha = room("calibration.at_values").evaluate(self, values)
+        return j, alpha
 
     def calibrated(self, volume: Volume) -> Medium:
         """Return this medium with numbers for all parameters that are measured in a volume.
@@ -459,10 +466,10 @@ class Medium(Value):
         >>> f"{shell.calibrated(core).path_length:.2g} cm"
         '4.2e+16 cm'
         """
-        found: Medium = room("calibration.open_numbers").calibrate(self, volume)
-        return found
+        result: Medium = room("calibration.open_numbers").calibrate(self, volume)
+        return result
 
-    def plot(self, volume: Any = None, ax: Any = None) -> Any:
+    def plot(self, volume: Volume | None = None, ax: Any = None) -> Axes | np.ndarray:
         """Draw j and α over the values of its expressions, with the number of cells at each.
 
         One panel for each expression. Gates, and colours by other expressions, are named and not
@@ -487,7 +494,8 @@ class Medium(Value):
         InputError
             If the medium is invisible in the volume, or if no volume and no range is given.
         """
-        return room("calibration.transfer").plot(self, volume, ax)
+        axes: Axes | np.ndarray = room("calibration.transfer").plot(self, volume, ax)
+        return axes
 
     @staticmethod
     def from_function(
@@ -500,25 +508,23 @@ class Medium(Value):
         units: Any = None,
     ) -> Medium:
         """Return a medium from any Python function of the fields; see `media.Function`."""
-        make = room("media.function").Function
-        found: Medium = make(
+        medium: Medium = room("media.function").Function(
             function, fields, channels, grey=grey, parameters=parameters, units=units
         )
-        return found
+        return medium
 
     def _repr_png_(self) -> bytes | None:
         """Return a swatch of the transfer function, or None if that needs a volume."""
-        found: bytes | None = room("calibration.transfer").swatch(self)
-        return found
+        data: bytes | None = room("calibration.transfer").swatch(self)
+        return data
 
     def _swatch(self) -> str:
         data = self._repr_png_()
-        if data is None:
-            return ""
-        return picture(data, room("calibration.transfer").swatch_title(self))
+        title = room("calibration.transfer").swatch_title
+        return "" if data is None else picture(data, title(self))
 
     def __repr__(self) -> str:
         given = self.arguments()
-        told = {k: v for k, v in self.describe().items() if k != "type"}
-        told |= {k: given[k] for k in told if isinstance(given.get(k), Value)}
-        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in told.items())})"
+        shown = {k: v for k, v in self.describe().items() if k != "type"}
+        shown |= {k: given[k] for k in shown if isinstance(given.get(k), Value)}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"

@@ -181,6 +181,7 @@ def _searched(stretch: Stretch, expr: Expression | Margin, level: Int) -> _Searc
             ),
         )
 
+    end: _Search
     (end,) = dr.while_loop((start,), going_on, step, label="passage")
     return end
 

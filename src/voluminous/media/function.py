@@ -13,8 +13,8 @@ from ..expressions.symbols import read
 from ..units import parse_unit, unit_name
 from .arguments import whole_number
 from .coefficients import Coefficients
-from .context import Context
-from .contract import Medium, MediumSample
+from .context import Context, MediumSample
+from .contract import Medium
 from .sum import with_each
 
 
@@ -186,13 +186,9 @@ class Function(Medium):
         return None
 
     def describe(self) -> dict[str, Any]:
-        return {
-            "type": "function",
-            "function": getattr(self.function, "__qualname__", repr(self.function)),
-            "fields": [e.text for e in self.inputs],
-            "channels": self.channels,
-            "parameters": self.parameters,
-        } | ({} if self.units is None else {"units": [unit_name(unit) for unit in self.units]})
+        name = getattr(self.function, "__qualname__", repr(self.function))
+        units = {} if self.units is None else {"units": [unit_name(unit) for unit in self.units]}
+        return {**super().describe(), "function": name, **units}
 
 
 def _listed(fields: Any) -> tuple[Any, ...]:

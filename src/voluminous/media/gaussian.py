@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +21,6 @@ from .contract import Sampling
 from .profiles import SampledShaped
 from .sampled import EIGHT, WEIGHTS, WEIGHTS_OF_EIGHT, Sampled
 from .stretch import Middle, extremes, middle_of
-
-if TYPE_CHECKING:
-    pass
-
 
 # Half width of a stretch, in σ, up to which the series is taken, and its terms. What is left out is
 # 2e-6 and 1e-18 of the peak; beyond it the difference of areas loses 3e-6 and 4e-15.
@@ -147,10 +143,20 @@ class Gaussian(SampledShaped):
         path_length: Any = "auto",
         *,
         where: Any = None,
-        shading: Any = 0.0,
+        shading: float = 0.0,
         lights: Any = None,
     ) -> None:
-        super().__init__(expr, center, sigma, color, opacity, path_length, where, shading, lights)
+        super().__init__(
+            expr,
+            center,
+            sigma,
+            color,
+            opacity,
+            path_length,
+            where=where,
+            shading=shading,
+            lights=lights,
+        )
 
     def shape(self, ops: Ops, offset: Float, width: Float) -> Float:
         """Return exp(-(offset/σ)²/2); zero at infinity."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,24 +31,20 @@ from .arguments import (
     fraction,
     given_levels,
     given_opacities,
+    named,
     plain_number,
     plain_opacities,
+    scalar,
 )
-from .arguments import named as _named
-from .arguments import scalar as _scalar
-from .context import Context
-from .contract import Feature, Medium, MediumSample, Sampling
+from .context import Context, Feature, MediumSample
+from .contract import Medium, Sampling
 from .edges import NOISE, SENSITIVITY, Level, on_chord, passes, slope_at, way_within
-from .modulation import Factors, modulated_colors
+from .modulation import Factors, Modulation, modulated_colors
 from .rectangle import box_extent, box_middle
 from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
-from .shading import Lamp, described_lights, given_lights, given_shade
-from .stretch import Middle, extremes, kept, may_turn
+from .shading import Lamp, given_lights, given_shade
+from .stretch import Middle, Panel, Stretch, extremes, kept, may_turn
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor
-
-if TYPE_CHECKING:
-    from .stretch import Panel, Stretch
-
 
 DENSITIES = ("crossing", "gradient")
 
@@ -58,12 +54,12 @@ class SurfaceNumbers:
     """Kernel constants: level, optical depths and colour of each surface, and the common width."""
 
     levels: list[Float]
-    width: Any
-    depths: list[list[Any]]
-    colors: list[list[Any]]
+    width: Float
+    depths: list[list[Float]]
+    colors: list[list[Float]]
 
     @property
-    def ranges(self) -> list[tuple[Any, Any]]:
+    def ranges(self) -> list[tuple[Float, Float]]:
         """(low, high) of the scalar in each surface."""
         return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
 
@@ -127,6 +123,8 @@ class Isosurface(Medium):
     One crossing gives ``color · opacity`` and the transparency ``1 - opacity``.
     """
 
+    modulation: Modulation
+
     def __init__(
         self,
         expr: Any,
@@ -149,7 +147,7 @@ class Isosurface(Medium):
         self.levels = given_levels(level)
         self.colors, self.modulation = modulated_colors(color, where, len(self.levels))
         self.opacities = given_opacities(opacity, len(self.levels), len(self.colors[0]))
-        self.width = _scalar(width, "width")
+        self.width = scalar(width, "width")
         if plain_number(self.width) < 0:
             raise InputError(f"width must not be negative, got {width}")
         check_name("density", density, DENSITIES)
@@ -163,14 +161,19 @@ class Isosurface(Medium):
         self.sensitivity = SENSITIVITY if self._directions() else self.modulation.sensitivity
 
     @property
-    def color(self) -> tuple[float, ...]:
-        """All values of the colours; the largest is the brightest that a crossing can be."""
-        return tuple(h for row in self.colors for h in row)
+    def level(self) -> Any:
+        """The level, or a tuple of several."""
+        return self.levels if len(self.levels) > 1 else self.levels[0]
 
     @property
-    def opacity(self) -> tuple[float, ...]:
-        """All values of the opacities; the largest is the most that one crossing absorbs."""
-        return tuple(o for row in self.opacities for o in row)
+    def color(self) -> tuple[Any, ...]:
+        """The colour of one level, or a tuple of those of several."""
+        return self.colors if len(self.levels) > 1 else self.colors[0]
+
+    @property
+    def opacity(self) -> Any:
+        """The opacity: one number, or as many as needed per channel and level."""
+        return plain_opacities(self.opacities)
 
     @property
     def surface_only(self) -> bool:
@@ -186,7 +189,11 @@ class Isosurface(Medium):
         return (own, *others, *self.modulation.features())
 
     def strongest(self) -> tuple[float, float]:
-        return max(map(abs, self.color)), max(self.opacity)
+        low, high = self.emission_range()
+        return max(-low, high), max(max(row) for row in self.opacities)
+
+    def emission_range(self) -> tuple[float, float]:
+        return min(map(min, self.colors)), max(map(max, self.colors))
 
     def discontinuities(self, context: Context) -> list[Level]:
         """Return the surfaces if they have no width, else the discontinuities of the gate.
@@ -228,10 +235,6 @@ class Isosurface(Medium):
         own = self._finely_sampled if fine else self._roughly_sampled
         return own(stretch, context)
 
-    def _level(self, k: int) -> Isosurface:
-        every = {"levels": self.levels, "colors": self.colors, "opacities": self.opacities}
-        return self.changed(**{name: values[k : k + 1] for name, values in every.items()})
-
     def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
@@ -266,7 +269,7 @@ class Isosurface(Medium):
         return seen & self.modulation.visible_in(fields, context)
 
     def visible_key(self) -> Any:
-        numbers = (*map(_named, self.levels), _named(self.width))
+        numbers = map(named, (*self.levels, self.width))
         return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
@@ -310,21 +313,6 @@ class Isosurface(Medium):
     def key(self) -> Any:
         look = (self.colors, self.opacities, self.density, self.shading, self.lights)
         return (*self.visible_key(), *look, self.modulation.key())
-
-    def describe(self) -> dict[str, Any]:
-        one = len(self.levels) == 1
-        return {
-            "type": "isosurface",
-            "expr": self.expr.text,
-            "level": _named(self.levels[0]) if one else [_named(v) for v in self.levels],
-            "color": list(self.colors[0]) if one else [list(row) for row in self.colors],
-            "opacity": plain_opacities(self.opacities),
-            "width": _named(self.width),
-            "density": self.density,
-            "shading": self.shading,
-            **described_lights(self.lights),
-            **self.modulation.described(),
-        }
 
     @property
     def lamp(self) -> Lamp:
@@ -406,9 +394,17 @@ class Isosurface(Medium):
             return zero, zero
         if not self.thick:
             return zero + 1.0, zero
-        off = self.lamp.off(stretch, context)
+        own, off = self.numbers(context), self.lamp.off(stretch, context)
         if self.density == "gradient":
-            off = extremes([off, *self._bend_errors(stretch, context)])[1]
+            is_sum = self.expr.kind(("r", *context.coordinates)) <= Monotonicity.SUM
+            near, more = context.narrow(0.5 * own.width), 1.0 if is_sum else _OF_FUNCTIONS
+            for level in own.levels:
+
+                def offset(x: Float, level: Float = level) -> Float:
+                    return context.narrow(x - level)
+
+                bent = more * bend(stretch, self.expr, _THIN, offset, -near, near)
+                off = extremes([off, bent])[1]
         lit = self.shading > 0
         if lit or not self.modulation.fixed:
             found = self._looked_up(stretch, context)
@@ -458,24 +454,6 @@ class Isosurface(Medium):
 
     def _deepest(self, context: Context) -> Float:
         return extremes([d for row in self.numbers(context).depths for d in row])[1]
-
-    def _bend_errors(self, stretch: Stretch, context: Context) -> list[Float]:
-        own = self.numbers(context)
-        near = context.narrow(0.5 * own.width)
-        names = ("r", *context.coordinates)
-        more = _OF_FUNCTIONS if self.expr.kind(names) > Monotonicity.SUM else 1.0
-        return [
-            more
-            * bend(
-                stretch,
-                self.expr,
-                _THIN,
-                lambda x, level=level: context.narrow(x - level),
-                -near,
-                near,
-            )
-            for level in own.levels
-        ]
 
     def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
         """Return surfaces of finite width as shells, in which a colour may vary."""
@@ -625,15 +603,12 @@ class Isosurface(Medium):
         own = self.numbers(context)
         ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
         zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
-        extinction = [zero] * len(own.depths[0])
+        extinction = [zero] * self.extinctions
         for level, depths in zip(own.levels, own.depths, strict=True):
             first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
             way = per_length * context.narrow(dr.abs(last - first))
             extinction = [t + d * way for t, d in zip(extinction, depths, strict=True)]
-        nothing, unknown = (
-            MediumSample([zero + v] * self.channels, [zero + v] * len(extinction))
-            for v in (0.0, dr.inf)
-        )
+        nothing, unknown = (self.everywhere(zero + v) for v in (0.0, dr.inf))
         return Sampled(MediumSample(nothing.emissivity, extinction), nothing, nothing, unknown)
 
     def _density(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import operator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +22,10 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .arguments import color_values, level_colors
 from .color_by import ColorBy
-from .context import Context
-from .contract import Feature, MediumSample
+from .context import Context, Feature, MediumSample
 from .edges import SENSITIVITY, Level
-from .stretch import Middle, at_places, kept, within
-
-if TYPE_CHECKING:
-    from .shading import Shade
-    from .stretch import Panel, Stretch
+from .shading import Shade
+from .stretch import Middle, Panel, Stretch, at_places, kept, within
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
@@ -42,26 +38,18 @@ class Factors:
     emission: list[Float]
     gate: Float
 
-    def times(self, found: MediumSample) -> MediumSample:
+    def times(self, sample: MediumSample) -> MediumSample:
         """Return modulated coefficients; zero where the factor is zero, even if they are NaN."""
         return MediumSample(
-            [_product(f, j) for f, j in zip(self.emission, found.emissivity, strict=True)],
-            [_product(self.gate, a) for a in found.extinction],
+            [_product(f, j) for f, j in zip(self.emission, sample.emissivity, strict=True)],
+            [_product(self.gate, a) for a in sample.extinction],
         )
 
 
 def modulated(
     color: Any, where: Any, shade: Shade | None = None
 ) -> tuple[tuple[float, ...], Modulation]:
-    """Return the constant factors per channel, and the modulation.
-
-    Parameters
-    ----------
-    color : float, sequence, str or ColorBy
-        The user's argument.
-    where : str, float, Expression or None
-        As for `Modulation`.
-    """
+    """Return the constant factors per channel, and the modulation, from a user's arguments."""
     if isinstance(color, ColorBy):
         return (color.brightness,) * 3, Modulation(where, color, 3, shade)
     values = color_values(color)
@@ -80,7 +68,7 @@ def modulated_colors(
 
 
 class Modulation:
-    """A gate and a colour by another expression; either may be missing.
+    """A gate, a colour by another expression and a shading, each of which may be missing.
 
     Parameters
     ----------
@@ -107,9 +95,9 @@ class Modulation:
     ) -> None:
         self.where = None if where is None else Expression(where)
         self.color, self.channels, self.shade = color, channels, shade
-        self.fixed = where is None and color is None and shade is None
-        used = [n for part in (self.where, color, shade) if part is not None for n in part.names]
-        self.names = tuple(dict.fromkeys(used))
+        parts = [part for part in (self.where, color, shade) if part is not None]
+        self.fixed = not parts
+        self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
 
     @property
     def painted(self) -> bool:
@@ -136,6 +124,11 @@ class Modulation:
         """Whether the gate has kinks only where it becomes open or closed."""
         return self.where is not None and self.where.smooth and not self.where.partial
 
+    def on_rays(self) -> Modulation:
+        """Return it with a shading for rays alone."""
+        shade = self.shade.on_rays() if self.shade else None
+        return Modulation(self.where, self.color, self.channels, shade)
+
     def discontinuities(self, context: Context) -> list[Level]:
         """Return the levels where the gate opens and closes, or a soft gate begins or ends to."""
         if self.where is None:
@@ -146,43 +139,42 @@ class Modulation:
         return [Level(self.where, level) for level in (zero, one)] if self.soft else []
 
     def features(self) -> tuple[Feature, ...]:
-        """Return the expressions of gate and colour."""
-        shade = self.shade.expressions() if self.shade else ()
-        found = (self.where, self.color.expr if self.color else None, *shade)
-        return tuple(Feature(expr) for expr in found if expr is not None)
+        """Return the expressions of gate, colour and shading."""
+        color, shade = self.color, self.shade.expressions() if self.shade else ()
+        every = (self.where, color.expr if color else None, *shade)
+        return tuple(Feature(expr) for expr in every if expr is not None)
 
     def coefficients(
-        self, found: MediumSample, fields: dict[str, Any], context: Context
+        self, sample: MediumSample, fields: dict[str, Any], context: Context
     ) -> MediumSample:
         """Return coefficients at places, or intervals of them, modulated."""
         if self.fixed:
-            return found
+            return sample
         gate = self.gate(fields, context) if self.where else context.real(1.0)
         paint = self.color.colors(fields, context) if self.color else None
         emission = [gate * c for c in paint] if paint else [gate] * self.channels
         if self.shade:
             light = self.shade.factor(fields, context)
             emission = [e * light for e in emission]
-        ops = context.ops
-        zero = context.real(0.0)
+        where, zero = context.ops.where, context.real(0.0)
         return MediumSample(
             [
-                ops.where(gate > 0.0, f * j, zero)
-                for f, j in zip(emission, found.emissivity, strict=True)
+                where(gate > 0.0, f * j, zero)
+                for f, j in zip(emission, sample.emissivity, strict=True)
             ],
-            [ops.where(gate > 0.0, gate * a, zero) for a in found.extinction],
+            [where(gate > 0.0, gate * a, zero) for a in sample.extinction],
         )
 
     def means(
-        self, found: MediumSample, panel: Panel, context: Context, middle: Middle
+        self, sample: MediumSample, panel: Panel, context: Context, middle: Middle
     ) -> MediumSample:
         """Return mean coefficients over a panel, modulated at their centre of mass."""
-        return found if self.fixed else self.factors(panel, context, middle).times(found)
+        return sample if self.fixed else self.factors(panel, context, middle).times(sample)
 
     def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
         """Return the mean factors over a panel for a shape with this centre of mass."""
         first, last = (self.at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
-        here = self._there(panel.stretch, panel.fields(middle.place), context)
+        here = self._at(panel.stretch, panel.fields(middle.place), context)
         spread, place = middle.spread, middle.place
         weights = ((1.0 - place) * spread, 1.0 - spread, place * spread)
         mean = [
@@ -203,28 +195,23 @@ class Modulation:
         if self.where is None:
             return seen, hidden
         if stretch.edgeless and (self.stepped or self.soft):
-            seen = seen & (self._middle(stretch, context) > 0.0)
+            seen = seen & (self._in_middle(stretch, context) > 0.0)
             return seen, seen & hidden
-        possible = _possible(self.where, stretch)
+        possible = self._possible(stretch)
         # Also where ends show the change: step doubling may place an edge on the wrong side.
         doubtful = possible.hi - possible.lo > _DOUBT
         if self.where.partial:
-            doubtful &= ~self._undecided(stretch)
+            # Not where even single places are undecided, as ``1/density > 3`` in a vacuum: narrower
+            # panels do not help, and a picture of 64 x 64 pixels took two minutes.
+            here = [_unit(gate) for gate in at_places(stretch, self.where)]
+            wide = [gate.hi - gate.lo > _DOUBT for gate in here]
+            doubtful &= ~functools.reduce(operator.and_, wide)
         seen = seen & (possible.hi > 0.0)
         return seen, seen & (hidden | doubtful)
 
     def open(self, stretch: Stretch, seen: Mask) -> Mask:
         """Return where the medium is seen and the gate may be open."""
-        return seen if self.where is None else seen & (_possible(self.where, stretch).hi > 0.0)
-
-    def _undecided(self, stretch: Stretch) -> Mask:
-        """Return where even single places are undecided, such as ``1/density > 3`` in a vacuum.
-
-        Narrower panels do not help: a picture of 64 x 64 pixels took two minutes.
-        """
-        assert self.where is not None
-        here = [_defined_unit(found) for found in at_places(stretch, self.where)]
-        return functools.reduce(operator.and_, [one.hi - one.lo > _DOUBT for one in here])
+        return seen if self.where is None else seen & (self._possible(stretch).hi > 0.0)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         """Return where the gate may be open while the fields stay in ranges."""
@@ -239,25 +226,63 @@ class Modulation:
         """Return a key of all that `visible_in` depends on."""
         return self.where.text if self.where else None
 
-    def described(self) -> dict[str, Any]:
-        """Return the modulation's part of `Medium.describe`: plain values."""
-        color = {"color": self.color.describe()} if self.color else {}
-        shade = self.shade.describe() if self.shade else {}
-        return {**color, **shade, **({"where": self.where.text} if self.where else {})}
-
     def gate(self, fields: dict[str, Any], context: Context) -> Float:
         """Return the gate alone, from 0 to 1, at places; or intervals that hold it."""
         assert self.where is not None
-        return _defined_unit(context.evaluate(self.where, fields))
+        return _unit(context.evaluate(self.where, fields))
 
-    def _factors(self, fields: dict[str, Any], context: Context, light: Any = None) -> list[Float]:
-        """Return the gate, then the gated colours in a light, in the type of integrals."""
-        gate: Any = context.narrow(self.gate(fields, context)) if self.where else None
+    def at_place(self, fields: dict[str, Any], context: Context) -> list[Float]:
+        """Return the gate, then the factor of each channel, at a place with these fields."""
+        if self.fixed:
+            return [context.narrow(context.real(1.0))] * (self.channels + 1)
+        gate, *paint = self._painted(self._narrow_gate(fields, context), fields, context)
+        return [gate, *(paint or [gate] * self.channels)]
+
+    def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Float]:
+        """Return the factors, the gate first, at a place of a stretch; computed once."""
+        return kept(stretch, (id(self), s), lambda: self._at(stretch, stretch.fields(s), context))
+
+    def switched(self, stretch: Stretch, context: Context) -> tuple[Float, Mask]:
+        """Return 1 where the gate is open on a stretch, else 0; and where it may be both."""
+        if self.where is None:
+            return type(stretch.length)(1.0), stretch.length < 0.0
+        if self._is_decided(stretch):
+            return self._in_middle(stretch, context), stretch.length < 0.0
+        possible = self._possible(stretch)
+        return context.narrow(possible.hi), possible.lo < possible.hi
+
+    def _possible(self, stretch: Stretch) -> TracedInterval:
+        assert self.where is not None
+        result: TracedInterval = _unit(within(stretch, self.where))
+        return result
+
+    def _is_decided(self, stretch: Stretch) -> bool:
+        """Return whether the gate has the same state on the whole stretch as in the middle."""
+        return self.stepped and stretch.edgeless
+
+    def _at(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Float]:
+        light = self.shade.seen(fields, stretch, context) if self.shade else None
+        if self._is_decided(stretch):
+            gate = self._in_middle(stretch, context)
+        else:
+            gate = self._narrow_gate(fields, context)
         return self._painted(gate, fields, context, light)
 
+    def _narrow_gate(self, fields: dict[str, Any], context: Context) -> Float | None:
+        return context.narrow(self.gate(fields, context)) if self.where else None
+
+    def _in_middle(self, stretch: Stretch, context: Context) -> Float:
+        key = (id(self), "gate")
+        return kept(stretch, key, lambda: self._narrow_gate(stretch.fields(0.5), context))
+
     def _painted(
-        self, gate: Any, fields: dict[str, Any], context: Context, light: Any
+        self,
+        gate: Float | None,
+        fields: dict[str, Any],
+        context: Context,
+        light: Float | None = None,
     ) -> list[Float]:
+        """Return the gate, then the gated colours in a light, in the type of integrals."""
         paint = self.color.seen(fields, context) if self.color else []
         if light is not None:
             paint = [c * light for c in paint] if paint else [light] * self.channels
@@ -265,54 +290,13 @@ class Modulation:
             return [type(paint[0])(1.0), *paint]
         return [gate, *(gate * c for c in paint)]
 
-    def at_place(self, fields: dict[str, Any], context: Context) -> list[Float]:
-        """Return the gate, then the factor of each channel, at a place with these fields."""
-        if self.fixed:
-            return [context.narrow(context.real(1.0))] * (self.channels + 1)
-        gate, *paint = self._factors(fields, context)
-        return [gate, *(paint or [gate] * self.channels)]
 
-    def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Float]:
-        """Return the factors, the gate first, at a place of a stretch; computed once."""
-        return kept(
-            stretch, (id(self), s), lambda: self._there(stretch, stretch.fields(s), context)
-        )
-
-    def switched(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return 1 where the gate is open on a stretch, else 0; and where it may be both."""
-        if self.where is None:
-            return type(stretch.length)(1.0), stretch.length < 0.0
-        if self._decided(stretch):
-            return self._middle(stretch, context), stretch.length < 0.0
-        possible = _possible(self.where, stretch)
-        return context.narrow(possible.hi), possible.lo < possible.hi
-
-    def _decided(self, stretch: Stretch) -> bool:
-        """Return where the gate has the same state on the whole stretch as in the middle."""
-        return self.stepped and stretch.edgeless
-
-    def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Float]:
-        light = self.shade.seen(fields, stretch, context) if self.shade else None
-        if not self._decided(stretch):
-            return self._factors(fields, context, light)
-        return self._painted(self._middle(stretch, context), fields, context, light)
-
-    def _middle(self, stretch: Stretch, context: Context) -> Float:
-        def make() -> Any:
-            return context.narrow(self.gate(stretch.fields(0.5), context))
-
-        return kept(stretch, (id(self), "gate"), make)
-
-
-def _possible(where: Expression, stretch: Stretch) -> Float:
-    return _defined_unit(within(stretch, where))
-
-
-def _product(factor: Any, value: Float) -> Float:
+def _product(factor: Float, value: Float) -> Float:
     return dr.select(factor == 0.0, 0.0, factor * value)
 
 
-def _defined_unit(value: Float) -> Float:
+def _unit(value: Float) -> Float:
+    """Return a number, or an interval, limited to 0 … 1; 0 where it is NaN."""
     if not isinstance(value, Interval):
         return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
     where: Any = dr.select if isinstance(value, TracedInterval) else np.where

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,21 +23,16 @@ from .arguments import (
     check_positive,
     given_path_length,
     length_in,
+    named,
+    scalar,
 )
-from .arguments import named as _named
-from .arguments import scalar as _scalar
-from .context import Context
-from .contract import Feature, Medium, MediumSample, Sampling
-from .modulation import modulated
+from .context import Context, Feature, MediumSample
+from .contract import Medium, Sampling
+from .modulation import Modulation, modulated
 from .sampled import EIGHT, FIVE, PLACES, Sampled, products
 from .shading import given_shade
-from .stretch import Middle, Straight, Stretch, extremes, kept, middle_of
+from .stretch import Middle, Panel, Straight, Stretch, extremes, kept, middle_of
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor, thinness
-
-if TYPE_CHECKING:
-    from .edges import Level
-    from .stretch import Panel, Stretch
-
 
 # Control points that exceed a panel's ends by this many widths need smaller panels.
 _DOUBT = 0.25
@@ -60,6 +55,7 @@ class Shaped(Medium):
 
     width_name = ""
     profile_places: np.ndarray
+    modulation: Modulation
 
     def __init__(
         self,
@@ -69,13 +65,15 @@ class Shaped(Medium):
         color: Any,
         opacity: Any,
         path_length: Any = "auto",
+        *,
         where: Any = None,
-        shading: Any = 0.0,
+        shading: float = 0.0,
         lights: Any = None,
     ) -> None:
         self.expr = Expression(expr)
-        self.center = _scalar(center, "center")
-        self.width = _scalar(width, self.width_name)
+        self.center = scalar(center, "center")
+        self.width = scalar(width, self.width_name)
+        setattr(self, self.width_name, self.width)
         self.color, self.modulation = modulated(
             color, where, given_shade(self.expr, shading, lights)
         )
@@ -89,10 +87,6 @@ class Shaped(Medium):
         self.grey = len(self.opacity) == 1
         self.sensitivity = self.modulation.sensitivity
         self.names = self.used_names()
-
-    def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it depends on."""
-        return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @property
     def mixes(self) -> bool:
@@ -121,11 +115,11 @@ class Shaped(Medium):
     def features(self) -> tuple[Feature, ...]:
         return (Feature(self.expr, self.width, scalar=True), *self.modulation.features())
 
+    def emission_range(self) -> tuple[float, float]:
+        return min(self.color), max(self.color)
+
     def strongest(self) -> tuple[float, float]:
         return max(map(abs, self.color)), max(self.opacity)
-
-    def discontinuities(self, context: Context) -> list[Level]:
-        return self.modulation.discontinuities(context)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         shape = self.mean_per_length(panel, context)
@@ -325,23 +319,11 @@ class Shaped(Medium):
 
     def shape_key(self) -> Any:
         """Return a key of all that `per_length` depends on, including units."""
-        numbers = (_named(self.center), _named(self.width), _named(self.path_length))
+        numbers = map(named, (self.center, self.width, self.path_length))
         return (type(self).__name__, self.expr.text, *numbers)
 
     def key(self) -> Any:
         return (*self.shape_key(), self.color, self.opacity, self.modulation.key())
-
-    def describe(self) -> dict[str, Any]:
-        return {
-            "type": type(self).__name__.lower(),
-            "expr": self.expr.text,
-            "center": _named(self.center),
-            self.width_name: _named(self.width),
-            "color": list(self.color),
-            "opacity": self.opacity[0] if self.grey else list(self.opacity),
-            "path_length": _named(self.path_length),
-            **self.modulation.described(),
-        }
 
 
 def _nothing(first: Float, last: Float) -> Float:

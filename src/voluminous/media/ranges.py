@@ -1,7 +1,6 @@
-"""Between which values the coefficients of a medium stay while its fields stay in ranges.
+"""Ranges of the coefficients of a medium while its fields stay in ranges.
 
-A medium says what its coefficients are; evaluated on intervals in place of numbers, in a
-`RangeContext`, the same formulas say which they can be.
+The formulas of a medium, evaluated on intervals in a `RangeContext`, give enclosures.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from ..errors import InputError
 from ..expressions import Expression, IntervalOps
 from ..expressions.interval import Interval
 from ..expressions.interval_ops import interpolate_ranges
-from .context import Context
-from .contract import Medium
+from ..units import Unit
+from .context import Context, MediumSample
 
 
 @dataclass(frozen=True)
@@ -37,6 +36,17 @@ class Bounds:
     a_lo: list[np.ndarray]
     a_hi: list[np.ndarray]
 
+    @classmethod
+    def of(cls, found: MediumSample, fields: Mapping[str, Interval]) -> Bounds:
+        """Return the ends of intervals, infinite where a coefficient may be NaN."""
+        shape = np.broadcast_shapes(*(field.lo.shape for field in fields.values()))
+        columns = []
+        for values in (found.emissivity, found.extinction):
+            lows = [np.where(v.nan, -np.inf, v.lo) for v in values]
+            highs = [np.where(v.nan, np.inf, v.hi) for v in values]
+            columns += [[np.broadcast_to(v, shape) for v in ends] for ends in (lows, highs)]
+        return cls(*columns)
+
 
 class RangeContext(Context):
     """Context for evaluating a medium on intervals.
@@ -52,7 +62,7 @@ class RangeContext(Context):
     """
 
     def __init__(
-        self, unit: Any, unit_of: Callable[[Expression], Any], faint: float = 1e-8
+        self, unit: Unit, unit_of: Callable[[Expression], Unit], faint: float = 1e-8
     ) -> None:
         super().__init__(Interval.of, Interval.of, unit, unit_of, faint=faint)
 
@@ -66,29 +76,8 @@ class RangeContext(Context):
         return interpolate_ranges(x, nodes, columns)
 
 
-def bounds(
-    medium: Medium,
-    lo: Mapping[str, Any],
-    hi: Mapping[str, Any],
-    unit: Any,
-    unit_of: Callable[[Expression], Any],
-) -> Bounds:
-    """Return bounds of the coefficients of a medium; see `Medium.bounds`."""
-    fields = _intervals(lo, hi)
-    with np.errstate(all="ignore"):
-        found = medium.ranges(fields, RangeContext(unit, unit_of))
-    shape = np.broadcast_shapes(*(field.lo.shape for field in fields.values()))
-    j = [_ends(interval, shape) for interval in found.emissivity]
-    a = [_ends(interval, shape) for interval in found.extinction]
-    return Bounds(
-        [ends[0] for ends in j],
-        [ends[1] for ends in j],
-        [ends[0] for ends in a],
-        [ends[1] for ends in a],
-    )
-
-
-def _intervals(lo: Mapping[str, Any], hi: Mapping[str, Any]) -> dict[str, Interval]:
+def intervals(lo: Mapping[str, Any], hi: Mapping[str, Any]) -> dict[str, Interval]:
+    """Return the ranges of fields from their smallest and largest values."""
     one_sided = sorted(lo.keys() ^ hi.keys())
     if one_sided:
         raise InputError(
@@ -114,10 +103,3 @@ def _interval(name: str, lo: Any, hi: Any) -> Interval:
             f"{low[wrong][0]:g} and {high[wrong][0]:g}; give lo first, then hi"
         )
     return Interval(low, high)
-
-
-def _ends(interval: Interval, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return both ends as arrays, infinite where a coefficient may be NaN."""
-    lo = np.where(interval.nan, -np.inf, interval.lo)
-    hi = np.where(interval.nan, np.inf, interval.hi)
-    return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)

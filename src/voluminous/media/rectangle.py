@@ -51,11 +51,19 @@ class Rectangle(SampledShaped):
         path_length: Any = "auto",
         *,
         where: Any = None,
-        shading: Any = 0.0,
+        shading: float = 0.0,
         lights: Any = None,
     ) -> None:
         super().__init__(
-            expr, center, half_width, color, opacity, path_length, where, shading, lights
+            expr,
+            center,
+            half_width,
+            color,
+            opacity,
+            path_length,
+            where=where,
+            shading=shading,
+            lights=lights,
         )
 
     def shape(self, ops: Ops, offset: Float, width: Any) -> Float:

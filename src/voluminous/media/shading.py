@@ -20,7 +20,6 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .arguments import fraction
 from .stretch import NODES, Middle, extremes, kept
-from .unresolved import change_across
 
 if TYPE_CHECKING:
     from .context import Context
@@ -67,13 +66,6 @@ def _light(given: Any) -> Light:
     return tuple(v / size for v in direction), weight
 
 
-def described_lights(lights: tuple[Light, ...]) -> dict[str, Any]:
-    """Return lights as an argument of a medium; nothing for the headlight alone."""
-    if lights == ((HEADLIGHT, 1.0),):
-        return {}
-    return {"lights": [[d if d == HEADLIGHT else list(d), w] for d, w in lights]}
-
-
 def given_shade(expr: Expression, shading: Any, lights: Any) -> Shade | None:
     """Return the shading of an expression; None if there is none."""
     share = fraction(shading, "shading")
@@ -81,27 +73,6 @@ def given_shade(expr: Expression, shading: Any, lights: Any) -> Shade | None:
     if lights is not None and share == 0.0:
         raise InputError("lights need shading, such as shading=0.7")
     return Shade(expr, share, rows) if share > 0.0 else None
-
-
-def on_rays(medium: Any) -> Any:
-    """Return a medium for schemes that ask for its light on rays alone, and know their directions.
-
-    The gradient along the line of sight, in all cells, took three times as long as the picture.
-    """
-    changes: dict[str, Any] = {}
-    own, surface = getattr(medium, "modulation", None), getattr(medium, "shade", None)
-    if own is not None and own.shade is not None:
-        changes["modulation"] = type(own)(own.where, own.color, own.channels, _on_rays(own.shade))
-    if surface is not None:
-        changes["shade"] = _on_rays(surface)
-    if not changes:
-        return medium
-    found = medium.changed(**changes)
-    return found.changed(names=found.used_names())
-
-
-def _on_rays(shade: Shade) -> Shade:
-    return Shade(shade.expr, shade.share, shade.lights, on_rays=True)
 
 
 class Shade:
@@ -128,6 +99,10 @@ class Shade:
         self.sight = Expression(f"los(grad({expr.text}))") if self.head and not on_rays else None
         used = [*(n for e in self.expressions() for n in e.names), *("xyz" if self.head else "")]
         self.names = tuple(dict.fromkeys(used))
+
+    def on_rays(self) -> Shade:
+        """Return the shading for `seen` alone, which needs no field of all cells."""
+        return Shade(self.expr, self.share, self.lights, on_rays=True)
 
     def expressions(self) -> list[Expression]:
         """Return the components of the gradient, along the line of sight too if that matters."""
@@ -187,10 +162,6 @@ class Shade:
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""
         return ("Shade", self.normal[0].text, self.share, self.lights)
-
-    def describe(self) -> dict[str, Any]:
-        """Return it as the arguments of a medium."""
-        return {"shading": self.share, **described_lights(self.lights)}
 
 
 # Largest change of the cosine between ray and normal within a panel.
@@ -310,3 +281,34 @@ def _scaled(vector: list[Any], context: Context) -> list[Float]:
 
 def _dot(a: list[Float], b: list[Float]) -> Float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+# On average the visible emission of a slab of optical depth τ comes from τ/12 of its thickness in
+# front of its middle, and from at most half of it.
+_PER_DEPTH = 1.0 / 12.0
+_MOST = 0.5
+
+
+def change_across(nodes: list[list[Any]], extent: Float, depth: Float) -> Float:
+    """Return the relative error of an absorbing layer's emission where its colour or light varies.
+
+    Its front is seen better than its back.
+
+    Parameters
+    ----------
+    nodes : three lists of arrays
+        The factors of each channel at both ends and in the middle of a stretch.
+    extent : array
+        The part of a half of the stretch that the layer fills.
+    depth : array
+        Its optical depth in a half.
+    """
+    change = most = depth * 0.0
+    for a, b, c in zip(*nodes, strict=True):
+        change = extremes([change, dr.abs(b - a), dr.abs(c - b)])[1]
+        most = extremes([most, dr.abs(a), dr.abs(b), dr.abs(c)])[1]
+    shift = _PER_DEPTH * depth
+    shift = dr.select(shift < _MOST, shift, _MOST)
+    part = dr.select(extent < 1.0, extent, 1.0)
+    off = change * part * shift / dr.select(most > 0.0, most, 1.0)
+    return dr.select(off < 1.0, off, 1.0)

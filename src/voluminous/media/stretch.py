@@ -10,10 +10,10 @@ picture, for schemes that estimate errors.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 from ..backend import dr
 from ..backend.functions import horner
@@ -25,6 +25,7 @@ from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, lar
 from ..expressions.traced_interval import extremes as without_nan
 from .context import Context, completed
 
+T = TypeVar("T")
 # Intervals are useful on a stretch if those at a single place are narrower by this factor.
 _LESS = 0.25
 # Second difference over difference of the ends: 0.5 for s², 0.75 for s³, nearly 1 for high powers.
@@ -268,6 +269,7 @@ class Stretch:
     ) -> None:
         self.cubics, self.context, self.length, self.rough = cubics, context, length, rough
         self.edgeless = False
+        self.cache: dict[Hashable, Any] = {}
         self._scalars: dict[tuple[str, float], Any] = {}
         self._controls: dict[str, list[Any]] = {}
         self._turnings: dict[str, Turning] = {}
@@ -528,12 +530,12 @@ class Middle:
     spread: Float
 
 
-def kept(stretch: Stretch, key: Any, make: Any) -> Any:
+def kept(stretch: Stretch, key: Hashable, make: Callable[[], T]) -> T:
     """Return the cached result of `make` for a stretch, which its panels share."""
-    store = vars(stretch).setdefault("_kept", {})
-    if key not in store:
-        store[key] = make()
-    return store[key]
+    if key not in stretch.cache:
+        stretch.cache[key] = make()
+    result: T = stretch.cache[key]
+    return result
 
 
 def middle_of(t: Float, variance: Any) -> Middle:

@@ -10,8 +10,8 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import page, table
-from .context import Context
-from .contract import Feature, Medium, MediumSample, Sampling
+from .context import Context, Feature, MediumSample
+from .contract import Medium, Sampling
 from .sampled import Sampled
 from .stretch import extremes
 
@@ -133,9 +133,6 @@ class Sum(Medium):
     def key(self) -> Any:
         keys = tuple(part.key() for part in self.parts)
         return None if None in keys else keys
-
-    def describe(self) -> dict[str, Any]:
-        return {"type": "sum", "parts": [part.describe() for part in self.parts]}
 
     def _repr_html_(self) -> str:
         rows = ((repr(part),) for part in self.parts)

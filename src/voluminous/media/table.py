@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,21 +25,16 @@ from .arguments import (
     named,
 )
 from .color_by import ColorBy
-from .context import Context
-from .contract import Feature, Medium, MediumSample, Sampling
+from .context import Context, Feature, MediumSample
+from .contract import Medium, Sampling
 from .edges import NOISE, passes
 from .modulation import Modulation
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
 from .sampled import PAIR, Sampled, missed_by_pair
 from .shading import given_shade
-from .stretch import extremes, kept
+from .stretch import Panel, Stretch, extremes, kept
 from .table_bends import TableBends
 from .unresolved import LookedUp, bend, core, extent_of, thinness
-
-if TYPE_CHECKING:
-    from .edges import Level
-    from .stretch import Panel, Stretch
-
 
 # Emission and extinction are proportional if they differ by less than this, relative to the peaks.
 _EVEN = 1e-9
@@ -117,6 +112,8 @@ class Table(Medium):
         finite.
     """
 
+    modulation: Modulation
+
     def __init__(
         self,
         expr: Any,
@@ -126,7 +123,7 @@ class Table(Medium):
         path_length: Any = "auto",
         *,
         where: Any = None,
-        shading: Any = 0.0,
+        shading: float = 0.0,
         lights: Any = None,
     ) -> None:
         self.expr = Expression(expr)
@@ -150,10 +147,6 @@ class Table(Medium):
         )
         self.sensitivity = self.modulation.sensitivity
         self.names = self.used_names()
-
-    def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it depends on."""
-        return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @staticmethod
     def plain_values(values: Any) -> tuple[Any, np.ndarray]:
@@ -185,11 +178,11 @@ class Table(Medium):
         width = least if self.unit is None else least * self.unit
         return (Feature(self.expr, width, scalar=True), *self.modulation.features())
 
+    def emission_range(self) -> tuple[float, float]:
+        return float(self.colors.min()), float(self.colors.max())
+
     def strongest(self) -> tuple[float, float]:
         return max(self.color), max(self.opacity)
-
-    def discontinuities(self, context: Context) -> list[Level]:
-        return self.modulation.discontinuities(context)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         stretch = panel.stretch
@@ -281,7 +274,7 @@ class Table(Medium):
 
     @property
     def _weight(self) -> np.ndarray:
-        return np.abs(self.shape).mean(axis=1)
+        return np.asarray(np.abs(self.shape).mean(axis=1))
 
     def _table(self, context: Context, real: Any) -> PiecewiseLinear:
         def make() -> PiecewiseLinear:
@@ -356,25 +349,9 @@ class Table(Medium):
         return ("Table", self.expr.text, *data, *shapes)
 
     def describe(self) -> dict[str, Any]:
-        return {
-            "type": "table",
-            "expr": self.expr.text,
-            "values": self._described_values(),
-            "colors": self.colors.tolist(),
-            "opacities": self.opacities.tolist(),
-            "path_length": named(self.path_length),
-            **self.modulated(),
-        }
-
-    def _described_values(self) -> list[Float]:
-        """Return the values of x as plain numbers, or as texts if they have a unit."""
         numbers: list[float] = self.values.tolist()
-        return numbers if self.unit is None else [named(n * self.unit) for n in numbers]
-
-    def modulated(self) -> dict[str, Any]:
-        """Return gate and colours as plain values."""
-        told = self.modulation.described()
-        return {"colors" if key == "color" else key: value for key, value in told.items()}
+        values = numbers if self.unit is None else [named(n * self.unit) for n in numbers]
+        return {**super().describe(), "values": values}
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         """Return where an entry may be noticeable, and where a panel's ends may miss that."""

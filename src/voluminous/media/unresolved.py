@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..backend import dr
 from ..backend.functions import precision_of
 from ..backend.types import Float, Mask
+from .shading import change_across
 from .stretch import NODES, Straight, extremes
 
 if TYPE_CHECKING:
@@ -115,12 +116,6 @@ def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -
     return dr.select(thin < 1.0, thin, 1.0)
 
 
-# On average the visible emission of a slab of optical depth τ comes from τ/12 of its thickness in
-# front of its middle, and from at most half of it.
-_PER_DEPTH = 1.0 / 12.0
-_MOST = 0.5
-
-
 def extent_of(values: list[Float], thickness: Any) -> Float:
     """Return the part of the steeper half of a stretch that a shell fills."""
     a, b, c = values
@@ -144,27 +139,6 @@ def unseen_change(
         return stretch.length * 0.0
     nodes = [modulation.at_node(stretch, s, context)[1:] for s in NODES]
     return change_across(nodes, extent, depth)
-
-
-def change_across(nodes: list[list[Any]], extent: Float, depth: Float) -> Float:
-    """Return the same for a colour, or light, with given values at the three nodes.
-
-    Parameters
-    ----------
-    nodes : three lists of arrays
-        What each channel is multiplied with there.
-    extent, depth : array
-        As for `unseen_change`.
-    """
-    change = most = depth * 0.0
-    for a, b, c in zip(*nodes, strict=True):
-        change = extremes([change, dr.abs(b - a), dr.abs(c - b)])[1]
-        most = extremes([most, dr.abs(a), dr.abs(b), dr.abs(c)])[1]
-    shift = _PER_DEPTH * depth
-    shift = dr.select(shift < _MOST, shift, _MOST)
-    part = dr.select(extent < 1.0, extent, 1.0)
-    off = change * part * shift / dr.select(most > 0.0, most, 1.0)
-    return dr.select(off < 1.0, off, 1.0)
 
 
 # Distance of a parabola from its chord, as a fraction of the second difference; and the excess of

@@ -70,20 +70,7 @@ class BoxPieces:
 
 
 def overlaps(cells: Grid, others: Grid) -> Iterator[Overlap]:
-    """Yield the overlaps of the cells of one grid with those of another.
-
-    Parameters
-    ----------
-    cells, others : grids
-        Both with cells that are boxes along x, y and z.
-
-    Yields
-    ------
-    cell, other : int arrays, shape (n,)
-        Flat numbers.
-    volume : array, shape (n,)
-        Volume of the overlap. A pair may occur more than once.
-    """
+    """Yield the overlaps of the cells of one grid with those of another."""
     centers, half = others.cell_centers(0, others.size), 0.5 * others.cell_sizes(0, others.size)
     for first in reported_range(cells.size, _CHUNK):
         waiting = [_clipped(_boxes(cells, first, min(first + _CHUNK, cells.size)), others.bounds)]
@@ -160,15 +147,7 @@ _ANGLE = np.pi / 8.0
 
 
 def sampled_overlaps(cells: Grid, others: Grid, count: int) -> Iterator[Overlap]:
-    """Yield estimated overlaps of the cells of two grids, from count³ points or more per cell.
-
-    Yields
-    ------
-    cell, other : int arrays, shape (n,)
-        Flat numbers.
-    volume : array, shape (n,)
-        Estimated volume of the overlap. Pairs occur more than once.
-    """
+    """Yield estimated overlaps of the cells of two grids, from count³ points or more per cell."""
     yield from _smaller(cells, others, count, equal=True)
     for other, cell, volume in _smaller(others, cells, count, equal=False):
         yield cell, other, volume
@@ -185,16 +164,7 @@ def _smaller(cells: Grid, others: Grid, count: int, *, equal: bool) -> Iterator[
 
 
 def points_in(grid: Grid, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield points spread evenly in the cells of a grid.
-
-    Yields
-    ------
-    cell : int array, shape (n,)
-        The cells they are in.
-    points : array, shape (n, 3)
-    volume : array, shape (n,)
-        Volume that each point represents; the sum over a cell is its volume.
-    """
+    """Yield points spread evenly in the cells of a grid."""
     volumes, images = grid.cell_volumes.reshape(-1), mirror_images(grid)
     counts = points_along(grid, count)
     steps = [(np.arange(n) + 0.5) / n - 0.5 for n in counts]
@@ -231,14 +201,7 @@ def _within(
 
 
 def axis_means(values: np.ndarray, source: Grid, target: Grid) -> np.ndarray:
-    """Return the integral over each target cell divided by its volume; zero outside.
-
-    Parameters
-    ----------
-    values : float64 array
-        Of the source's shape.
-    source, target : CartesianGrid
-    """
+    """Return the integral over each target cell divided by its volume; zero outside."""
     for axis, (old, new) in enumerate(zip(source.edges, target.edges, strict=True)):
         values = np.moveaxis(_means(np.moveaxis(values, axis, 0), old, new), 0, axis)
     return np.ascontiguousarray(values)
@@ -266,18 +229,7 @@ _COVERED = 1e-9
 def resampled(
     fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
-    """Return fields on another grid; see `Volume.resample`.
-
-    Parameters
-    ----------
-    fields : mapping of str to array
-        Of the source's shape.
-    source, target : grids
-    fill : float
-        The value outside the source.
-    samples : int
-        Points per axis and cell, where cells are not boxes.
-    """
+    """Return fields on another grid; see `Volume.resample`."""
     _check(source, target, samples)
     size = 8 * (len(fields) + 4) * target.size
     check_memory(size, "fields on another grid", "take fewer fields, or a coarser grid")

@@ -36,16 +36,7 @@ def cell_columns(grid: Grid) -> dict[str, tuple[np.ndarray, Any]]:
 
 
 def table(columns: Mapping[str, tuple[np.ndarray, Any]], kind: str) -> Any:
-    """Return columns with units as a table.
-
-    Parameters
-    ----------
-    columns : mapping of str to (array, unit or None)
-        All of one length.
-    kind : {"dict", "numpy", "astropy", "pandas"}
-        Arrays and Quantities by name; a structured array; a `QTable`; a `DataFrame`. Structured
-        arrays and data frames know no units.
-    """
+    """Return columns with units as a table."""
     check_name("kind of table", kind, KINDS)
     if kind == "pandas":
         pd = _pandas()

@@ -10,7 +10,6 @@ from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.function import with_formulas
-from ..media.shading import on_rays
 from ..media.sum import with_each
 from ..progress import Progress, silent
 from ..schemes import get_scheme
@@ -65,7 +64,7 @@ def prepare(
     cache = Cache(volume)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))
     if solver.coefficients_at == "field":
-        medium = with_each(medium, on_rays)
+        medium = with_each(medium, lambda part: part.on_rays())
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):

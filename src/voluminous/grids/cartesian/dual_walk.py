@@ -148,5 +148,4 @@ class DualWalk(CartesianWalk):
         return whole, cursor
 
     def chord(self, track: DualTrack, segment: Segment) -> Chord:
-        """Return a segment as a straight line through its dual cell."""
         return Chord(self, track, segment)

@@ -11,10 +11,10 @@ import numpy as np
 
 from ...backend.types import Int
 from ...errors import InputError
-from ...geometry import is_uniform, span
+from ...geometry import is_uniform
 from ...memory import check_memory
 from ...packages import room
-from ...units import is_quantity, plain, space_unit, unit_name, unit_of
+from ...units import is_quantity, plain, space_unit, unit_of
 from ..arguments import check_extent, plain_points
 from ..contract import CellBox, Grid
 
@@ -70,11 +70,6 @@ class CartesianCells:
         """Return the flat number of the cell that each point is in, -1 outside.
 
         A point on a wall is in the cell above it; on the last wall of all, below it.
-
-        Parameters
-        ----------
-        points : array_like or Quantity, shape (n, 3)
-            x, y and z; plain numbers are in the grid's unit.
         """
         points = plain_points(points, self.unit)
         flat = np.zeros(len(points), dtype=np.int64)
@@ -139,8 +134,6 @@ def spread(axes: tuple[np.ndarray, ...], first: int, last: int) -> np.ndarray:
 
 
 AXES = "xyz"
-# Single precision must tell this many points apart across the smallest cell.
-_POINTS_PER_CELL = 256
 
 
 class CartesianGrid(CartesianCells, Grid):
@@ -237,10 +230,6 @@ class CartesianGrid(CartesianCells, Grid):
         """True if the cells of each axis are equally wide."""
         return all(is_uniform(e) for e in self.edges)
 
-    def needs_double(self) -> bool:
-        """Return True where single precision cannot tell the cells of an axis apart."""
-        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
-
     @functools.cached_property
     def resolution(self) -> float:
         """Width of the thinnest cell as a fraction of the domain's."""
@@ -300,20 +289,13 @@ class CartesianGrid(CartesianCells, Grid):
             )
 
     def describe(self) -> dict[str, Any]:
-        """Return type, shape, bounds and unit as plain values."""
         return {
             **super().describe(),
             "uniform": self.is_uniform,
         }
 
-    def __repr__(self) -> str:
-        limits = ", ".join(
-            f"{a}: {span(lo, hi)}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
-        )
-        kind = "uniform" if self.is_uniform else "rectilinear"
-        nx, ny, nz = self.shape
-        where = f"{limits} {unit_name(self.unit)}".strip()
-        return f"<CartesianGrid {nx}x{ny}x{nz} cells, {kind}, {where}>"
+    def _counts(self) -> str:
+        return f"{super()._counts()}, {'uniform' if self.is_uniform else 'rectilinear'}"
 
 
 def _common_unit(axes: Any, unit: Any) -> Any:

@@ -113,15 +113,7 @@ def block_shape(cells: Int) -> tuple[int, ...]:
 
 
 def make_blocks(filled: np.ndarray, backend: Backend, steps: np.ndarray | None = None) -> Blocks:
-    """Return blocks.
-
-    Parameters
-    ----------
-    filled : bool array, shape (nx, ny, nz) in blocks
-        Those that are not empty.
-    steps : uint8 array of the same shape, optional
-        log2 of how many cells wide a step may be in them.
-    """
+    """Return blocks."""
     code = empty_ahead(filled)
     wide = np.zeros(1, np.uint8) if steps is None else steps[filled]
     if steps is not None:

@@ -199,7 +199,6 @@ class CartesianWalk(BoxWalk):
         ]
 
     def next(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
-        """Return the segment through the present cell, and the cursor in the next one."""
         ahead = self._crossings(track.axes, cursor.index)
         wall = least(ahead)
         through = nearest(ahead)
@@ -242,13 +241,11 @@ class CartesianWalk(BoxWalk):
         return cursor
 
     def entry_corners(self, track: CartesianTrack, cursor: CartesianCursor) -> Corners:
-        """Return the eight vertices of the cell and trilinear weights at the cursor."""
         return trilinear(
             cursor.vertex, self.fractions(track, cursor.index, cursor.t), track.vertex_stride
         )
 
     def exit_corners(self, track: CartesianTrack, segment: Segment) -> Corners:
-        """Return the vertices around the end of a segment: four of the wall it leaves through."""
         leaving = segment.exit
         f = self.fractions(track, leaving.index, segment.end)
         if track.bounded:  # it may end inside the cell

@@ -68,13 +68,7 @@ class AxisApproach(Approach):
 
 
 def approach_centre(origin: list[Any], direction: list[Any], outer: Any) -> CentreApproach:
-    """Return rays counted from where they come nearest to the origin; all lengths scaled.
-
-    Parameters
-    ----------
-    outer : array
-        Radius of the sphere around everything.
-    """
+    """Return rays counted from where they come nearest to the origin; all lengths scaled."""
     first_way = -dot(origin, direction)
     near = along(origin, direction, first_way)
     # The first point is off along the ray by the rounding of a far origin: once more.

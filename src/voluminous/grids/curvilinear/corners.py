@@ -78,18 +78,6 @@ def cells_around(grid: Grid, lane: Int, backend: Backend) -> list[tuple[Any, Any
     Azimuth that spans a full circle is cyclic: the first and the last vertex have the same cells.
     Cells next to a mirrored midplane lie on both sides of it. There is nothing beyond the other
     ends, the poles included: what RADMC-3D does.
-
-    Parameters
-    ----------
-    grid : CurvilinearGrid
-        With `shape`, `coordinates`, `is_periodic` and `mirror`.
-    lane : array of UInt
-        Flat numbers of vertices (C order, one more than cells along each axis).
-
-    Returns
-    -------
-    list of (array of Int, array of Bool)
-        Flat numbers of cells; those that do not exist are numbers of others.
     """
     cyclic = grid.coordinates.index("phi") if grid.is_periodic else None
     folded = grid.coordinates.index("theta") if grid.mirror else None

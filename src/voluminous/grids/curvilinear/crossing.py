@@ -81,15 +81,7 @@ def _linear(form: Form, c: Any, s: Float) -> Any:
 
 
 def choose(through: list[Any], families: list[RayLines], zero: Any) -> RayLines:
-    """Return the coefficients of the family that each lane is going through.
-
-    Parameters
-    ----------
-    through : list of arrays of Bool
-        For each family; one of them holds.
-    zero : array
-        What None stands for in a mixture.
-    """
+    """Return the coefficients of the family that each lane is going through."""
     if len(families) == 1:
         return families[0]
     bent = [lines.offset is not None for lines in families]

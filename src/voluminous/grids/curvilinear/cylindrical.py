@@ -96,13 +96,11 @@ class CylindricalGrid(CurvilinearGrid):
         return volumes
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the widths of consecutive cells along R, φ and z, at their middles: (3, n)."""
         low, high = self.spans(first, last)
         dR, dphi, dz = high - low
         return np.stack([dR, 0.5 * (low[0] + high[0]) * dphi, dz])
 
     def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the unit vectors along R, φ and z at the cells' middles: [which, xyz, cell]."""
         _, phi, _ = self.native_centers(first, last)
         s, c, zero = np.sin(phi), np.cos(phi), np.zeros_like(phi)
         return np.stack([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]])

@@ -265,7 +265,6 @@ class CurvilinearFieldWalk(Smoothed, SteppedWalk):
         self.length = self.backend.opaque(length)
 
     def chord(self, track: Any, segment: Segment) -> CurvilinearChord:
-        """Return a segment through its dual cell."""
         return CurvilinearChord(self, track, segment)
 
     def corner(self, index: list[Any]) -> Any:

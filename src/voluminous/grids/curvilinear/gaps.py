@@ -44,7 +44,6 @@ class GapCrossing(Walk):
     has_gaps: bool
 
     def cross(self, track: Any, cursor: Any) -> GapLanding:
-        """Return rays where they are in a cell, beyond the gap they were in, or out."""
         gap = cursor.inside & self.in_gap(track, cursor.count)
 
         def beyond(cursor: Any) -> tuple[Any]:

@@ -9,18 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ...geometry import span
 from ...packages import room
-from ...units import unit_name
 from ..contract import CellBox, Grid
 from .corners import cells_around
 from .edges import FULL_CIRCLE, is_closed
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-
-# Single precision must tell this many points apart across the thinnest cell.
-_POINTS_PER_CELL = 256
 
 
 class CurvilinearGrid(Grid):
@@ -77,26 +72,20 @@ class CurvilinearGrid(Grid):
         radii = self.edges[0]
         return float(radii[-1] - radii[0]) / (len(radii) - 1)
 
-    def needs_double(self) -> bool:
-        """Return True where single precision cannot tell the cells of an axis apart.
+    @property
+    def resolution(self) -> float:
+        """Return the smallest width of a cell compared with the numbers it is computed from.
 
         Distances count from the closest approach to the centre or the axis: what counts is a
         cell's width compared with its distance from there, so radii may span many decades.
         """
-        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
-
-    @property
-    def resolution(self) -> float:
-        """Return the smallest width of a cell compared with the numbers it is computed from."""
         raise NotImplementedError
 
     def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the grid's own coordinates of the middles of consecutive cells, shape (3, n)."""
         low, high = self.spans(first, last)
         return 0.5 * (low + high)
 
     def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return where consecutive cells begin and end along their own coordinates, (3, n) each."""
         cells = np.arange(first, self.size if last is None else last)
         index = np.unravel_index(cells, self.shape)
         low = np.stack([e[i] for e, i in zip(self.edges, index, strict=True)])
@@ -111,7 +100,6 @@ class CurvilinearGrid(Grid):
         raise NotImplementedError
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return x, y and z of the middles of consecutive cells, shape (3, n)."""
         return self.position(self.native_centers(first, last))
 
     def position(self, native: np.ndarray) -> np.ndarray:
@@ -123,13 +111,6 @@ class CurvilinearGrid(Grid):
         raise NotImplementedError
 
     def locate(self, points: Any) -> np.ndarray:
-        """Return the flat number of the cell of each point; -1 outside.
-
-        Parameters
-        ----------
-        points : array_like or Quantity, shape (n, 3)
-            x, y and z; plain numbers are in the grid's unit.
-        """
         native = self.native(points)
         index, inside = [], np.ones(native.shape[1], bool)
         for edges, value in zip(self.edges, native, strict=True):
@@ -154,26 +135,15 @@ class CurvilinearGrid(Grid):
         return is_closed(self.edges[self.coordinates.index("phi")])
 
     def vertex_cells(self, lane: Any, backend: Backend) -> list[tuple[Any, Any]]:
-        """Return the cells around vertices, and whether they exist; see `cells_around`."""
         return cells_around(self, lane, backend)
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
-        module = room("rendering.sources.corner_layouts")
-        make = module.curvilinear_lattices if self.is_structured else module.tree_lattices
-        lattices: list[Any] = make(self, arrays, backend)
+        lattices: list[Any] = room("rendering.sources.corner_layouts").curvilinear_lattices(
+            self, arrays, backend
+        )
         return lattices
 
     def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
-        """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
-
-        Parameters
-        ----------
-        backend : Backend
-            Device and precision.
-        kind : {"cells", "substeps", "dual"}
-            Through the cells; through the cells in the sub-steps that RADMC-3D takes; or through
-            the dual cells between their centres.
-        """
         from .walks import make_walk
 
         self.check_no_box(box)
@@ -185,7 +155,6 @@ class CurvilinearGrid(Grid):
         return self.on_device(backend, kind, lambda: make_walk(self, backend, kind))
 
     def describe(self) -> dict[str, Any]:
-        """Return type, shape, bounds, edges' ends and unit as plain values."""
         return {
             **super().describe(),
             "extent": {
@@ -199,13 +168,3 @@ class CurvilinearGrid(Grid):
     def bounds(self) -> np.ndarray:
         """CellBox around the domain, shape (3, 2), in the grid's unit."""
         raise NotImplementedError
-
-    def __repr__(self) -> str:
-        counts = "x".join(map(str, self.shape))
-        limits = ", ".join(
-            f"{name}: {span(e[0], e[-1])}"
-            for name, e in zip(self.coordinates, self.edges, strict=True)
-        )
-        mirrored = ", mirrored" if self.mirror else ""
-        where = f"{limits}{mirrored} {unit_name(self.unit)}".strip()
-        return f"<{type(self).__name__} {counts} cells, {where}>"

@@ -19,15 +19,7 @@ _LARGEST_TURN = 0.1
 
 
 def cut(closest: Any, radius: Float, t: Float, length: Float) -> tuple[Any, Any]:
-    """Return where a step that turns too far is to end, and which do.
-
-    Parameters
-    ----------
-    closest, radius : array
-        Distance from the centre at the closest approach, and where the step begins.
-    t, length : array
-        Where it begins, and how long it is.
-    """
+    """Return where a step that turns too far is to end, and which do."""
     turn = closest * length / (radius * (radius + length))
     short = turn > _LARGEST_TURN
     return dr.fma(length, _LARGEST_TURN / dr.select(short, turn, 1.0), t), short

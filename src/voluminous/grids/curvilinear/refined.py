@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend.types import Int
 from ...errors import InputError
 from ..contract import CellBox
+from ..trees.cells import LeafGrid
 from ..trees.octree_order import Places, checked_flags, levels_from_flags
 from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
 from ..trees.tree import Tree
-from ..trees.vertices import VertexNumbers, cells_around
+from ..trees.vertices import VertexNumbers
 from .cylindrical import CylindricalGrid
 from .edges import ANGLE_ROUNDING, FULL_CIRCLE
 from .grid import CurvilinearGrid
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _MOST_WALLS = 1 << 24
 
 
-class RefinedCells(CurvilinearGrid):
+class RefinedCells(LeafGrid, CurvilinearGrid):
     """What refinement changes in a curvilinear grid: fields are flat, in the order of the leaves.
 
     Attributes
@@ -45,7 +45,6 @@ class RefinedCells(CurvilinearGrid):
     """
 
     walk_kinds: tuple[str, ...] = ("cells", "dual")
-    has_neighbourhood = True
     fine_edges: tuple[np.ndarray, ...]
 
     def _refine(self, refined: Any) -> None:
@@ -54,7 +53,7 @@ class RefinedCells(CurvilinearGrid):
         levels = levels_from_flags(checked_flags(refined), base, 1 << len(axes))
         levels.setflags(write=False)
         self.places = Places(levels, axes)
-        self.__dict__["levels"] = levels
+        self.levels = levels
         self.divisions = np.ones(3, np.int64)
         self.divisions[list(axes)] <<= self.places.deepest
         self._check_walls()
@@ -83,41 +82,17 @@ class RefinedCells(CurvilinearGrid):
                 f"around; one is {widest:g} radian wide: split it in two, phi edges included"
             )
 
-    @property
-    def base_shape(self) -> tuple[int, int, int]:
-        """Number of base cells per axis."""
-        a, b, c = (len(e) - 1 for e in self.edges)
-        return a, b, c
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return (len(self.levels),)
-
-    @functools.cached_property
-    def cells_per_level(self) -> tuple[int, ...]:
-        """Number of cells of each level."""
-        return tuple(int(n) for n in np.bincount(self.levels))
-
     @functools.cached_property
     def tree(self) -> Tree:
         """From whole numbers of finest units to leaves."""
         return octree_tree(self.base_shape, self.places)
 
-    def boxes(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
-        last = self.size if last is None else last
-        base, corner = self.places.corners(first, last)
-        n1, n2, _ = self.base_shape
-        finer = 1 << (self.places.deepest - self.levels[first:last].astype(np.int64))
-        size = np.ones_like(corner)
-        for axis, index in enumerate((base % n1, base // n1 % n2, base // (n1 * n2))):
-            corner[axis] += index * self.divisions[axis]
-            if axis in self.places.axes:
-                size[axis] = finer
-        return corner, size
+        return self.places.boxes(self.base_shape, first, last)
 
     def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        corner, size = self.boxes(first, last)
+        corner, size = self.boxes(first, self.size if last is None else last)
         low, high = (
             np.stack([e[i] for e, i in zip(self.fine_edges, index, strict=True)])
             for index in (corner, corner + size)
@@ -142,52 +117,20 @@ class RefinedCells(CurvilinearGrid):
         """Numbers of the vertices of all leaves."""
         return octree_vertices(self)
 
-    @property
-    def vertex_count(self) -> int:
-        return self.vertex_numbers.count
-
-    def vertex_cells(self, lane: Int, backend: Backend) -> list[tuple[Any, Any]]:
-        return cells_around(self, lane, backend)
-
     def surroundings(self, backend: Backend) -> RefinedSurroundings:
         """Return what finds the leaves around vertices in kernels, in double precision."""
         return RefinedSurroundings(self, backend.with_precision("double"))
 
     def neighbourhood(self, backend: Backend) -> StraightSurroundings:
-        """Return what finds neighbours of leaves in kernels, and how far they are."""
         return StraightSurroundings(self, backend.with_precision("double"))
 
     def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
-        """Return the walk of rays through this grid, for a backend (made once).
-
-        Parameters
-        ----------
-        backend : Backend
-            Device and precision.
-        kind : {"cells", "substeps", "dual"}
-            Through the leaves; the same in RADMC-3D's sub-steps; or the same where fields are
-            known between the corners of each.
-        """
         from .refined_walk import RefinedFieldWalk
 
         if kind != "dual":
             return super().walk(backend, kind, box)
         cells = super().walk(backend, box=box)
         return self.on_device(backend, kind, lambda: RefinedFieldWalk(self, cells, backend))
-
-    def describe(self) -> dict[str, Any]:
-        return {
-            **super().describe(),
-            "base": list(self.base_shape),
-            "levels": len(self.cells_per_level),
-            "cells_per_level": list(self.cells_per_level),
-        }
-
-    def __repr__(self) -> str:
-        base, levels = "x".join(map(str, self.base_shape)), "/".join(map(str, self.cells_per_level))
-        _, _, limits = super().__repr__().partition(" cells, ")
-        name = type(self).__name__
-        return f"<{name} {self.size} cells, base {base}, per level {levels}, {limits}"
 
 
 class RefinedSphericalGrid(RefinedCells, SphericalGrid):

@@ -21,7 +21,7 @@ from ...backend import Float, Int, dr
 from ...backend.types import Mask
 from ...geometry import SPHERICAL
 from ..trees.axes import Spacing
-from ..trees.lookup import Cell
+from ..trees.tree import Cell
 from ..trees.vertices import Surroundings
 from .opposite import Opposite
 
@@ -48,10 +48,6 @@ class RefinedSurroundings(Surroundings):
         return OwnSpacing(grid, backend)
 
     def steps(self, middle: list[Any], size: list[Any], width: list[Any]) -> list[Any]:
-        """Return widths of leaves as gradients count them: as parts of base cells.
-
-        They are negative in images, where what a leaf's gradient tells goes backwards.
-        """
         found = [s / parts for s, parts in zip(size, self.parts, strict=True)]
         if any(self.mirrored):
             axis = self.mirrored.index(True)
@@ -60,10 +56,6 @@ class RefinedSurroundings(Surroundings):
         return found
 
     def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
-        """Return the leaves around places, or what they continue as, and where there is one.
-
-        Corners of the leaves are moved to where they continue.
-        """
         inner = list(place)
         for axis, (p, extent) in enumerate(zip(place, self.extent, strict=True)):
             if self.turning[axis]:
@@ -238,13 +230,6 @@ class StraightSpacing(ContinuedSpacing):
         return [first, own[0] * second, third]
 
     def reaches(self, middle: list[Any], size: list[Any]) -> list[list[Any]]:
-        """Return how far to look around boxes for second derivatives, in finest units.
-
-        Close to the axis cells are narrow along φ, and the finer the grid the narrower compared
-        with their other widths; close to the centre along θ too. Fits to neighbours as narrow do
-        not converge: they take third derivatives along a wide side for second ones along a narrow
-        one. So there cells further away are looked at too.
-        """
         own, width, out = self._own(middle), self.widths(middle, size), list(size)
         if self.spherical:
             if self.centre or self.alike[1]:
@@ -269,10 +254,6 @@ class StraightSpacing(ContinuedSpacing):
         return width[axis]
 
     def turning(self, axis: Int, middle: list[Any], gradient: list[Any]) -> Any:
-        """Return by how much a gradient that turns with an angle changes along it, per length.
-
-        That is the gradient's part away from the axis (centre), over the distance from there.
-        """
         r, theta, _ = self._own(middle)
         away = gradient[0] / r
         if not self.spherical:

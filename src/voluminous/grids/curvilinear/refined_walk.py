@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..contract import Corners, Segment
-from ..trees.lookup import TreeLookup
+from ..trees.tree import TreeLookup
 from .approach import dot
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import either, later, lesser, nearest
@@ -185,7 +185,7 @@ def leaf_corners(
     Float = walk.backend.Float
     index = walk.cells_near(track, leaving.count)
     point = walk.point(track, leaving.t)
-    corner, strides = walk.grid.vertex_numbers.traced(walk.backend).of(leaf.number, active)
+    corner, strides = walk.grid.vertex_numbers.of(leaf.number, active, walk.backend)
     vertices, weights = [corner], [Float(1)]
     for n, family in enumerate(walk.families):
         inner = Float(index[n] - leaf.low[n]) + family.fraction(index[n], point)
@@ -245,7 +245,6 @@ class RefinedFieldWalk(Smoothed, RefinedWalk):
         self.wide = [_over(f, p) for f, p in zip(self.families, parts, strict=True)]
 
     def chord(self, track: Any, segment: Segment) -> RefinedChord:
-        """Return a segment through its leaf."""
         return RefinedChord(self, track, segment)
 
     def fractions(self, leaf: Leaf, point: list[Any], own: Arithmetic) -> list[Any]:

@@ -128,13 +128,11 @@ class SphericalGrid(CurvilinearGrid):
         return 2 * volumes if self.mirror else volumes
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the widths of consecutive cells along r, θ and φ, at their middles: (3, n)."""
         low, high = self.spans(first, last)
         (dr, dtheta, dphi), (r, theta, _) = high - low, 0.5 * (low + high)
         return np.stack([dr, r * dtheta, r * np.sin(theta) * dphi])
 
     def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the unit vectors along r, θ and φ at the cells' middles: [which, xyz, cell]."""
         _, theta, phi = self.native_centers(first, last)
         (st, ct), (sp, cp) = (np.sin(theta), np.cos(theta)), (np.sin(phi), np.cos(phi))
         outwards = [st * cp, st * sp, ct]

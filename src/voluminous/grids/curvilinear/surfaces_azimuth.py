@@ -79,10 +79,6 @@ class HalfPlanes(Running):
         self.rounding = _PARALLEL * float(np.finfo(kind).eps)
 
     def track(self, approach: Approach) -> RunningTrack:
-        """Return how rays see this family; the first wall is the first after where they come from.
-
-        From there to where it goes to, a ray meets all half planes of half a circle.
-        """
         Float, Int = self.backend.Float, self.backend.Int
         (x, y), (dx, dy, _) = approach.passage.foot, approach.direction
         # A ray parallel to the axis stays where it is.

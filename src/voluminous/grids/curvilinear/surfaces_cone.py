@@ -106,10 +106,6 @@ class Cones(TurningPoint):
         return (square > highest) | (c < 0.0)
 
     def place(self, surface: ConeTrack, t: Float) -> tuple[Any, Any]:
-        """Return where rays are, and where cos θ still rises; at the centre what is ahead.
-
-        As height, radius, and the square of the distance from the axis.
-        """
         height = dr.fma(surface.rise, t, surface.height * surface.radius)
         radius = dr.sqrt(dr.fma(t, t, surface.radius * surface.radius))
         x, y = (dr.fma(t, d, p) for p, d in zip(surface.point, surface.direction, strict=True))

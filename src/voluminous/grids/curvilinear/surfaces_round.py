@@ -100,7 +100,6 @@ class Shells(Round):
         return dr.fma(t, t, surface.nearest), t < 0.0
 
     def lines(self, surface: ShellTrack) -> RayLines:
-        """Return when rays meet the spheres: t = ∓ sqrt(r² - b²)."""
         return RayLines((None, None, 1.0), (None, 1.0, None), (surface.nearest, surface.nearest))
 
     def first_number(self, square: np.ndarray) -> np.ndarray:

@@ -132,7 +132,6 @@ class CurvilinearWalk(GapCrossing):
             first += len(table)
 
     def enter(self, ray: Ray) -> tuple[SurfaceTrack, SurfaceCursor]:
-        """Return the track and the cursor at the point where each ray enters the first cell."""
         Float = self.backend.Float
         origin = [o * self.to_scale for o in ray.origin]
         approach = self.approach(origin, list(ray.direction))
@@ -165,7 +164,6 @@ class CurvilinearWalk(GapCrossing):
         return SurfaceCursor(count, self._times(track, count), t, inside)
 
     def next(self, track: SurfaceTrack, cursor: SurfaceCursor) -> tuple[Segment, SurfaceCursor]:
-        """Return the segment through the present cell, and the cursor in the next one."""
         count, ahead, t, family = self._step(track, cursor)
         segment = Segment(
             self.backend.UInt(self._flat(self._cells(track, cursor.count), self.strides)),
@@ -219,12 +217,10 @@ class CurvilinearWalk(GapCrossing):
         return total
 
     def entry_corners(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Corners:
-        """Return the vertices of the cell and multilinear weights at the cursor."""
         standing = SurfaceExit(self.backend.Int(-1), cursor.count, cursor.t)
         return cell_corners(self, track, standing)
 
     def exit_corners(self, track: SurfaceTrack, segment: Segment) -> Corners:
-        """Return the vertices around the end of a segment: those of the wall it leaves through."""
         leaving = segment.exit
         if track.bounded or self.stops_inside:
             family = self._family_with_vertices(track, leaving)

@@ -8,29 +8,109 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend.types import Int
-from ...geometry import is_uniform, span
+from ...backend.types import Int, Mask
+from ...geometry import is_uniform
 from ...packages import room
-from ...units import unit_name
 from ..arguments import plain_points
 from ..contract import CellBox, Grid
 from .tree import Tree
-from .vertices import VertexNumbers
+from .vertices import Surroundings, VertexNumbers, cells_around
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
+    from .walk import TreeWalk
 
-AXES = "xyz"
-# Single precision must tell this many points apart across the smallest cell.
-_POINTS_PER_CELL = 256
 # Cells whose corners are computed at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
 
 
-class TreeCells(Grid):
-    """What `grids.contract.Grid` asks of a grid of boxes between planes of x, y and z.
+class LeafGrid(Grid):
+    """What grids share whose cells are boxes of a tree, in any coordinates.
 
     A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
+
+    Attributes
+    ----------
+    levels : array of uint8, shape (n,)
+        How often each cell's base cell was refined.
+    base_shape : tuple of three int
+        Number of base cells along each axis.
+    divisions : array of int64, shape (3,)
+        Finest units per base cell along each axis.
+    """
+
+    levels: np.ndarray
+    divisions: np.ndarray
+    cells_are_boxes = has_vertices = has_neighbourhood = True
+
+    @functools.cached_property
+    def tree(self) -> Tree:
+        """From places, whole numbers of finest units, to cells."""
+        raise NotImplementedError
+
+    @functools.cached_property
+    def vertex_numbers(self) -> VertexNumbers:
+        """Numbers of the vertices of all cells."""
+        raise NotImplementedError
+
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
+        raise NotImplementedError
+
+    def surroundings(self, backend: Backend) -> Surroundings:
+        """Return what finds the cells around vertices in kernels, in double precision."""
+        double = backend.with_precision("double")
+        return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
+
+    def neighbourhood(self, backend: Backend) -> Surroundings:
+        return self.surroundings(backend)
+
+    @property
+    def base_shape(self) -> tuple[int, int, int]:
+        a, b, c = (len(e) - 1 for e in self.base_edges or self.edges)
+        return a, b, c
+
+    @property
+    def size(self) -> int:
+        return len(self.levels)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.size,)
+
+    @functools.cached_property
+    def cells_per_level(self) -> tuple[int, ...]:
+        """Number of cells of each level."""
+        return tuple(int(n) for n in np.bincount(self.levels))
+
+    @property
+    def vertex_count(self) -> int:
+        return self.vertex_numbers.count
+
+    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
+        return cells_around(self, vertex, backend)
+
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
+        lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
+            self, arrays, backend
+        )
+        return lattices
+
+    def describe(self) -> dict[str, Any]:
+        return {
+            **super().describe(),
+            "base": list(self.base_shape),
+            "levels": len(self.cells_per_level),
+            "cells_per_level": list(self.cells_per_level),
+        }
+
+    def _counts(self) -> str:
+        base, levels = "x".join(map(str, self.base_shape)), "/".join(map(str, self.cells_per_level))
+        return f"{self.size} cells, base {base}, per level {levels}"
+
+
+class TreeCells(LeafGrid):
+    """What `grids.contract.Grid` asks of a grid of boxes between planes of x, y and z.
 
     Attributes
     ----------
@@ -38,49 +118,12 @@ class TreeCells(Grid):
         The walls of the base cells.
     extent : array of int64, shape (3,)
         Size of the domain in finest units: each base cell is evenly divided into them.
-    levels : array of uint8, shape (n,)
-        How often each cell's base cell was refined.
     unit : astropy unit or None
         Length unit; None is dimensionless.
     """
 
-    base_edges: tuple[np.ndarray, ...]
     extent: np.ndarray
-    levels: np.ndarray
-    unit: Any
     walk_kinds: tuple[str, ...] = ("cells", "dual")
-    cells_are_boxes = has_vertices = has_neighbourhood = True
-
-    @functools.cached_property
-    def tree(self) -> Tree:
-        """From places to cells."""
-        raise NotImplementedError
-
-    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
-        raise NotImplementedError
-
-    def boxes_of(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return `boxes` of cells given by ascending numbers."""
-        found = [np.empty((3, len(cells)), np.int64) for _ in range(2)]
-        for first in range(0, self.size, _CHUNK):
-            here = slice(*np.searchsorted(cells, [first, first + _CHUNK]))
-            if here.start == here.stop:
-                continue
-            parts = self.boxes(first, min(first + _CHUNK, self.size))
-            for whole, part in zip(found, parts, strict=True):
-                whole[:, here] = part[:, cells[here] - first]
-        return found[0], found[1]
-
-    @property
-    def size(self) -> int:
-        """Number of cells."""
-        return len(self.levels)
-
-    @property
-    def shape(self) -> tuple[int]:
-        """Shape of a field: one value per cell."""
-        return (self.size,)
 
     @property
     def bounds(self) -> np.ndarray:
@@ -88,15 +131,9 @@ class TreeCells(Grid):
         return np.array([[e[0], e[-1]] for e in self.base_edges])
 
     @property
-    def divisions(self) -> np.ndarray:
-        """Finest units per base cell along each axis."""
-        divided: np.ndarray = self.extent // [len(e) - 1 for e in self.base_edges]
+    def divisions(self) -> np.ndarray:  # type: ignore[override]
+        divided: np.ndarray = self.extent // self.base_shape
         return divided
-
-    @functools.cached_property
-    def cells_per_level(self) -> tuple[int, ...]:
-        """Number of cells of each level."""
-        return tuple(int(n) for n in np.bincount(self.levels))
 
     @functools.cached_property
     def scale(self) -> float:
@@ -112,10 +149,6 @@ class TreeCells(Grid):
         """Width of the thinnest cell as a fraction of the domain's."""
         thinnest = [np.diff(e).min() for e in self.base_edges] / self.divisions
         return float(np.min(thinnest / np.ptp(self.bounds, axis=1)))
-
-    def needs_double(self) -> bool:
-        """Return True where single precision cannot tell the cells of an axis apart."""
-        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
 
     def unpack(self, flat: np.ndarray) -> Any:
         return np.asarray(flat)
@@ -135,12 +168,10 @@ class TreeCells(Grid):
         return found
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return x, y and z of the centres of consecutive cells, shape (3, n)."""
         low, high = self.corners(first, last)
         return 0.5 * (low + high)
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the widths of consecutive cells, shape (3, n)."""
         low, size = self.boxes(first, self.size if last is None else last)
         return self.widths(low, size)
 
@@ -170,15 +201,6 @@ class TreeCells(Grid):
         return volumes
 
     def locate(self, points: Any) -> np.ndarray:
-        """Return the number of the cell that each point is in, -1 outside and in holes.
-
-        A point on a wall is in the cell above it; on the last wall of all, below it.
-
-        Parameters
-        ----------
-        points : array_like or Quantity, shape (n, 3)
-            x, y and z; plain numbers are in the grid's unit.
-        """
         points = plain_points(points, self.unit)
         low, high = self.bounds.T
         inside = ((points >= low) & (points <= high)).all(axis=1)
@@ -194,65 +216,12 @@ class TreeCells(Grid):
             places[axis] = base * parts + np.clip(part.astype(np.int64), 0, parts - 1)
         return places
 
-    @functools.cached_property
-    def vertex_numbers(self) -> VertexNumbers:
-        """Numbers of the vertices of all cells."""
-        raise NotImplementedError
-
-    @property
-    def vertex_count(self) -> int:
-        """Number of vertices."""
-        return self.vertex_numbers.count
-
-    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Any, Any]]:
-        """Return the eight cells around consecutive vertices; see `grids.contract.Grid`."""
-        from .vertices import cells_around
-
-        return cells_around(self, vertex, backend)
-
-    def surroundings(self, backend: Backend) -> Any:
-        """Return what finds the cells around vertices in kernels (made once)."""
-        from .vertices import Surroundings
-
-        double = backend.with_precision("double")
-        return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
-
-    def neighbourhood(self, backend: Backend) -> Any:
-        """Return what finds neighbours of cells in kernels, and how far they are: the same."""
-        return self.surroundings(backend)
-
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
-        lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
-            self, arrays, backend
-        )
-        return lattices
-
-    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> TreeWalk:
         self.check_no_box(box)
         return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
 
-    def walk_through(self, tree: Tree, backend: Backend, kind: str = "cells") -> Any:
-        """Return a walk through another tree over the same domain, such as one with more holes."""
+    def walk_through(self, tree: Tree, backend: Backend, kind: str = "cells") -> TreeWalk:
         from .walk import TreeFieldWalk, TreeWalk
 
         kinds = {"cells": TreeWalk, "dual": TreeFieldWalk}
         return kinds[kind](self, tree, backend)
-
-    def describe(self) -> dict[str, Any]:
-        """Return type, cells per level, bounds and unit as plain values."""
-        return {
-            **super().describe(),
-            "base": [len(e) - 1 for e in self.base_edges],
-            "levels": len(self.cells_per_level),
-            "cells_per_level": list(self.cells_per_level),
-        }
-
-    def __repr__(self) -> str:
-        limits = ", ".join(
-            f"{a}: {span(lo, hi)}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
-        )
-        base = "x".join(str(len(e) - 1) for e in self.base_edges)
-        levels = "/".join(str(n) for n in self.cells_per_level)
-        where = f"{limits} {unit_name(self.unit)}".strip()
-        name = type(self).__name__
-        return f"<{name} {self.size} cells, base {base}, per level {levels}, {where}>"

@@ -16,7 +16,6 @@ from .octree_order import (
     DEEPEST,
     Places,
     checked_choice,
-    checked_deepest,
     checked_flags,
     checked_levels,
     flags_from_levels,
@@ -30,8 +29,8 @@ from .octree_vertices import octree_vertices
 from .tree import NONE, Tree
 from .vertices import VertexNumbers
 
-# Per cell: for where it is, twice over, while a function is asked; for its level and its parent.
-_ASKED_BYTES, _CELL_BYTES = 180, 12
+# Per cell: for what a function is asked, and its box; for its level and its parent.
+_ASKED_BYTES, _BOX_BYTES, _CELL_BYTES = 180, 48, 12
 
 
 class OctreeGrid(TreeCells):
@@ -187,8 +186,10 @@ class OctreeGrid(TreeCells):
         """
         if not callable(refine):
             raise InputError(f"refine must be a function of (x, y, z, size), got {refine!r}")
+        if not isinstance(levels, (int, np.integer)) or not 0 <= levels <= DEEPEST:
+            raise InputError(f"levels must be a whole number from 0 to {DEEPEST}, got {levels!r}")
         grid = cls(x, y, z, unit=unit)
-        for level in range(checked_deepest(levels)):
+        for level in range(int(levels)):
             where = grid._asked(refine, level)
             if not where.any():
                 break
@@ -198,12 +199,12 @@ class OctreeGrid(TreeCells):
     def _asked(self, refine: Callable[..., Any], level: int) -> np.ndarray:
         here = np.flatnonzero(self.levels == level)
         check_memory(
-            _ASKED_BYTES * len(here),
+            _ASKED_BYTES * len(here) + _BOX_BYTES * self.size,
             f"asking which of {len(here)} cells of level {level} to split",
             "split fewer cells, or fewer levels",
         )
         where = np.zeros(self.size, bool)
-        low, size = self.boxes_of(here)
+        low, size = (part[:, here] for part in self.boxes(0, self.size))
         centers = 0.5 * (self.position(low) + self.position(low + size))
         chosen = refine(*centers, self.widths(low, size).max(axis=0))
         where[here] = checked_choice(chosen, len(here), "what refine returns")
@@ -232,12 +233,6 @@ class OctreeGrid(TreeCells):
         self._check_split(int(np.count_nonzero(where)))
         parents = np.repeat(np.arange(self.size), np.where(where, 8, 1))
         return self._with_levels(split_levels(self.levels, where, 8), parents)
-
-    @property
-    def base_shape(self) -> tuple[int, int, int]:
-        """Number of base cells along each axis."""
-        nx, ny, nz = (len(e) - 1 for e in self.base_edges)
-        return nx, ny, nz
 
     @property
     def refined(self) -> np.ndarray:
@@ -272,10 +267,4 @@ class OctreeGrid(TreeCells):
         return np.broadcast_to(sizes[:, None], (deepest + 1, 3))
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        base, corner = self.places.corners(first, last)
-        nx, ny, _ = self.base_shape
-        deepest = self.places.deepest
-        for axis, index in enumerate((base % nx, base // nx % ny, base // (nx * ny))):
-            corner[axis] += index << deepest
-        size = 1 << (deepest - self.levels[first:last].astype(np.int64))
-        return corner, np.broadcast_to(size, corner.shape)
+        return self.places.boxes(self.base_shape, first, last)

@@ -17,6 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ..arguments import as_array
 
+DEEPEST = 30
 # Levels that share a word of a place: three axes times ten bits, and room for sums over a part.
 _LEVELS_PER_WORD = 10
 _PART = 1 << 16
@@ -101,19 +102,14 @@ class Places:
 
     def aligned_levels(self) -> np.ndarray:
         """Return for each leaf the lowest level of a node that begins where the leaf does."""
-        aligned = np.empty(len(self.levels), np.uint8)
+        aligned = np.zeros(len(self.levels), np.uint8)
         for part, words in self.parts():
-            aligned[part] = self._aligned(words)
+            for number, word in enumerate(words[1:], start=1):
+                # The exponent of the lowest bit set tells the digit it is in.
+                _, exponent = np.frexp((word & -word).astype(np.float64))
+                level = number * _LEVELS_PER_WORD - (exponent - 1) // len(self.axes)
+                aligned[part] = np.where(word > 0, level, aligned[part])
         return aligned
-
-    def _aligned(self, words: np.ndarray) -> np.ndarray:
-        bits, level = len(self.axes), np.zeros(words.shape[1], np.int64)
-        for number, word in enumerate(words[1:], start=1):
-            # The exponent of the lowest bit set tells the digit it is in.
-            _, exponent = np.frexp((word & -word).astype(np.float64))
-            own = number * _LEVELS_PER_WORD - (exponent - 1) // bits
-            level = np.where(word > 0, own, level)
-        return level
 
     def corners(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return base numbers (n,), and lower corners (3, n) in units of the finest level there."""
@@ -124,15 +120,26 @@ class Places:
             here = slice(part.start - first, part.stop - first)
             base[here] = words[0]
             for k, axis in enumerate(self.axes):
-                corner[axis, here] = self._gathered(words[1:], k)
+                for word in words[1:]:
+                    digits = _every_nth_bit(word >> k, len(self.axes))
+                    corner[axis, here] = (corner[axis, here] << _LEVELS_PER_WORD) | digits
+        corner[list(self.axes)] >>= self.words * _LEVELS_PER_WORD - self.deepest
         return base, corner
 
-    def _gathered(self, words: np.ndarray, k: int) -> np.ndarray:
-        """Return every bit of words that belongs to the k-th axis, moved together."""
-        total = np.zeros(words.shape[1], np.int64)
-        for word in words:
-            total = (total << _LEVELS_PER_WORD) | _every_nth_bit(word >> k, len(self.axes))
-        return total >> (self.words * _LEVELS_PER_WORD - self.deepest)
+    def boxes(
+        self, counts: tuple[int, ...], first: int, last: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of leaves in finest units, int64 (3, n).
+
+        Base cells, of which there are so many along each axis, are numbered with x fastest.
+        """
+        base, corner = self.corners(first, last)
+        size = np.ones_like(corner)
+        size[list(self.axes)] <<= self.deepest - self.levels[first:last].astype(np.int64)
+        index = base % counts[0], base // counts[0] % counts[1], base // (counts[0] * counts[1])
+        for axis, i in enumerate(index):
+            corner[axis] += i << self.deepest if axis in self.axes else i
+        return corner, size
 
 
 def _carried(words: np.ndarray, bits: int) -> np.ndarray:
@@ -177,31 +184,29 @@ def interleaved(corner: np.ndarray, deepest: int) -> np.ndarray:
     return found
 
 
-DEEPEST = 30
-
-
 def levels_from_flags(flags: np.ndarray, bases: int, children: int) -> np.ndarray:
     """Return the levels of all leaves from depth-first split flags.
 
     Nodes that have nothing but leaves below them are folded into leaves until all are, and then
     unfolded again: as many passes as there are levels.
-
-    Parameters
-    ----------
-    flags : array of uint8, shape (n,)
-        1 where a node is split, 0 where it is a leaf.
-    bases : int
-        Number of base cells.
-    children : int
-        Number of nodes a node is split into.
     """
     ones = int(np.count_nonzero(flags))
-    _check_count(len(flags), bases, ones, children)
+    expected = bases + children * ones
+    if len(flags) != expected:
+        raise InputError(
+            f"refined has too {'few' if len(flags) < expected else 'many'} flags: {bases} base "
+            f"cells and {ones} splits into {children} make {expected} nodes, got {len(flags)} flags"
+        )
     word, folds = flags.astype(bool), []
     while ones:
         word, folded = _fold(word, children)
-        if len(folded) == 0:
-            raise _misplaced(flags, bases, children)
+        if len(folded) == 0:  # of the right number, in an order that is no tree
+            missing = bases + np.cumsum(children * flags.astype(np.int64) - 1)
+            end = int(np.flatnonzero(missing <= 0)[0]) + 1
+            raise InputError(
+                f"refined does not describe {bases} base cells: all of them are complete after "
+                f"{end} flags, but {len(flags) - end} more follow"
+            )
         folds.append(folded)
         ones -= len(folded)
     if len(folds) > DEEPEST:
@@ -210,15 +215,6 @@ def levels_from_flags(flags: np.ndarray, bases: int, children: int) -> np.ndarra
     for folded in reversed(folds):
         levels = _unfold(levels, folded, children)
     return levels[flags == 0] if folds else levels
-
-
-def _check_count(count: int, bases: int, ones: int, children: int) -> None:
-    expected = bases + children * ones
-    if count != expected:
-        raise InputError(
-            f"refined has too {'few' if count < expected else 'many'} flags: {bases} base cells "
-            f"and {ones} splits into {children} make {expected} nodes, got {count} flags"
-        )
 
 
 def _fold(word: np.ndarray, children: int) -> tuple[np.ndarray, np.ndarray]:
@@ -245,16 +241,6 @@ def _unfold(levels: np.ndarray, folded: np.ndarray, children: int) -> np.ndarray
     return longer
 
 
-def _misplaced(flags: np.ndarray, bases: int, children: int) -> InputError:
-    """Return the error for flags of the right number in an order that is no tree."""
-    missing = bases + np.cumsum(children * flags.astype(np.int64) - 1)
-    end = int(np.flatnonzero(missing <= 0)[0]) + 1
-    return InputError(
-        f"refined does not describe {bases} base cells: all of them are complete after {end} "
-        f"flags, but {len(flags) - end} more follow"
-    )
-
-
 def split_levels(levels: np.ndarray, where: np.ndarray, children: int) -> np.ndarray:
     """Return the levels of all leaves once some of them, told by booleans, are split."""
     split: np.ndarray = levels + where.astype(np.uint8)
@@ -264,18 +250,7 @@ def split_levels(levels: np.ndarray, where: np.ndarray, children: int) -> np.nda
 def merged(
     places: Places, number: np.ndarray, children: int, none: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return levels and numbers of leaves once siblings numbered `none` are merged, all that can.
-
-    Parameters
-    ----------
-    places : Places
-        Of all leaves.
-    number : array of int64, shape (leaves,)
-    children : int
-        How many siblings there are.
-    none : int
-        The number of leaves that may be merged, if all their siblings may.
-    """
+    """Return levels and numbers of leaves once all siblings numbered `none` are merged."""
     level, aligned = places.levels.copy(), places.aligned_levels()
     for deep in range(places.deepest, 0, -1):
         mergeable = (level == deep) & (number == none)
@@ -332,13 +307,6 @@ def checked_levels(level: Any) -> np.ndarray:
     return levels.astype(np.uint8)
 
 
-def checked_deepest(levels: Any) -> int:
-    """Return a deepest level; refuse what cannot be one."""
-    if not isinstance(levels, (int, np.integer)) or not 0 <= levels <= DEEPEST:
-        raise InputError(f"levels must be a whole number from 0 to {DEEPEST}, got {levels!r}")
-    return int(levels)
-
-
 def checked_choice(where: Any, count: int, what: str) -> np.ndarray:
     """Return which of so many leaves are chosen; numbers that are 0 or 1 are booleans."""
     chosen = as_array(where, what)
@@ -355,16 +323,7 @@ def checked_choice(where: Any, count: int, what: str) -> np.ndarray:
 def levels_of_leaves(
     counts: tuple[int, ...], level: Any, index: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the levels of leaves in depth-first order, and that order.
-
-    Parameters
-    ----------
-    counts : three int
-        Number of base cells along each axis.
-    level : array_like of int, shape (n,)
-    index : array_like of int, shape (n, 3)
-        Which cell of its level each leaf is.
-    """
+    """Return the levels of leaves in depth-first order, and that order."""
     levels = checked_levels(level)
     index = _checked_index(counts, levels, index)
     deepest = int(levels.max())
@@ -401,26 +360,21 @@ def _check_cover(
 ) -> None:
     """Refuse leaves that do not begin where the one before them ends, the last one included."""
     places = Places(levels[order])
+    hint = "; levels count from the base cells, which are 0" if levels.min() > 0 else ""
     for part, expected in places.parts():
         wrong = np.flatnonzero((words[:, part] != expected).any(axis=0))
-        if len(wrong):
-            k = int(wrong[0])
-            raise _uncovered(levels, order, part.start + k, words[:, part][:, k], expected[:, k])
+        if not len(wrong):
+            continue
+        k = part.start + int(wrong[0])
+        own = f"leaf {order[k]} (level {levels[order[k]]})"
+        if tuple(words[:, k]) < tuple(expected[:, wrong[0]]):
+            before = order[k - 1]
+            raise InputError(f"{own} overlaps leaf {before} (level {levels[before]})")
+        where = f"leaf {order[k - 1]}" if k else "the beginning of the domain"
+        raise InputError(f"leaves leave a hole: between {where} and {own}, depth first{hint}")
     cells, _ = places.total()
     if cells < np.prod(counts):
         raise InputError(
-            f"leaves leave a hole: nothing fills the domain from base cell {cells} (x fastest) on"
-            f"{'; levels count from the base cells, which are 0' if levels.min() > 0 else ''}"
+            "leaves leave a hole: nothing fills the domain from base cell "
+            f"{cells} (x fastest) on{hint}"
         )
-
-
-def _uncovered(
-    levels: np.ndarray, order: np.ndarray, k: int, place: np.ndarray, expected: np.ndarray
-) -> InputError:
-    leaf, before = order[k], order[k - 1] if k else None
-    own = f"leaf {leaf} (level {levels[leaf]})"
-    if tuple(place) < tuple(expected):
-        return InputError(f"{own} overlaps leaf {before} (level {levels[order[k - 1]]})")
-    where = "the beginning of the domain" if before is None else f"leaf {before}"
-    hint = "; levels count from the base cells, which are 0" if levels.min() > 0 else ""
-    return InputError(f"leaves leave a hole: between {where} and {own}, depth first{hint}")

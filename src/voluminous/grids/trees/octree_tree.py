@@ -8,14 +8,21 @@ wide, are needed where levels change.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...backend import dr
+from ...backend.types import Float, Int, Mask
 from ...errors import InputError
-from .octree_order import Places
-from .octree_vertices import STEP, Halved
-from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
+from .octree_order import Places, spread_bits
+from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Cell, Orientation, Tree
 
+if TYPE_CHECKING:
+    from ...backend.device import Backend
+
+# Levels from one block to those below it.
+STEP = 2
 # The kind has three bits: evenly refined entries are 2^3 cells wide at most, cells 2^3 entries.
 _EVEN = 3
 # Root entries per leaf, at most, and how many are no matter. More would save look-ups, but small
@@ -24,18 +31,7 @@ _ROOT_SHARE, _ROOT_FREE = 0.25, 1 << 12
 
 
 def octree_tree(counts: tuple[int, ...], places: Places, numbers: np.ndarray | None = None) -> Tree:
-    """Return the tree of an octree.
-
-    Parameters
-    ----------
-    counts : three int
-        Number of base cells along each axis.
-    places : Places
-        Levels of all leaves, depth first, and the axes that are halved.
-    numbers : array of int64, optional
-        Cell number of each leaf, NONE where there is none; leaves refined evenly are numbered
-        without gaps. By default they are numbered in order.
-    """
+    """Return the tree of an octree."""
     if len(places.levels) > NONE:
         raise InputError(f"an octree can have {NONE} leaves at most, got {len(places.levels)}")
     axes, deepest = places.axes, places.deepest
@@ -77,18 +73,14 @@ def _blocks(
         # In the order of the leaves, blocks are met as the entries are that point to them.
         order_below = _order(axes, STEP)
         pointers = total + len(order_below) * np.arange(np.count_nonzero(mixed))
-        _check_entries(total + len(order_below) * len(pointers))
+        if total + len(order_below) * len(pointers) > NUMBER_MASK:
+            raise InputError(f"the octree needs more than {NUMBER_MASK} entries in its blocks")
         words[mixed] = pointers
         blocks.append(words.reshape(-1, len(order))[:, order].reshape(-1))
         if not len(pointers):
             return levels, blocks
         levels.append(levels[-1] + STEP)
         order = order_below
-
-
-def _check_entries(count: int) -> None:
-    if count > NUMBER_MASK:
-        raise InputError(f"the octree needs more than {NUMBER_MASK} entries in its blocks")
 
 
 def _order(axes: tuple[int, ...], steps: int) -> np.ndarray:
@@ -125,24 +117,125 @@ class _Leaves:
         """Return entries of a level, depth first, which of them are mixed, and the leaves there."""
         start = np.flatnonzero(self.aligned <= level)
         own = self.level[start].astype(np.int64)
-        even = self._even(start, own) & (own - level <= _EVEN)
-        number = start if self.number is None else self.number[start]
+        # All leaves of a node have the level of the first, and the next numbers.
+        even = (own - level <= _EVEN) & (np.minimum.reduceat(self.level, start) == own)
+        even &= np.maximum.reduceat(self.level, start) == own
+        number = start
+        if self.number is not None:
+            number, gap = self.number[start], self.number - np.arange(len(self.number))
+            even &= np.maximum.reduceat(gap, start) == np.minimum.reduceat(gap, start)
         words = ((own - level + PLAIN) << NUMBER_BITS | number).astype(np.uint32)
         words[~even] = 0
         counts = 1 << axes * np.maximum(level - own, 0)
-        return np.repeat(words, counts), np.repeat(~even, counts), self._within(start, ~even)
+        inside = np.flatnonzero(np.repeat(~even, np.diff(start, append=len(self.level))))
+        below = inside if self.number is None else self.number[inside]
+        leaves = _Leaves(self.level[inside], self.aligned[inside], below)
+        return np.repeat(words, counts), np.repeat(~even, counts), leaves
 
-    def _even(self, start: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Return for which nodes all leaves have the level of the first, and the next numbers."""
-        even: np.ndarray = np.maximum.reduceat(self.level, start) == own
-        even &= np.minimum.reduceat(self.level, start) == own
-        if self.number is not None:
-            gap = self.number - np.arange(len(self.number))
-            even &= np.maximum.reduceat(gap, start) == np.minimum.reduceat(gap, start)
-        return even
 
-    def _within(self, start: np.ndarray, chosen: np.ndarray) -> _Leaves:
-        inside = np.repeat(chosen, np.diff(start, append=len(self.level)))
-        inside = np.flatnonzero(inside)
-        number = inside if self.number is None else self.number[inside]
-        return _Leaves(self.level[inside], self.aligned[inside], number)
+@dataclass(frozen=True)
+class Halved:
+    """Entries whose cells are entries, halved or doubled some times along some axes.
+
+    An entry of kind k has cells of 2^(4 - k) times its own size. Their numbers follow each other
+    depth first: ``number`` is that of the first one, or of the one cell the entry is a part of.
+
+    Attributes
+    ----------
+    axes : tuple of int
+        The axes that are halved; the others are not refined.
+    """
+
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    def cells(
+        self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers and sizes of the cells around places; see `tree.Numbering`."""
+        number = (entry & NUMBER_MASK).astype(np.int64)
+        kind = (entry >> NUMBER_BITS).astype(np.int64)
+        deeper, size = np.maximum(kind - PLAIN, 0), unit.copy()
+        for k, axis in enumerate(self.axes):
+            size[axis] = (unit[axis] << np.maximum(PLAIN - kind, 0)) >> deeper
+            local = place[axis] // size[axis] & ((1 << deeper) - 1)
+            number += spread_bits(local, len(self.axes)) << k
+        return np.where(entry & NUMBER_MASK == NONE, -1, number), size
+
+    def traced(self, tree: Tree, backend: Backend) -> TracedHalved:
+        """Return the same for kernels."""
+        return TracedHalved(self.axes, tree, backend)
+
+
+class TracedHalved:
+    """From an entry to the cell around a place, by shifts of whole numbers.
+
+    All sizes being powers of two of the finest unit, the bits of a place are the indices of the
+    entries and cells around it, and where it is in them. (Products of floating-point numbers take
+    as long: what rays wait for is the chain of look-ups.)
+    """
+
+    def __init__(self, axes: tuple[int, ...], tree: Tree, backend: Backend) -> None:
+        self.axes, self.backend = axes, backend
+        single = backend.precision == "single"
+        self.Whole: Any = backend.Int if single else dr.int64_array_t(backend.Float)
+        self.root_bits = dr.opaque(backend.Int, int(tree.units[0].max()).bit_length() - 1)
+        kinds = tree.entries >> NUMBER_BITS
+        self.even = int(kinds.max()) - PLAIN
+        self.larger = bool(((kinds > 0) & (kinds < PLAIN)).any())
+
+    def located(self, place: list[Float]) -> list[Int]:
+        """Return the finest units that places are in."""
+        return [self.Whole(p) for p in place]
+
+    def root(self, unit: list[Int]) -> list[Int]:
+        """Return the indices of the root's entries around finest units."""
+        bits = self.Whole(self.root_bits)
+        return [
+            self.backend.UInt(u >> bits if axis in self.axes else u) for axis, u in enumerate(unit)
+        ]
+
+    def slot(self, unit: list[Int], level: Int, way: Orientation) -> Int:
+        """Return the number of an entry of a tree level in its block."""
+        bits, slot = self.Whole(self.root_bits - level * STEP), self.backend.UInt(0)
+        for k, axis in enumerate(self.axes):
+            local = self._local(unit[axis] >> bits, way.flip[axis], (1 << STEP) - 1)
+            slot = slot | (local << (k * STEP))
+        return slot
+
+    def cell(self, entry: Int, unit: list[Int], level: Int, way: Orientation, active: Mask) -> Cell:
+        """Return the cells around finest units, from entries of a tree level that are no blocks.
+
+        Nothing is looked up: `active` is for numberings that do.
+        """
+        UInt, Float = self.backend.UInt, self.backend.Float
+        deeper = self.backend.Int(entry >> NUMBER_BITS) - PLAIN
+        bits = self.Whole(self.root_bits - level * STEP - deeper)
+        if self.larger:
+            deeper = dr.maximum(deeper, 0)
+        mask = (UInt(1) << UInt(deeper)) - 1
+        low, number = [], entry & NUMBER_MASK
+        for axis, u in enumerate(unit):
+            if axis in self.axes:
+                index = u >> bits
+                local = self._local(index, way.flip[axis], mask)
+                number = number + (self._spread(local) << self.axes.index(axis))
+                u = index << bits
+            low.append(Float(u))
+        return Cell(number, low, [Float(self.Whole(1) << bits)])
+
+    def sizes_of(self, cell: Cell) -> list[Float]:
+        """Return the sizes of cells along each axis."""
+        return [cell.size[0] if axis in self.axes else 1.0 for axis in range(3)]
+
+    def _local(self, index: Int, flip: Int, mask: Int) -> Int:
+        """Return the lowest bits of mirrored indices, as they are if counted upwards."""
+        return (self.backend.UInt(index) ^ flip) & mask
+
+    def _spread(self, v: Int) -> Int:
+        n = len(self.axes)
+        if n == 1 or self.even < 2:
+            return v
+        first, second = (0x33, 0x55) if n == 2 else (0xC3, 0x249)
+        if self.even > 2:
+            v = (v | (v << 2 * (n - 1))) & first
+        return (v | (v << (n - 1))) & second

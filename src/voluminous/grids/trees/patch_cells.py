@@ -10,16 +10,29 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...backend import dr, from_host
+from ...backend.types import Float, Int, Mask
 from ...errors import InputError
-from .patch_numbering import TABLED, PatchNumbering
 from .patch_tree import PatchBoxes, PatchEntries, patch_entries
-from .tree import ABSENT, NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
+from .tree import ABSENT, NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Cell, Orientation, Tree
+from .vertices import VertexNumbers, corner_numbers
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Parts of cells that are rounding.
 _PART = 1e-9
+# Marks patches that are seen partly: the numbers of their cells are looked up.
+_TABLED = 1 << 31
+# Cells along each side of a tile with vertices of its own: 1.2 vertices per cell, of which
+# neighbours are near in memory.
+_SIDE = 16
+# Cells whose vertices are numbered at once.
+_CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -56,7 +69,7 @@ class Patches:
         return volumes
 
     @functools.cached_property
-    def _named(self) -> PatchEntries:
+    def _entries(self) -> PatchEntries:
         order = np.argsort(self.level, kind="stable")
         low, high = self.corners
         boxes = PatchBoxes(low[order], high[order], self.level[order], order)
@@ -65,14 +78,13 @@ class Patches:
     @functools.cached_property
     def tree(self) -> Tree:
         """From places to cells."""
-        named = self._named
-        tree = Tree(
-            self.extent, named.units, named.entries, PatchNumbering(self), True, named.bricks
-        )
+        entries = self._entries
+        numbering = PatchNumbering(self)
+        tree = Tree(self.extent, entries.units, entries.entries, numbering, True, entries.bricks)
         # What the root has beyond the domain is absent, but no hole. Whole numbers of any size.
         absent = sum(
             int(np.count_nonzero(words == ABSENT)) * math.prod(unit.tolist())
-            for unit, words in named.levels()
+            for unit, words in entries.levels()
         )
         inside, whole = self.extent.tolist(), (self.extent + tree.padding).tolist()
         return replace(tree, holes=absent > math.prod(whole) - math.prod(inside))
@@ -81,7 +93,7 @@ class Patches:
     def _shown(self) -> np.ndarray:
         """How much of each patch no finer one hides, in cells; whole numbers, if all is well."""
         total = np.zeros(len(self.level))
-        for unit, words in self._named.levels():
+        for unit, words in self._entries.levels():
             name = words[_names(words)] & NUMBER_MASK
             count = np.bincount(name, minlength=len(self.level))
             total += count * (unit / self.sizes[self.level]).prod(axis=1)
@@ -116,61 +128,62 @@ class Patches:
         partly = np.flatnonzero(self.hidden)
         seen = self._seen(int(self.volumes[partly].sum()))
         if np.count_nonzero(seen) > self._shown[partly].sum() + _PART * len(seen):
-            self._refuse_cut_cells(partly, seen)
+            counts = np.add.reduceat(seen, self.first_slots[partly], dtype=np.int64)
+            cut = int(partly[np.argmax(counts - self._shown[partly])])
+            self._check_cuts(np.flatnonzero(self.level > self.level[cut]), np.array([cut]))
         visible = self.visible[partly]
         skipped = self.ends[partly] - np.cumsum(visible)  # cells of other patches before
-        found = np.repeat(skipped.astype(np.uint32), visible)
-        found += np.arange(len(found), dtype=np.uint32)
+        number = np.repeat(skipped.astype(np.uint32), visible)
+        number += np.arange(len(number), dtype=np.uint32)
         numbers = np.full(len(seen), NONE, np.uint32)
-        numbers[seen] = found
+        numbers[seen] = number
         return numbers
 
     def _seen(self, count: int) -> np.ndarray:
         """Return which cells of patches that are seen partly are seen: those that entries name.
 
-        All that entries hold of a patch at once, cell by cell within them: a fifth of the time that
-        asking the tree for every cell takes.
+        All that entries hold of the patches of a level at once, cell by cell within them: a fifth
+        of the time that asking the tree for every cell takes.
         """
-        seen, named = np.zeros(count, bool), self._named
-        for depth, (unit, words) in enumerate(named.levels()):
+        seen = np.zeros(count, bool)
+        for depth, (unit, words) in enumerate(self._entries.levels()):
             chosen = np.flatnonzero(_names(words))
             chosen = chosen[self.hidden[words[chosen] & NUMBER_MASK]]
-            for some, index in named.located(depth, chosen):
+            for some, index in self._entries.located(depth, chosen):
                 patch = (words[some] & NUMBER_MASK).astype(np.int64)
-                levels = self.level[patch]
-                for level in np.unique(levels).tolist():
-                    here = np.flatnonzero(levels == level)
-                    self._see(seen, level, patch[here], index[:, here], unit)
+                for level in np.unique(self.level[patch]).tolist():
+                    here = self.level[patch] == level
+                    begin = index[:, here] * unit[:, None]
+                    for slot in self._slots(level, patch[here], begin, unit):
+                        seen[slot] = True
         return seen
 
-    def _see(
-        self, seen: np.ndarray, level: int, patch: np.ndarray, index: np.ndarray, unit: np.ndarray
-    ) -> None:
-        """Mark the cells of patches of one level in entries of one size, given by their indices."""
-        size = self.sizes[level]
-        ny, nz = self.shape[patch, 1], self.shape[patch, 2]
-        rows = [self.first_slots[patch]]
+    def _slots(
+        self, level: int, patch: np.ndarray, begin: np.ndarray, unit: np.ndarray
+    ) -> list[np.ndarray]:
+        """Return the cells of patches of one level in entries of one size that begin somewhere."""
+        size, (ny, nz) = self.sizes[level], self.shape[patch, 1:].T
+        slots = [self.first_slots[patch]]
         for axis, stride in enumerate((ny * nz, nz, 1)):
             # An entry may begin, or end, inside a cell, of which the rest is in another.
-            first = index[axis] * unit[axis] // size[axis]
-            last = ((index[axis] + 1) * unit[axis] - 1) // size[axis]
+            first = begin[axis] // size[axis]
+            last = (begin[axis] + unit[axis] - 1) // size[axis]
             counts = range(int((last - first).max(initial=0)) + 1)
-            local = [np.minimum(first + k, last) - self.low[patch, axis] for k in counts]
-            rows = [row + cell * stride for row in rows for cell in local]
-        for row in rows:
-            seen[row] = True
+            cells = [np.minimum(first + k, last) - self.low[patch, axis] for k in counts]
+            slots = [slot + cell * stride for slot in slots for cell in cells]
+        return slots
 
     @functools.cached_property
     def rows(self) -> np.ndarray:
         """Per patch: ``start + i sx + j sy + k`` numbers its cells, as (start, sx, sy, what).
 
         Indices are those of the level's cells across the domain; sums are modulo 2^32. What is the
-        level, and `TABLED` if that number is a place in `numbers`.
+        level, and `_TABLED` if that number is a place in `numbers`.
         """
         ny, nz = self.shape[:, 1], self.shape[:, 2]
         start = np.where(self.hidden, self.first_slots, self.ends - self.visible)
         start = start - (self.low[:, 0] * ny + self.low[:, 1]) * nz - self.low[:, 2]
-        what = self.level | np.where(self.hidden, TABLED, 0)
+        what = self.level | np.where(self.hidden, _TABLED, 0)
         return (np.stack([start, ny * nz, nz, what], axis=1) & 0xFFFFFFFF).astype(np.uint32)
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -202,8 +215,12 @@ class Patches:
 
     def check_alignment(self) -> None:
         """Refuse patches that begin or end inside a cell of a coarser patch around them."""
-        self._check_levels()
         low, high = self.corners
+        for level in range(1, len(self.sizes)):
+            here, coarse = np.flatnonzero(self.level == level), self.sizes[level - 1]
+            cut = ((low[here] % coarse != 0) | (high[here] % coarse != 0)).any(axis=1)
+            for patch in here[cut]:
+                self._check_cuts(np.array([patch]), np.flatnonzero(self.level < level))
         for level in range(2, len(self.sizes)):
             finer, size = self.level >= level, self.sizes[level - 2]
             if (low[finer] % size).any() or (high[finer] % size).any():
@@ -211,47 +228,242 @@ class Patches:
                 _ = self.numbers  # refuses cells that are seen partly
                 return
 
-    def _check_levels(self) -> None:
-        """Refuse patches that are not made of whole cells of the next coarser level."""
+    def _check_cuts(self, fine: np.ndarray, coarse: np.ndarray) -> None:
+        """Refuse fine patches that cut cells of coarse ones, one of which is given alone."""
         low, high = self.corners
-        for level in range(1, len(self.sizes)):
-            here = np.flatnonzero(self.level == level)
-            coarse = self.sizes[level - 1]
-            cut = ((low[here] % coarse != 0) | (high[here] % coarse != 0)).any(axis=1)
-            for patch in here[cut]:
-                self._check_patch(int(patch), low, high)
-
-    def _check_patch(self, patch: int, low: np.ndarray, high: np.ndarray) -> None:
-        below = np.flatnonzero(self.level < self.level[patch])
-        first, last = np.maximum(low[below], low[patch]), np.minimum(high[below], high[patch])
-        cut = _cuts(first, last, self.sizes[self.level[below]])
-        if cut.any():
-            self._refuse(patch, int(below[cut][0]))
-
-    def _refuse_cut_cells(self, partly: np.ndarray, seen: np.ndarray) -> None:
-        """Name a patch of which cells are seen partly, and one that hides the rest."""
-        counts = np.add.reduceat(seen, self.first_slots[partly], dtype=np.int64)
-        other = int(partly[np.argmax(counts - self._shown[partly])])
-        low, high = self.corners
-        above = np.flatnonzero(self.level > self.level[other])
-        first, last = np.maximum(low[above], low[other]), np.minimum(high[above], high[other])
-        self._refuse(int(above[_cuts(first, last, self.sizes[self.level[other]])][0]), other)
-
-    def _refuse(self, patch: int, other: int) -> None:
-        raise InputError(
-            f"patch {patch} (level {self.level[patch]}) begins or ends inside a cell of patch "
-            f"{other} (level {self.level[other]}): finer patches must consist of whole coarse "
-            "cells"
-        )
-
-
-def _cuts(first: np.ndarray, last: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return which boxes (n, 3) are not empty, and begin or end inside cells of a size."""
-    inside = (first % size != 0) | (last % size != 0)
-    cut: np.ndarray = (first < last).all(axis=1) & inside.any(axis=1)
-    return cut
+        first = np.maximum(low[fine], low[coarse])
+        last = np.minimum(high[fine], high[coarse])
+        size = self.sizes[self.level[coarse]]
+        inside = ((first % size != 0) | (last % size != 0)).any(axis=1)
+        cut = np.flatnonzero((first < last).all(axis=1) & inside)
+        if len(cut):
+            patch, other = (int(p[cut[0] % len(p)]) for p in (fine, coarse))
+            raise InputError(
+                f"patch {patch} (level {self.level[patch]}) begins or ends inside a cell of patch "
+                f"{other} (level {self.level[other]}): finer patches must consist of whole coarse "
+                "cells"
+            )
 
 
 def _names(words: np.ndarray) -> np.ndarray:
     named: np.ndarray = (words >> NUMBER_BITS == PLAIN) & (words != ABSENT)
     return named
+
+
+@dataclass(frozen=True)
+class PatchNumbering:
+    """Entries that name the patch whose cells they are covered by; see `tree.Numbering`."""
+
+    patches: Patches
+
+    def cells(
+        self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers and sizes of the cells around places; a hole is its entry."""
+        hole, patches = entry == ABSENT, self.patches
+        patch = np.where(hole, 0, entry & NUMBER_MASK)
+        size = patches.sizes[patches.level[patch]].T
+        index = place // size - patches.low[patch].T
+        ny, nz = patches.shape[patch, 1], patches.shape[patch, 2]
+        local = (index[0] * ny + index[1]) * nz + index[2]
+        number = local + (patches.ends - patches.visible)[patch]
+        partly = patches.hidden[patch] & ~hole
+        number[partly] = patches.numbers[(local + patches.first_slots[patch])[partly]]
+        return np.where(hole, -1, number), np.where(hole, unit, size)
+
+    def traced(self, tree: Tree, backend: Backend) -> TracedPatches:
+        """Return the same for kernels."""
+        return TracedPatches(self.patches, tree, backend)
+
+
+class TracedPatches:
+    """From an entry to the cell around a place, by what is known of the entry's patch.
+
+    Places are in finest units. Ratios of refinement being any, indices are found by multiplying
+    with rounded numbers: places are moved to the middle of their finest unit first, so that
+    rounding changes no index.
+    """
+
+    def __init__(self, patches: Patches, tree: Tree, backend: Backend) -> None:
+        self.backend, self.holes = backend, tree.holes
+        self.rows = from_host(backend.UInt, patches.rows.reshape(-1))
+        self.Four = backend.module.Array4u
+        self.tabled = bool(patches.hidden.any())
+        self.numbers = backend.UInt(patches.numbers) if self.tabled else None
+        self.blocks = _blocks(patches, tree, backend)
+        # Of indices beyond 32 bits the lowest 32 are wanted.
+        small = int(tree.extent.max()) < 1 << 32
+        self.Whole: Any = backend.UInt if small else dr.uint64_array_t(backend.UInt)
+        # Per axis and level: the size of a cell, one over it, and how many make the domain.
+        self.alike = bool((patches.sizes == patches.sizes[:, :1]).all())
+        self.sizes = [
+            [
+                (
+                    backend.opaque(float(size)),
+                    backend.opaque(1.0 / size),
+                    dr.opaque(backend.UInt, int(length // size) & 0xFFFFFFFF),
+                )
+                for size in column
+            ]
+            for column, length in zip(patches.sizes.T, tree.extent, strict=True)
+        ]
+        # Per axis: sizes of the tree's entries, one over these, and entries per entry above.
+        units = tree.units.T.astype(float)
+        self.per_root = [backend.opaque(1.0 / u[0]) for u in units]
+        self.unit = [from_host(backend.Float, u) for u in units]
+        self.per_unit = [from_host(backend.Float, 1.0 / u) for u in units]
+        ratios = np.concatenate([[tree.shape], tree.ratios]).astype(np.uint32)
+        self.ratios = [from_host(backend.UInt, r) for r in ratios.T]
+
+    def located(self, place: list[Float]) -> list[Float]:
+        """Return places moved to the middle of their finest unit."""
+        return [dr.floor(p) + 0.5 for p in place]
+
+    def root(self, place: list[Float]) -> list[Int]:
+        """Return the indices of the root's entries around centred places."""
+        return [self.backend.UInt(p * i) for p, i in zip(place, self.per_root, strict=True)]
+
+    def slot(self, place: list[Float], level: Int, way: Orientation) -> Int:
+        """Return the number of an entry of a tree level in its block."""
+        Float, UInt = self.backend.Float, self.backend.UInt
+        slot, stride, level = UInt(0), UInt(1), UInt(level)
+        for axis, p in enumerate(place):
+            per_unit = dr.gather(Float, self.per_unit[axis], level)
+            per_outer = dr.gather(Float, self.per_unit[axis], level - 1)
+            ratio = dr.gather(UInt, self.ratios[axis], level)
+            local = self._index(p * per_unit) - self._index(p * per_outer) * ratio
+            slot = slot + _unmirrored(local, ratio, way.flip[axis]) * stride
+            stride = stride * ratio
+        return slot
+
+    def cell(
+        self, entry: Int, place: list[Float], level: Int, way: Orientation, active: Mask
+    ) -> Cell:
+        """Return the cells around places, from entries of a tree level that are no blocks.
+
+        Of lanes that are not active anything may be returned.
+        """
+        UInt, patch = self.backend.UInt, entry & NUMBER_MASK
+        hole = patch == NONE if self.holes else None
+        patch = patch if hole is None else dr.select(hole, 0, patch)
+        *row, what = dr.gather(self.Four, self.rows, patch)
+        size, per_size, count = self._sizes_of_level(what & (_TABLED - 1))
+        if hole is not None:  # a hole is as large as its entry
+            here = UInt(level)
+            for sizes, units in ((size, self.unit), (per_size, self.per_unit)):
+                for axis, unit in enumerate(units):
+                    own = dr.gather(self.backend.Float, unit, here)
+                    sizes[axis] = dr.select(hole, own, sizes[axis])
+        index = [dr.floor(p * s) for p, s in zip(place, per_size, strict=True)]
+        low = [i * s for i, s in zip(index, size, strict=True)]
+        i, j, k = (
+            _unmirrored(self._index(own), n, flip)
+            for own, n, flip in zip(index, count, way.flip, strict=True)
+        )
+        number = row[0] + i * row[1] + j * row[2] + k
+        if self.tabled:
+            tabled = active & (what >= _TABLED)
+            tabled = tabled if hole is None else tabled & ~hole
+            number = dr.select(tabled, dr.gather(UInt, self.numbers, number, tabled), number)
+        number = number if hole is None else dr.select(hole, NONE, number)
+        cell = Cell(number, low, size[:1] if self.alike and hole is None else size)
+        if self.blocks is None:
+            return cell
+        strides = (row[1], row[2], UInt(1))
+        # All bits or none: modulo 2^32, the stride or minus it.
+        cell.strides = [(s ^ flip) - flip for s, flip in zip(strides, way.flip, strict=True)]
+        cell.end = [
+            # Halves keep quotients of whole numbers away from these, however they are rounded.
+            dr.fma(dr.floor(dr.fma(own, per_block, 0.5 * per_block)), n, n) * s
+            for own, s, (n, per_block) in zip(index, size, self.blocks, strict=True)
+        ]
+        return cell
+
+    def sizes_of(self, cell: Cell) -> list[Float]:
+        """Return the sizes of cells along each axis."""
+        return cell.size * (3 // len(cell.size))
+
+    def _sizes_of_level(self, level: Int) -> tuple[list[Float], list[Float], list[Int]]:
+        """Return sizes, one over them, and how many make the domain (modulo 2^32), per axis.
+
+        There are few levels: choosing takes an operation for each, looking up as long as ten.
+        """
+        found = []
+        for levels in self.sizes:
+            chosen = levels[-1]
+            for k, values in enumerate(levels[:-1]):
+                chosen = tuple(
+                    dr.select(level == k, v, c) for v, c in zip(values, chosen, strict=True)
+                )
+            found.append(chosen)
+        size, per_size, count = (list(values) for values in zip(*found, strict=True))
+        if self.alike:
+            size, per_size = [size[0]] * 3, [per_size[0]] * 3
+        return size, per_size, count
+
+    def _index(self, index: Float) -> Int:
+        return self.backend.UInt(self.Whole(index))
+
+
+def _blocks(patches: Patches, tree: Tree, backend: Backend) -> list[tuple[Float, Float]] | None:
+    """Return the shape of patches, and one over it, where they are blocks of one shape.
+
+    Those of each level are on a lattice of their own, as they are in Athena++ and FLASH. None where
+    they are not, or where some of their cells are not to be seen.
+    """
+    shape, counts = patches.shape[0], tree.extent // patches.sizes
+    uneven = (patches.shape != shape).any() or (patches.low % shape).any()
+    if uneven or (counts % shape).any() or patches.hidden.any() or tree.holes:
+        return None
+    return [(backend.opaque(float(n)), backend.opaque(1.0 / n)) for n in shape]
+
+
+def _unmirrored(index: Int, count: Int, flip: Int) -> Int:
+    """Return indices below a count, counted from the other end where `flip` has all bits set."""
+    return (index ^ flip) + (count & flip)
+
+
+def patch_vertices(patches: Patches) -> VertexNumbers:
+    """Return the numbers of the vertices of all cells that are seen: a lattice for every tile."""
+    tiles = -(-patches.shape // _SIDE)
+    ends = np.cumsum(tiles.prod(axis=1))
+    starts = ends - tiles.prod(axis=1)
+    size, total = int(patches.ends[-1]), int(ends[-1])
+    seen, tile, chunks = np.zeros(total, bool), np.empty(size, np.uint32), range(0, size, _CHUNK)
+    for begin in chunks:
+        patch, index = patches.indices(begin, min(begin + _CHUNK, size))
+        x, y, z = index // _SIDE
+        _, ny, nz = tiles[patch].T
+        here = starts[patch] + (x * ny + y) * nz + z
+        tile[begin : begin + len(here)] = here
+        seen[here] = True
+    some = np.flatnonzero(seen)
+    patch = np.searchsorted(ends, some, side="right")
+    row, z = np.divmod(some - starts[patch], tiles[patch, 2])
+    corner = np.stack([*np.divmod(row, tiles[patch, 1]), z]) * _SIDE
+    step = patches.sizes[patches.level[patch]].T
+    points = np.minimum(patches.shape[patch].T - corner, _SIDE) + 1
+    lattices = TileLattices((patches.low[patch].T + corner) * step, step, points)
+    number = np.cumsum(seen) - 1
+    first = np.concatenate([[0], np.cumsum(points.prod(axis=0))])
+    cells = np.empty((size, 2), np.uint32)
+    for begin in chunks:
+        part = slice(begin, min(begin + _CHUNK, size))
+        own = number[tile[part]]
+        _, index = patches.indices(part.start, part.stop)
+        cells[part] = corner_numbers(first[own], index % _SIDE, points[:, own], 1)
+    return VertexNumbers(cells, first, lattices)
+
+
+@dataclass(frozen=True)
+class TileLattices:
+    """Lattices over tiles of patches, see `vertices.Lattices`: arrays of int64, shape (3, n)."""
+
+    low: np.ndarray
+    step: np.ndarray
+    points: np.ndarray
+
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return first points, spacings, and points per axis of consecutive lattices."""
+        some = slice(first, last)
+        return self.low[:, some], self.step[:, some], self.points[:, some]

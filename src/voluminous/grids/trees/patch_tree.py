@@ -1,8 +1,8 @@
 """The tree of blocks over nested patches: which patch is the finest one at a place.
 
-Entries of the tree are painted with the patches that cover them. How small they
-need be is known beforehand: all corners of the patches up to some level are multiples of some size,
-so entries of that size are painted by none of them partly.
+Entries of the tree are painted with the patches that cover them, the coarsest first. How small they
+must be is known beforehand: all corners of the patches up to some level are multiples of some size,
+so none of these patches covers a part of an entry of that size.
 """
 
 from __future__ import annotations
@@ -17,20 +17,24 @@ from ...memory import check_memory
 from ..boxes import expanded, unravelled
 from .tree import ABSENT, NONE, NUMBER_BITS, PLAIN
 
-# Patches that touch more entries are painted one by one, the others all at once.
-_LARGE = 1 << 7
 # What arrays take at the same time for each entry of blocks.
 _BYTES_PER_ENTRY = 32
+# Entries of a block along an axis, where there is a choice, and at most.
+_WIDE, _WIDEST = 4, 16
+# Root entries per cell, at most, and how many are no matter.
+_ROOT_SHARE, _ROOT_FREE = 0.125, 1 << 15
+# Entries handled together: temporary arrays stay small.
+_SOME = 1 << 16
 
 
 @dataclass(frozen=True)
 class PatchBoxes:
-    """Patches in the order in which they are painted, in finest units.
+    """Patches in the order in which they are painted.
 
     Attributes
     ----------
     low, high : array of int64, shape (n, 3)
-        Their corners.
+        Their corners in finest units.
     level : array of int64, shape (n,)
         Ascending.
     name : array of int64, shape (n,)
@@ -52,130 +56,63 @@ class Painted:
     full : array of int32, shape (entries,)
         The last patch that covers each entry, by rank; -1 where none does.
     mixed : array of int64, shape (m,)
-        Entries that a later patch touches.
+        Entries that a later patch covers partly.
     corner : array of int64, shape (m, 3)
         Their lower corners in units of entries.
+    rank, block : arrays of int64, shape (k,)
+        Patches, and the mixed entries (by their place among these) that they cover partly.
     """
 
     full: np.ndarray
     mixed: np.ndarray
     corner: np.ndarray
+    rank: np.ndarray
+    block: np.ndarray
 
 
-_NOTHING = np.zeros(0, np.int64)
-
-# A patch by rank, and a mixed entry, by its place among them, that it touches but does not cover.
-Pairs = tuple[np.ndarray, np.ndarray]
-
-
-def painted_root(boxes: PatchBoxes, shape: np.ndarray, unit: np.ndarray) -> tuple[Painted, Pairs]:
-    """Return the painted root, and the patches that its mixed entries need."""
-    full = np.full(shape[::-1], -1, np.int32)
-    low, high = boxes.low // unit, -(-boxes.high // unit)
-    inner = -(-boxes.low // unit), boxes.high // unit
-    _paint(full, *inner)
-    # Others do not touch more than they cover.
-    partly = np.flatnonzero(((inner[0] != low) | (inner[1] != high)).any(axis=1))
-    touch = full.copy()
-    _paint(touch, low[partly], high[partly], partly)
-    mixed = np.flatnonzero(touch > full)
-    painted = Painted(full.reshape(-1), mixed, unravelled(mixed, shape).T)
-    rank, entry = _beyond(full, low[partly], high[partly], partly)
-    return painted, (rank, np.searchsorted(mixed, entry))
-
-
-def painted_blocks(
-    boxes: PatchBoxes, above: Painted, pairs: Pairs, unit: np.ndarray, ratio: np.ndarray
-) -> tuple[Painted, Pairs]:
-    """Return the painted blocks of mixed entries, and what their own mixed entries need."""
+def _painted_below(
+    boxes: PatchBoxes, above: Painted, unit: np.ndarray, ratio: np.ndarray
+) -> Painted:
+    """Return the blocks of mixed entries: `ratio` entries of size `unit` each."""
     volume = int(ratio.prod())
     check_memory(
         _BYTES_PER_ENTRY * volume * len(above.mixed),
         "telling which patch is where",
         "patches that begin at multiples of some number of cells take less",
     )
+    order = np.argsort(above.rank, kind="stable")  # the last one painted is the finest
+    ranks, blocks = above.rank[order], above.block[order]
+    starts = above.corner[blocks] * ratio
+    low = np.clip(boxes.low[ranks] // unit, starts, starts + ratio)
+    high = np.clip(-(-boxes.high[ranks] // unit), starts, starts + ratio)
+    before = np.cumsum((high - low).prod(axis=1)) // _SOME
+    parts = np.split(np.arange(len(ranks)), np.flatnonzero(np.diff(before)) + 1)
+
+    def pieces() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        for part in parts:
+            which, index = expanded(low[part], high[part])
+            which, index = part[which], index.T
+            rank, (x, y, z) = ranks[which], (index - starts[which]).T
+            begins, ends = boxes.low[rank] <= index * unit, (index + 1) * unit <= boxes.high[rank]
+            entry = blocks[which] * volume + x + ratio[0] * (y + ratio[1] * z)
+            yield rank, entry, (begins & ends).all(axis=1)
+
     full = np.repeat(above.full[above.mixed], volume)
-    order = np.argsort(pairs[0], kind="stable")  # the last one painted is the finest
-    rank, block = pairs[0][order], pairs[1][order]
-    start = above.corner[block] * ratio
-    low = np.clip(boxes.low[rank] // unit, start, start + ratio)
-    high = np.clip(-(-boxes.high[rank] // unit), start, start + ratio)
-    which, index = expanded(low, high)
-    rank, block = rank[which], block[which]
-    local = index.T - start[which]
-    entry = block * volume + local[:, 0] + ratio[0] * (local[:, 1] + ratio[1] * local[:, 2])
-    if not (boxes.low[pairs[0]] % unit).any() and not (boxes.high[pairs[0]] % unit).any():
-        full[entry] = rank  # none is covered partly
-        return Painted(full, _NOTHING, _NOTHING.reshape(0, 3)), (_NOTHING, _NOTHING)
-    inside = ((boxes.low[rank] <= index.T * unit) & ((index.T + 1) * unit <= boxes.high[rank])).all(
-        axis=1
-    )
-    touch = full.copy()
-    full[entry[inside]] = rank[inside]
-    touch[entry] = rank
-    touch = np.maximum(touch, full)
-    mixed = np.flatnonzero(touch > full)
-    place = np.full(len(full), -1)
+    touched = np.full_like(full, -1)
+    for rank, entry, inside in pieces():
+        full[entry[inside]] = rank[inside]
+        touched[entry] = rank
+    mixed = np.flatnonzero(touched > full)
+    place = np.full(len(full) if len(mixed) else 0, -1)
     place[mixed] = np.arange(len(mixed))
+    partly: list[tuple[np.ndarray, np.ndarray]] = [(np.zeros(0, np.int64),) * 2]
+    for rank, entry, inside in pieces() if len(mixed) else ():
+        needed = (rank > full[entry]) & ~inside
+        partly.append((rank[needed], place[entry[needed]]))
     block, inner = np.divmod(mixed, volume)
     corner = above.corner[block] * ratio + unravelled(inner, ratio).T
-    needed = (place[entry] >= 0) & (rank > full[entry]) & ~inside
-    return Painted(full, mixed, corner), (rank[needed], place[entry[needed]])
-
-
-def _paint(
-    target: np.ndarray, low: np.ndarray, high: np.ndarray, ranks: np.ndarray | None = None
-) -> None:
-    """Write the rank of each box into the entries inside it, (nz, ny, nx), the last one remaining.
-
-    Small boxes all at once, large ones one by one: that takes 1 ns an entry, where expanding them
-    takes 30.
-    """
-    small, large = _by_size(low, high)
-    ranks = np.arange(len(low)) if ranks is None else ranks
-    which, (x, y, z) = expanded(low[small], high[small])
-    target[z, y, x] = ranks[small[which]]
-    for box in large.tolist():
-        part = target[_inside(low[box], high[box])]
-        np.maximum(part, ranks[box], out=part)
-
-
-def _beyond(
-    full: np.ndarray, low: np.ndarray, high: np.ndarray, ranks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ranks of boxes, and flat entries in them that none of their rank or above covers."""
-    small, large = _by_size(low, high)
-    which, (x, y, z) = expanded(low[small], high[small])
-    rank = ranks[small[which]]
-    seen = full[z, y, x] < rank
-    entry = np.ravel_multi_index((z[seen], y[seen], x[seen]), full.shape)
-    found = [(rank[seen], entry)]
-    for box in large.tolist():
-        place = np.nonzero(full[_inside(low[box], high[box])] < ranks[box])
-        corner = low[box, ::-1]
-        entry = np.ravel_multi_index(
-            tuple(p + c for p, c in zip(place, corner, strict=True)), full.shape
-        )
-        found.append((np.full(len(entry), ranks[box]), entry))
-    first, second = zip(*found, strict=True)
-    return np.concatenate(first), np.concatenate(second)
-
-
-def _by_size(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    count = np.maximum(high - low, 0).prod(axis=1)
-    return np.flatnonzero((count > 0) & (count <= _LARGE)), np.flatnonzero(count > _LARGE)
-
-
-def _inside(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
-    return tuple(slice(a, b) for a, b in zip(low[::-1].tolist(), high[::-1].tolist(), strict=True))
-
-
-# Entries of a block along an axis, where there is a choice, and at most.
-_WIDE, _WIDEST = 4, 16
-# Root entries per cell, at most, and how many are no matter.
-_ROOT_SHARE, _ROOT_FREE = 0.125, 1 << 15
-# Entries looked at together: temporary arrays stay in the cache.
-_SOME = 1 << 16
+    rank, block = (np.concatenate(part) for part in zip(*partly, strict=True))
+    return Painted(full, mixed, corner, rank, block)
 
 
 @dataclass(frozen=True)
@@ -211,7 +148,7 @@ class PatchEntries:
 
     def located(self, level: int, entry: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield entries of a level, some at a time, and where they are: indices (3, n)."""
-        # Made again: kept, it would take twice the memory of the entries.
+        # Made again: stored, it would take twice the memory of the entries.
         order = _brick_order(self.shape)[1] if level == 0 else None
         for first in range(0, len(entry), _SOME):
             some = entry[first : first + _SOME]
@@ -224,39 +161,28 @@ class PatchEntries:
 
 
 def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEntries:
-    """Return the tree of patches.
-
-    Parameters
-    ----------
-    boxes : PatchBoxes
-    extent : array of int64, shape (3,)
-        Size of the domain in finest units.
-    cells : int
-        Number of cells of all patches.
-    """
+    """Return the tree of patches in a domain of some extent, with so many cells in all."""
     units = _units(boxes, extent, cells)
-    shape = -(-extent // units[0])
-    painted, pairs = painted_root(boxes, shape, units[0])
-    blocks, total, used = [], 0, 1
-    corners: list[np.ndarray] = []
-    while True:
-        words = _words(painted.full, boxes)
-        total += len(words)
-        if not len(painted.mixed):
-            blocks.append(words)
-            starts = np.cumsum([0, *(len(b) for b in blocks)])
-            bricks, order = _brick_order(shape)
-            blocks[0] = blocks[0][order]
-            entries = np.concatenate(blocks)
-            return PatchEntries(units[:used], entries, starts, bricks, shape, corners)
-        ratio = units[used - 1] // units[used]
-        words[painted.mixed] = total + int(ratio.prod()) * np.arange(len(painted.mixed))
-        blocks.append(words)
-        corners.append(painted.corner * ratio)
-        painted, pairs = painted_blocks(boxes, painted, pairs, units[used], ratio)
-        used += 1
-        if total > NONE:
+    shape, count = -(-extent // units[0]), len(boxes.name)
+    nothing, corner = np.full(1, -1, np.int32), np.zeros((1, 3), np.int64)
+    above = Painted(nothing, np.zeros(1, np.int64), corner, np.arange(count), np.zeros(count, int))
+    words: list[np.ndarray] = []
+    starts, corners = [0], []
+    while len(above.mixed):
+        ratio = units[len(words) - 1] // units[len(words)] if words else shape
+        if words:  # entries that are blocks tell where these start
+            words[-1][above.mixed] = starts[-1] + int(ratio.prod()) * np.arange(len(above.mixed))
+            corners.append(above.corner * ratio)
+        above = _painted_below(boxes, above, units[len(words)], ratio)
+        name = PLAIN << NUMBER_BITS | boxes.name[above.full]
+        words.append(np.where(above.full < 0, ABSENT, name).astype(np.uint32))
+        starts.append(starts[-1] + len(words[-1]))
+        if starts[-1] > NONE:
             raise InputError("patches need too many blocks: their corners lie too irregularly")
+    bricks, order = _brick_order(shape)
+    words[0] = words[0][order]
+    entries = np.concatenate(words)
+    return PatchEntries(units[: len(words)], entries, np.array(starts), bricks, shape, corners)
 
 
 def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
@@ -269,28 +195,25 @@ def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     return bricks, order.transpose(0, 2, 4, 1, 3, 5).reshape(-1)
 
 
-def _words(full: np.ndarray, boxes: PatchBoxes) -> np.ndarray:
-    """Return entries from the patches, by rank, that cover them; -1 where none does."""
-    name = boxes.name[full]
-    return np.where(full < 0, ABSENT, PLAIN << NUMBER_BITS | name).astype(np.uint32)
-
-
 def _units(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> np.ndarray:
     """Return sizes of entries, each dividing the one before, of which the last suffices."""
     chain = [extent.astype(np.int64)]
     for level in range(int(boxes.level[-1]) + 1):
         here = boxes.level == level
         corners = [boxes.low[here], boxes.high[here], chain[-1][None]]
-        chain += _steps(chain[-1], np.gcd.reduce(np.concatenate(corners), axis=0))
+        last = np.gcd.reduce(np.concatenate(corners), axis=0)
+        while (chain[-1] != last).any():
+            parts = np.array([_divisor(int(r)) for r in chain[-1] // last])
+            chain.append(chain[-1] // parts)
     chain = _without_wide_steps(chain, extent)
-    counts = [np.prod(-(-extent // unit), dtype=float) for unit in chain]
     most = max(_ROOT_FREE, _ROOT_SHARE * cells)
-    root = max(k for k, count in enumerate(counts) if k == 0 or count <= most)
-    kept = [chain[root]]
+    fits = [np.prod(-(-extent // unit), dtype=float) <= most for unit in chain]
+    root = max(k for k, fit in enumerate(fits) if k == 0 or fit)
+    units = [chain[root]]
     for k in range(root + 1, len(chain)):
-        if k + 1 == len(chain) or (kept[-1] // chain[k + 1]).max() > _WIDE:
-            kept.append(chain[k])
-    return np.array(kept)
+        if k + 1 == len(chain) or (units[-1] // chain[k + 1]).max() > _WIDE:
+            units.append(chain[k])
+    return np.array(units)
 
 
 def _without_wide_steps(chain: list[np.ndarray], extent: np.ndarray) -> list[np.ndarray]:
@@ -312,18 +235,7 @@ def _grown(unit: np.ndarray, extent: np.ndarray) -> np.ndarray:
     return np.where(unit < extent, unit * _WIDE, unit)
 
 
-def _steps(unit: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
-    """Return sizes from one (excluded) to another that divides it, in steps that are not wide."""
-    steps = []
-    while (unit != last).any():
-        unit = unit // [_divisor(int(r)) for r in unit // last]
-        steps.append(unit)
-    return steps
-
-
 def _divisor(ratio: int) -> int:
     """Return a divisor of a number: the largest up to 4, or the least; itself if all are wide."""
-    small = [d for d in range(_WIDE, 1, -1) if ratio % d == 0]
-    if ratio == 1 or small:
-        return small[0] if small else 1
-    return next((d for d in range(_WIDE + 1, _WIDEST + 1) if ratio % d == 0), ratio)
+    order = (*range(_WIDE, 1, -1), *range(_WIDE + 1, _WIDEST + 1))
+    return next((d for d in order if ratio % d == 0), ratio)

@@ -10,12 +10,11 @@ import numpy as np
 from ...errors import InputError
 from ...memory import check_memory
 from ...units import plain, space_unit, unit_of
-from ..arguments import as_array
+from ..arguments import as_array, check_extent
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
 from .octree_order import DEEPEST
-from .patch_lattice import Lattice, boxes_of_layers, lattice_of
-from .patch_vertices import patch_vertices
+from .patch_cells import Patches, patch_vertices
 from .tree import Tree
 from .vertices import VertexNumbers
 
@@ -23,6 +22,10 @@ from .vertices import VertexNumbers
 _LONGEST = 1 << 50
 # Cells are counted in 32 bits; a byte for the level of each is what a grid takes at least.
 _MOST_CELLS = (1 << 32) - 1
+# How far a corner may be off its lattice, in cells: codes write single precision at times.
+_ROUNDING = 1e-3
+# Base cells along an axis whose walls are stored however few of them there are.
+_MOST_WALLS = 1 << 20
 
 
 class PatchGrid(TreeCells):
@@ -69,25 +72,23 @@ class PatchGrid(TreeCells):
     def __init__(self, lower: Any, upper: Any, shape: Any, *, unit: Any = None) -> None:
         self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or space_unit(unit)
         shape = _of_each(shape, lower, "lower")
-        _check_count(shape)
         lower, upper = (
             plain(c, self.unit, name) if unit_of(c) is not None else c
             for c, name in ((lower, "lower"), (upper, "upper"))
         )
-        self._set(lattice_of(lower, upper, shape))
+        self._set(*_from_corners(_corners(lower, "lower"), _corners(upper, "upper"), shape))
 
-    def _set(self, lattice: Lattice) -> None:
-        self.base_edges, self.patches = lattice.edges, lattice.patches
-        self.extent = self.patches.extent
-        if len(self.patches.sizes) > DEEPEST + 1:
+    def _set(self, edges: tuple[np.ndarray, ...], patches: Patches) -> None:
+        self.base_edges, self.patches, self.extent = edges, patches, patches.extent
+        if len(patches.sizes) > DEEPEST + 1:
             raise InputError(f"patches can have {DEEPEST + 1} levels at most")
         if self.extent.max() > _LONGEST:
             raise InputError(
                 f"the domain is {self.extent.max()} of the finest cells long; {_LONGEST} are the "
                 "most that double precision tells apart"
             )
-        self.patches.check_alignment()
-        self.levels = np.repeat(self.patches.level, self.patches.visible).astype(np.uint8)
+        patches.check_alignment()
+        self.levels = np.repeat(patches.level, patches.visible).astype(np.uint8)
         self.levels.setflags(write=False)
 
     @classmethod
@@ -122,10 +123,21 @@ class PatchGrid(TreeCells):
         """
         base = CartesianGrid(x, y, z, unit=unit)
         shape = _of_each(shape, low, "low")
-        _check_count(shape)
+        level, low = _whole(level, "level", 1), _whole(low, "low", 2)
+        _check_lengths("level, low and shape", level, low, shape)
+        if level.min() < 0:
+            raise InputError(
+                f"levels count from 0; that of patch {level.argmin()} is {level.min()}"
+            )
+        sizes = np.ones((int(level.max()) + 1, 3), np.int64)
+        sizes[:-1] = np.cumprod(_ratios(ratio, len(sizes) - 1)[::-1], axis=0)[::-1]
+        extent = sizes[0] * base.shape
+        outside = ((low < 0) | ((low + shape) * sizes[level] > extent)).any(axis=1)
+        if outside.any():
+            raise InputError(f"patch {int(np.argmax(outside))} is not inside the domain")
         grid = cls.__new__(cls)
         grid.unit = base.unit
-        grid._set(Lattice.from_boxes(base.edges, level, low, shape, ratio))
+        grid._set(base.edges, Patches(sizes, level, low, shape, extent))
         return grid
 
     @classmethod
@@ -143,7 +155,7 @@ class PatchGrid(TreeCells):
             Length unit of plain edges.
         """
         base = CartesianGrid(x, y, z, unit=unit)
-        level, low, shape = boxes_of_layers(base.shape, layers)
+        level, low, shape = _boxes_of_layers(base.shape, layers)
         x, y, z = base.edges
         return cls.from_boxes(x, y, z, level, low, shape, 2, unit=base.unit)
 
@@ -229,15 +241,146 @@ class PatchGrid(TreeCells):
 def _of_each(shape: Any, corners: Any, name: str) -> np.ndarray:
     """Return the shape of each of the patches with corners (n, 3), where one is given for all."""
     shapes, patches = as_array(shape, "shape"), as_array(corners, name).shape[:1]
-    return np.broadcast_to(shapes, (*patches, 3)) if shapes.shape == (3,) and patches else shapes
-
-
-def _check_count(shape: Any) -> None:
-    try:
-        count = float(np.prod(np.asarray(shape, dtype=float).reshape(-1, 3), axis=1).sum())
-    except (TypeError, ValueError):
-        return  # what is wrong is told where shapes are looked at
+    if shapes.shape == (3,) and patches:
+        shapes = np.broadcast_to(shapes, (*patches, 3))
+    shapes = _whole(shapes, "shape", 2)
+    if shapes.min() < 1:
+        patch = int(np.argmax((shapes < 1).any(axis=1)))
+        raise InputError(f"shape must be positive; that of patch {patch} is {shapes[patch]}")
+    count = float(np.prod(shapes.astype(float), axis=1).sum())
     if count > _MOST_CELLS:
         raise InputError(f"patches of {count:.3g} cells in all are too many: {_MOST_CELLS} at most")
-    if count > 0:
-        check_memory(int(count), f"a grid of {count:.0f} cells", "use a coarser one")
+    check_memory(int(count), f"a grid of {count:.0f} cells", "use a coarser one")
+    return shapes
+
+
+def _check_lengths(names: str, *arrays: np.ndarray) -> None:
+    first, second, third = map(len, arrays)
+    if not first == second == third:
+        raise InputError(
+            f"{names} must tell of equally many patches, got {first}, {second} and {third}"
+        )
+
+
+def _from_corners(
+    lower: np.ndarray, upper: np.ndarray, shape: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], Patches]:
+    """Return the walls of base cells, and patches given by their corners."""
+    _check_lengths("lower, upper and shape", lower, upper, shape)
+    empty = (upper <= lower).any(axis=1)
+    if empty.any():
+        raise InputError(f"patch {int(np.argmax(empty))}: upper must be greater than lower")
+    width = (upper - lower) / shape
+    sizes, level = _levels(width)
+    start, end = lower.min(axis=0), upper.max(axis=0)
+    check_extent(**{name: np.array([a, b]) for name, a, b in zip("xyz", start, end, strict=True)})
+    finest = width[level == len(sizes) - 1][0]
+    extent = np.round((end - start) / finest).astype(np.int64)
+    finest = (end - start) / extent
+    index = (lower - start) / (finest * sizes[level])
+    low = np.round(index).astype(np.int64)
+    off = (np.abs(index - low) > _ROUNDING).any(axis=1)
+    if off.any():
+        patch = int(np.argmax(off))
+        raise InputError(
+            f"patch {patch} begins {index[patch].tolist()} of its cells from the domain's lower "
+            "corner: these must be whole numbers, so that cells line up"
+        )
+    counts = extent // sizes[0]
+    # Walls of base cells are kept one by one: too many of a wide domain with little in it.
+    few = counts.max() <= max(_MOST_WALLS, shape.max())
+    if (extent % sizes[0]).any() or not few:
+        counts = np.ones(3, np.int64)
+    edges = tuple(np.linspace(a, b, n + 1) for a, b, n in zip(start, end, counts, strict=True))
+    return edges, Patches(sizes, level, low, shape, extent)
+
+
+def _levels(width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sizes of cells of each level in finest units, coarsest first, and the levels."""
+    finest = width.min(axis=0)
+    ratio = width / finest
+    size = np.round(ratio).astype(np.int64)
+    off = (np.abs(ratio - size) > _ROUNDING * size).any(axis=1)
+    if off.any():
+        patch = int(np.argmax(off))
+        raise InputError(
+            f"cells of patch {patch} are {ratio[patch].tolist()} times as wide as the finest ones: "
+            "these must be whole numbers"
+        )
+    sizes, level = np.unique(-size, axis=0, return_inverse=True)
+    sizes = -sizes
+    if (sizes[:-1] % sizes[1:]).any():
+        raise InputError(
+            f"cells of each level must consist of cells of the next, got sizes {sizes.tolist()} "
+            "in units of the finest"
+        )
+    return sizes, level.reshape(-1)
+
+
+def _corners(values: Any, name: str) -> np.ndarray:
+    corners = as_array(values, name, np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
+        raise InputError(f"{name} must have shape (n, 3), got {corners.shape}")
+    bad = ~np.isfinite(corners).all(axis=1)
+    if bad.any():
+        raise InputError(f"{name} must be finite; that of patch {int(np.argmax(bad))} is not")
+    return corners
+
+
+def _whole(values: Any, name: str, axes: int) -> np.ndarray:
+    array = as_array(values, name)
+    wanted = "(n,)" if axes == 1 else "(n, 3)"
+    fits = array.ndim == axes and array.size and (axes == 1 or array.shape[1] == 3)
+    if not fits or array.dtype.kind not in "iu":
+        raise InputError(
+            f"{name} must be integers of shape {wanted}, got {array.dtype} of shape {array.shape}"
+        )
+    return array.astype(np.int64)
+
+
+def _ratios(ratio: Any, levels: int) -> np.ndarray:
+    ratios = as_array(ratio, "ratio")
+    if ratios.size == 0 and levels == 0:  # a base grid alone
+        return np.ones((0, 3), np.int64)
+    if ratios.ndim == 1:
+        ratios = ratios[:, None]
+    fits = ratios.ndim == 0 or (ratios.ndim == 2 and ratios.shape[1] in (1, 3))
+    if not fits or ratios.dtype.kind not in "iu" or (ratios < 1).any():
+        raise InputError(
+            "ratio must be positive integers: one, or one per level, or of shape (levels, 3), got "
+            f"{ratio!r}"
+        )
+    if ratios.ndim == 2 and len(ratios) < levels:
+        raise InputError(f"ratio must tell of {levels} levels, got {len(ratios)}")
+    whole = np.broadcast_to(ratios, (max(levels, len(np.atleast_2d(ratios))), 3))
+    return whole[:levels].astype(np.int64)
+
+
+def _boxes_of_layers(
+    base: tuple[int, ...], layers: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return level (n + 1,), first cell and shape (n + 1, 3) of a base grid and its layers."""
+    rows = as_array(layers, "layers")
+    if not rows.size:  # the base grid alone
+        rows = np.zeros((0, 7), np.int64)
+    if rows.ndim != 2 or rows.shape[1] != 7 or rows.dtype.kind not in "iu":
+        raise InputError(
+            "layers must be rows of seven integers (parent, ix, iy, iz, nx, ny, nz), got "
+            f"{rows.dtype} of shape {rows.shape}"
+        )
+    count = len(rows) + 1
+    level = np.zeros(count, np.int64)
+    low, shape = np.zeros((count, 3), np.int64), np.zeros((count, 3), np.int64)
+    shape[0] = base
+    for k, (parent, *numbers) in enumerate(rows.tolist(), start=1):
+        if not 0 <= parent < k:
+            raise InputError(f"layer {k} must have a parent from 0 to {k - 1}, got {parent}")
+        first, cells = np.array(numbers[:3]) - 1, np.array(numbers[3:])
+        if (first < 0).any() or (cells < 1).any() or (first + cells > shape[parent]).any():
+            raise InputError(
+                f"layer {k} covers cells {(first + 1).tolist()} to {(first + cells).tolist()} of "
+                f"its parent {parent}, which has {shape[parent].tolist()}"
+            )
+        level[k] = level[parent] + 1
+        low[k], shape[k] = 2 * (low[parent] + first), 2 * cells
+    return level, low, shape

@@ -1,5 +1,7 @@
 """A tree of blocks over the cells of a refined grid: from a place to the cell that contains it.
 
+On the host (`Tree`) and in kernels (`TreeLookup`).
+
 *Places* are whole numbers: along each axis the domain is ``extent`` finest units long, and every
 wall of every cell lies at a whole number of them. Which coordinate belongs to a place is the
 geometry's business; the tree knows integers only, so the same tree serves Cartesian and curvilinear
@@ -19,10 +21,16 @@ are therefore small beside their cells, and mostly flat.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+import functools
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+
+from ...backend import dr
+from ...backend.types import Float, Int, Mask
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -51,18 +59,37 @@ class Numbering(Protocol):
     def cells(
         self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers (n,) and sizes (3, n) of the cells around places (3, n).
+        """Return numbers (n,) and sizes (3, n) of the cells around places (3, n)."""
 
-        Parameters
-        ----------
-        entry : array of uint32, shape (n,)
-        place : array of int64, shape (3, n)
-        unit : array of int64, shape (3, n)
-            Size of the entries.
+    def traced(self, tree: Tree, backend: Backend) -> TracedNumbering:
+        """Return the same for kernels."""
+
+
+class TracedNumbering(Protocol):
+    """From an entry to the cell around a place.
+
+    A place here is a real number per axis, in finest units, counted from either end of the domain.
+    """
+
+    def located(self, place: list[Float]) -> list[Float]:
+        """Return places as the other methods take them."""
+
+    def root(self, place: list[Float]) -> list[Int]:
+        """Return the indices of the root's entries around places."""
+
+    def slot(self, place: list[Float], level: Int, way: Orientation) -> Int:
+        """Return the number of an entry of a tree level in its block."""
+
+    def cell(
+        self, entry: Int, place: list[Float], level: Int, way: Orientation, active: Mask
+    ) -> Cell:
+        """Return the cells around places, from entries of a tree level that are no blocks.
+
+        Of lanes that are not active anything may be returned.
         """
 
-    def traced(self, tree: Tree, backend: Backend) -> Any:
-        """Return the same for kernels; see `trees.lookup`."""
+    def sizes_of(self, cell: Cell) -> list[Float]:
+        """Return the sizes of cells along each axis."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +117,7 @@ class Tree:
     extent: np.ndarray
     units: np.ndarray
     entries: np.ndarray
-    numbering: Any
+    numbering: Numbering
     holes: bool = False
     bricks: tuple[int, ...] = (0, 0, 0)
 
@@ -111,11 +138,6 @@ class Tree:
         """Shapes of the blocks below the root, (K - 1, 3)."""
         ratios: np.ndarray = self.units[:-1] // self.units[1:]
         return ratios
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes."""
-        return int(self.entries.nbytes)
 
     def root_place(self, index: np.ndarray) -> np.ndarray:
         """Return where the root's entries with indices (3, n) are."""
@@ -149,3 +171,215 @@ class Tree:
 def _flat(index: np.ndarray, shape: np.ndarray) -> np.ndarray:
     flat: np.ndarray = index[0] + shape[0] * (index[1] + shape[1] * index[2])
     return flat
+
+
+@dataclass
+class Cell:
+    """A cell, one per lane.
+
+    Attributes
+    ----------
+    number : array of UInt
+        Its number; of no meaning in a hole (`TreeLookup.is_cell`).
+    low : list of three arrays
+        The place of its lower corner.
+    size : list of arrays
+        Its size, for those axes that differ: use `TreeLookup.sizes`.
+    strides, end : list of three arrays, or empty
+        What the number of the next cell along each axis is more, as the ray runs, where that is
+        below `end`. Empty where there is no such rule.
+    """
+
+    number: Int
+    low: list[Float]
+    size: list[Float]
+    strides: list[Int] = field(default_factory=list)
+    end: list[Float] = field(default_factory=list)
+
+
+@dataclass
+class Orientation:
+    """Along which axes lanes count places from the upper end ("mirrored"), downwards.
+
+    Attributes
+    ----------
+    start, strides : array of UInt, list of three
+        ``start + Σ brick · stride`` is where a brick of the root starts, from mirrored indices.
+    flip : list of three arrays of UInt
+        What mirrors an index within a block, by an exclusive or: all bits or none.
+    padding : list of three arrays, or empty
+        How far beyond the domain the root begins, from where places are counted.
+    """
+
+    start: Int
+    strides: list[Int]
+    flip: list[Int]
+    padding: list[Float] = field(default_factory=list)
+
+
+class TreeLookup:
+    """Finds cells in a tree.
+
+    Rays through a tree wait for one look-up after the other, so what counts is how long the chain
+    from one to the next is, not how much is computed beside it.
+
+    Parameters
+    ----------
+    tree : Tree
+    backend : Backend
+    stretches : sequence of three (int or None)
+        Sizes in finest units of the stretches that holes are not to reach beyond; None where they
+        may.
+
+    Attributes
+    ----------
+    top : list of three arrays
+        The largest places below the extent.
+    """
+
+    def __init__(
+        self, tree: Tree, backend: Backend, stretches: Sequence[int | None] = (None, None, None)
+    ) -> None:
+        self.backend, self.tree = backend, tree
+        self.numbering = tree.numbering.traced(tree, backend)
+        below = np.nextafter(tree.extent.astype(backend.dtype), backend.dtype.type(0))
+        self.top = [backend.opaque(float(e)) for e in below]
+        self.entries = backend.UInt(tree.entries)
+        self.bricks = [n >> bits for n, bits in zip(tree.shape, tree.bricks, strict=True)]
+        largest = tree.units[0].tolist()
+        self.stretches = [
+            (backend.opaque(float(n)), backend.opaque(1.0 / n))
+            if tree.holes and n is not None and unit > n
+            else None
+            for n, unit in zip(stretches, largest, strict=True)
+        ]
+
+    def orient(self, down: list[Mask] | None = None) -> Orientation:
+        """Return the orientation of lanes that count places downwards along some axes."""
+        UInt = self.backend.UInt
+        nx, ny, nz = self.bricks
+        one = 1 << sum(self.tree.bricks)
+        strides = [dr.opaque(UInt, one * s) for s in (1, nx, nx * ny)]
+        start, flip, padding = UInt(0), [UInt(0)] * 3, []
+        if down is not None:
+            if self.tree.padding.any():
+                beyond = [self.backend.opaque(float(p)) for p in self.tree.padding]
+                zero = self.backend.Float(0)
+                padding = [dr.select(d, p, zero) for d, p in zip(down, beyond, strict=True)]
+            for axis, (n, stride) in enumerate(zip((nx, ny, nz), list(strides), strict=True)):
+                start += dr.select(down[axis], stride * dr.opaque(UInt, n - 1), 0)
+                strides[axis] = dr.select(down[axis], ~stride + 1, stride)
+                flip[axis] = dr.select(down[axis], UInt(0xFFFFFFFF), 0)
+        return Orientation(start, strides, flip, padding)
+
+    def find(self, place: list[Float], way: Orientation, active: Mask) -> Cell:
+        """Return the cells that contain places between zero and `top`."""
+        UInt, place = self.backend.UInt, self.numbering.located(place)
+        there = place  # as counted from the root's end
+        if way.padding:
+            there = [p + beyond for p, beyond in zip(place, way.padding, strict=True)]
+        root = self._root(self.numbering.root(there), way)
+        entry = dr.gather(UInt, self.entries, root, active)
+        entry, size = self._descended(entry, there, way, active)
+        cell = self.numbering.cell(entry, place, size, way, active)
+        if way.padding and self.tree.holes:
+            hole = ~self.is_cell(cell)
+            for axis, size in enumerate(self.sizes(cell)):
+                low = dr.floor(there[axis] / size) * size - way.padding[axis]
+                cell.low[axis] = dr.select(hole, low, cell.low[axis])
+        if any(self.stretches):
+            self._keep_within_stretches(cell, place)
+        return cell
+
+    def _keep_within_stretches(self, cell: Cell, place: list[Float]) -> None:
+        hole, sizes = ~self.is_cell(cell), self.sizes(cell)
+        for axis, stretch in enumerate(self.stretches):
+            if stretch is None:
+                continue
+            size, per_size = stretch
+            begin = dr.floor((dr.floor(place[axis]) + 0.5) * per_size) * size
+            low = dr.maximum(cell.low[axis], begin)
+            high = dr.minimum(cell.low[axis] + sizes[axis], begin + size)
+            sizes[axis] = dr.select(hole, high - low, sizes[axis])
+            cell.low[axis] = dr.select(hole, low, cell.low[axis])
+        cell.size = sizes
+
+    def entered(
+        self,
+        cell: Cell,
+        through: list[Mask],
+        reached: list[Float],
+        place: Callable[[], list[Float]],
+        way: Orientation,
+        active: Mask,
+    ) -> Cell:
+        """Return the cells that rays come to from others.
+
+        In blocks most come to a neighbour in the same block, and nothing is looked up unless a ray
+        of the vector leaves its own: first order takes 0.7 to 0.85 of the time so.
+        """
+        if not cell.strides:
+            return self.find(place(), way, active)
+        unknown = active & functools.reduce(
+            operator.or_, [r >= end for r, end in zip(reached, cell.end, strict=True)]
+        )
+        number = cell.number
+        for crossed, stride in zip(through, cell.strides, strict=True):
+            number = number + dr.select(crossed, stride, 0)
+
+        def found(_: Cell) -> Cell:
+            return self.find(place(), way, unknown)
+
+        near = replace(cell, number=number, low=reached)
+        entered: Cell = dr.if_stmt((near,), unknown, found, _same)
+        return entered
+
+    def _root(self, index: list[Int], way: Orientation) -> Int:
+        root, shift = way.start, 0
+        for i, stride, flip, bits in zip(
+            index, way.strides, way.flip, self.tree.bricks, strict=True
+        ):
+            if bits:
+                root = root + (((i ^ flip) & ((1 << bits) - 1)) << shift)
+                i, shift = i >> bits, shift + bits
+            root = root + i * stride
+        return root
+
+    def sizes(self, cell: Cell) -> list[Float]:
+        """Return the size of a cell along each axis."""
+        return self.numbering.sizes_of(cell)
+
+    def is_cell(self, cell: Cell) -> Mask:
+        """Return which lanes are in a cell, and not in a hole."""
+        return cell.number != NONE
+
+    def _descended(
+        self, entry: Int, place: list[Float], way: Orientation, active: Mask
+    ) -> tuple[Int, Int]:
+        """Follow entries that are blocks down to one that is none; return it, and its level."""
+        UInt, level = self.backend.UInt, self.backend.Int(0)
+        if len(self.tree.units) == 1:
+            return entry, level
+
+        def is_block(entry: Int, level: Int) -> Mask:
+            return active & (entry >> NUMBER_BITS == 0)
+
+        def down(entry: Int, level: Int) -> tuple[Int, Int]:
+            level = level + 1
+            slot = entry + self.numbering.slot(place, level, way)
+            return dr.gather(UInt, self.entries, slot, is_block(entry, level)), level
+
+        if len(self.tree.units) == 2:
+            # A branch: vectors of rays are often in entries that are no blocks, all of them.
+            return dr.if_stmt((entry, level), is_block(entry, level), down, _unchanged)
+        # A loop may not change what all lanes share.
+        level = dr.select(active, level, 0)
+        return dr.while_loop((entry, level), is_block, down, label="descent")
+
+
+def _same(cell: Cell) -> Cell:
+    return cell
+
+
+def _unchanged(entry: Int, level: Int) -> tuple[Int, Int]:
+    return entry, level

@@ -21,7 +21,7 @@ import numpy as np
 from ...backend import dr, from_host
 from ...backend.types import Float, Int, Mask
 from .axes import Spacing
-from .lookup import Cell, TreeLookup
+from .tree import Cell, Tree, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -55,22 +55,22 @@ class VertexBoxes:
                 whole[:, begin - first : end - first] = part
         self._low, self._size = ([from_host(self.kind, v) for v in part] for part in kept)
 
-    def low(self, lane: Int) -> list[Any]:
+    def low(self, lane: Int) -> list[Float]:
         """Return the lower corners of cells, given by their numbers among these."""
         return self._of(self._low, lane)
 
-    def size(self, lane: Int) -> list[Any]:
+    def size(self, lane: Int) -> list[Float]:
         """Return the sizes of cells."""
         return self._of(self._size, lane)
 
-    def corner(self, lane: Int, corner: Int) -> list[Any]:
+    def corner(self, lane: Int, corner: Int) -> list[Float]:
         """Return the places of corners of cells."""
         return [
             low + dr.select((corner >> (2 - axis)) & 1 == 1, size, 0.0)
             for axis, (low, size) in enumerate(zip(self.low(lane), self.size(lane), strict=True))
         ]
 
-    def _of(self, parts: list[Any], lane: Int) -> list[Any]:
+    def _of(self, parts: list[Float], lane: Int) -> list[Float]:
         return [self.backend.Wide(dr.gather(self.kind, v, lane)) for v in parts]
 
 
@@ -91,20 +91,13 @@ class Surroundings:
 
     alike: Sequence[bool] = (False, False, False)
 
-    def __init__(self, tree: Any, backend: Backend) -> None:
+    def __init__(self, tree: Tree, backend: Backend) -> None:
         self.lookup = TreeLookup(tree, backend)
         self.way = self.lookup.orient()
         self.extent = [dr.opaque(backend.Wide, float(n)) for n in tree.extent]
 
-    def cells(self, vertex: list[Any], active: Mask) -> list[tuple[Cell, Any]]:
-        """Return the cells around vertices, each with where it exists.
-
-        Parameters
-        ----------
-        vertex : list of three arrays
-            Places in finest units.
-        active : array of Bool
-        """
+    def cells(self, vertex: list[Float], active: Mask) -> list[tuple[Cell, Mask]]:
+        """Return the cells around vertices, each with where it exists."""
         return [
             self.cell_at(
                 [v + (0.5 if b else -0.5) for v, b in zip(vertex, up, strict=True)], active
@@ -112,7 +105,7 @@ class Surroundings:
             for up in OCTANTS
         ]
 
-    def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Mask]:
         """Return the cells around places, which may be outside, and where there is one."""
         there = active
         for p, extent in zip(place, self.extent, strict=True):
@@ -124,16 +117,16 @@ class Surroundings:
         """Return what knows lengths on the grid."""
         return Spacing(grid, backend)
 
-    def steps(self, middle: list[Any], size: list[Any], width: list[Any]) -> list[Any]:
+    def steps(self, middle: list[Float], size: list[Float], width: list[Float]) -> list[Float]:
         """Return what widths of boxes are to gradients there: the same, on Cartesian grids."""
         return width
 
-    def box(self, cell: Cell) -> tuple[list[Any], list[Any]]:
+    def box(self, cell: Cell) -> tuple[list[Float], list[Float]]:
         """Return lower corners and sizes of cells in finest units."""
         return cell.low, self.lookup.sizes(cell)
 
 
-def cells_around(grid: Any, vertex: Int, backend: Backend) -> list[tuple[Any, Any]]:
+def cells_around(grid: Any, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
     """Return the cells around consecutive vertices; see `Grid.vertex_cells`.
 
     A cell that fills several octants counts as often (RADMC-3D's rule).
@@ -163,7 +156,7 @@ class VertexNumbers:
     Attributes
     ----------
     cells : array of uint32, shape (n, 2)
-        Per cell the number of its lower corner, and the strides to the others (`packed_strides`).
+        Per cell the number of its lower corner, and the strides to the others, packed.
     first : array of int64, shape (m + 1,)
         Number of the first point of each lattice, and how many points there are.
     lattices : Lattices
@@ -172,22 +165,15 @@ class VertexNumbers:
     cells: np.ndarray
     first: np.ndarray
     lattices: Lattices
-    _traced: dict[Any, Any] = field(default_factory=dict)
+    _traced: dict[type, Int] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
         """How many vertices there are."""
         return int(self.first[-1])
 
-    def places(self, first: int, last: int, backend: Backend) -> list[Any]:
-        """Return where consecutive vertices are, in finest units: x, y and z (traced).
-
-        Parameters
-        ----------
-        first, last : int
-        backend : Backend
-            Of double precision.
-        """
+    def places(self, first: int, last: int, backend: Backend) -> list[Float]:
+        """Return where consecutive vertices are, in finest units: x, y and z (traced)."""
         UInt, Wide = backend.UInt, backend.Wide
         begin = int(np.searchsorted(self.first, first, "right")) - 1
         end = int(np.searchsorted(self.first, last))
@@ -210,55 +196,30 @@ class VertexNumbers:
             for axis, i in enumerate(index)
         ]
 
-    def traced(self, backend: Backend) -> TracedNumbers:
-        """Return the same for kernels (made once per device)."""
-        key = backend.UInt  # the same in both precisions
-        if key not in self._traced:
-            self._traced[key] = TracedNumbers(self.cells, backend)
-        return self._traced[key]
-
-
-class TracedNumbers:
-    """The numbers of the vertices of cells, in kernels."""
-
-    def __init__(self, cells: np.ndarray, backend: Backend) -> None:
-        self.pair = backend.module.Array2u
-        self.cells = from_host(backend.UInt, cells.reshape(-1))
-
-    def of(self, cell: Int, active: Mask) -> tuple[Any, list[Any]]:
+    def of(self, cell: Int, active: Mask, backend: Backend) -> tuple[Int, list[Int]]:
         """Return the numbers of the lower corners of cells, and the strides along x, y and z.
 
         Cells of lanes that are not active may be any numbers.
         """
-        corner, strides = dr.gather(self.pair, self.cells, cell, active)
-        bits = _STRIDE_BITS
+        key, bits = backend.UInt, _STRIDE_BITS  # the same in both precisions
+        if key not in self._traced:
+            self._traced[key] = from_host(backend.UInt, self.cells.reshape(-1))
+        corner, strides = dr.gather(backend.module.Array2u, self._traced[key], cell, active)
         return corner, [strides >> (2 * bits), (strides >> bits) & _MASK, strides & _MASK]
 
 
-def packed_strides(strides: np.ndarray) -> np.ndarray:
-    """Return strides along x, y and z (3, n) as one word each."""
-    x, y, z = strides
-    packed: np.ndarray = (x << (2 * _STRIDE_BITS) | y << _STRIDE_BITS | z).astype(np.uint32)
-    return packed
+def corner_numbers(
+    first: np.ndarray, index: np.ndarray, points: np.ndarray, scale: np.ndarray | int
+) -> np.ndarray:
+    """Return `VertexNumbers.cells` of cells.
 
-
-def corner_numbers(first: Float, index: np.ndarray, points: np.ndarray, scale: Float) -> np.ndarray:
-    """Return what `VertexNumbers.cells` tells of cells.
-
-    Parameters
-    ----------
-    first : array of int, shape (n,)
-        Number of the first point of each cell's lattice.
-    index : array of int, shape (3, n)
-        The point at the lower corner of each cell.
-    points : array of int, shape (3, n)
-        Points per axis of its lattice.
-    scale : array of int, shape (3, n) or int
-        How many spacings cells are wide.
+    From the number of the first point of each cell's lattice (n,), the point at its lower corner
+    (3, n), the points per axis (3, n), and how many spacings it is wide (3, n).
     """
     rows = points[2]
     planes = points[1] * rows
-    found = np.empty((len(rows), 2), np.uint32)
-    found[:, 0] = first + index[0] * planes + index[1] * rows + index[2]
-    found[:, 1] = packed_strides(np.stack([planes, rows, np.ones_like(rows)]) * scale)
-    return found
+    numbers = np.empty((len(rows), 2), np.uint32)
+    numbers[:, 0] = first + index[0] * planes + index[1] * rows + index[2]
+    x, y, z = np.stack([planes, rows, np.ones_like(rows)]) * scale
+    numbers[:, 1] = x << (2 * _STRIDE_BITS) | y << _STRIDE_BITS | z
+    return numbers

@@ -20,8 +20,7 @@ from ..contract import Corners, Ray, Segment
 from ..straight_chord import StraightChord
 from ..wall_corners import bilinear, trilinear
 from .axes import make_tree_axis
-from .lookup import Cell, Orientation, TreeLookup
-from .tree import Tree
+from .tree import Cell, Orientation, Tree, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -43,7 +42,7 @@ def first_corner(walk: Any, track: Any, cell: Cell, active: Mask) -> Corner:
     number = cell.number
     if walk.holes:
         number = dr.select(walk.lookup.is_cell(cell), number, 0)
-    base, strides = walk.grid.vertex_numbers.traced(walk.backend).of(number, active)
+    base, strides = walk.grid.vertex_numbers.of(number, active, walk.backend)
     signed = []
     for stride, flip in zip(strides, track.way.flip, strict=True):
         base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it
@@ -210,7 +209,6 @@ class TreeWalk(BoxWalk):
         return track, TreeCursor(cell, t, inside)
 
     def next(self, track: TreeTrack, cursor: TreeCursor) -> tuple[Segment, TreeCursor]:
-        """Return the segment through the present cell, and the cursor in the next one."""
         cell, size = cursor.cell, self.lookup.sizes(cursor.cell)
         ahead = [
             axis.crossing(t, low, s)
@@ -250,11 +248,9 @@ class TreeWalk(BoxWalk):
         return segment, TreeCursor(entered, end, inside)
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
-        """Return the eight vertices of the cell and trilinear weights at the cursor."""
         return entry_corners(self, track, cursor)
 
     def exit_corners(self, track: TreeTrack, segment: Segment) -> Corners:
-        """Return the vertices around the end of a segment: four of the wall it leaves through."""
         return exit_corners(self, track, segment)
 
 
@@ -302,7 +298,6 @@ class TreeFieldWalk(TreeWalk):
         self.has_gaps = self.holes
 
     def cross(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
-        """Return rays where they are in a cell, beyond the holes they were in, or out."""
         moved = self._in_hole(cursor)
 
         def step(cursor: TreeCursor) -> tuple[TreeCursor]:
@@ -323,5 +318,4 @@ class TreeFieldWalk(TreeWalk):
         return TreeRayTrack(**vars(track), origin=origin, direction=direction), cursor
 
     def chord(self, track: TreeRayTrack, segment: Segment) -> TreeChord:
-        """Return a segment as a straight line through its cell."""
         return TreeChord(self, track, segment)
