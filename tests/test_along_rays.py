@@ -46,14 +46,6 @@ def test_the_smallest_value_may_be_nothing():
     np.testing.assert_array_equal(found.intensity, 0.0)
 
 
-def test_what_misses_finds_nothing():
-    camera = vm.Orthographic(width=6, resolution=12)
-    found = vm.project(VOLUME, "a", camera)
-    inside = np.isfinite(found.intensity[..., 0])
-    expected = np.abs(np.arange(12) - 5.5) < 2
-    np.testing.assert_array_equal(inside, expected[:, None] & expected)
-
-
 def test_the_first_cell_of_a_kind():
     found = vm.project(VOLUME, "a > 1.5", DOWN, "first", precision="double").intensity[..., 0]
     for (j, i), depth in np.ndenumerate(found):
@@ -67,13 +59,6 @@ def test_the_first_cell_of_a_kind_told_with_units():
     np.testing.assert_array_equal(found, plain)
     with pytest.raises(vm.UnitsError, match="'3 K' is in K, expected"):
         vm.project(VOLUME, "rho > 3 K", DOWN, "first")
-
-
-def test_numbers_may_be_of_numpy():
-    medium = vm.Coefficients(0, "10 * a**2")
-    surfaces = [vm.tau_surface(VOLUME, medium, DOWN, n).points for n in (2, np.int64(2))]
-    np.testing.assert_array_equal(*surfaces)
-    assert vm.moments(VOLUME, "rho", DOWN, "v", np.int64(1)).dispersion is None
 
 
 def test_integral_and_mean_of_columns_of_cells():
@@ -111,33 +96,6 @@ def test_projections_of_a_constant_are_that_constant(kind, how):
     found = vm.project(volume, "a", vm.Orthographic(50, 20, resolution=16), how).intensity
     np.testing.assert_allclose(found[np.isfinite(found)], 2.5, rtol=1e-5)
     assert np.isfinite(found).any()
-
-
-def test_projections_of_signed_data_are_grey_within_a_window():
-    """Air at -1000 is black and bone white, as radiologists see computed tomography."""
-    values = np.full((8, 8, 8), -1000.0)
-    values[2:6, 2:6, 3:5] = 1200.0
-    volume = vm.Volume(GRID, ct=values)
-    image = vm.project(volume, "ct", DOWN)
-    rgb = image.to_rgb()
-    np.testing.assert_array_equal(rgb[..., 0], rgb[..., 2])
-    assert rgb[0, 0, 0] < 0.01
-    assert rgb[4, 4, 0] > 0.99
-    assert image.plot().images[0].cmap.name == "gray"
-    # Means of so much air are all below zero, and the brightest are where the bone is.
-    mean = vm.project(volume, "ct", DOWN, how="mean")
-    assert mean.intensity.max() < 0
-    rgb = mean.to_rgb()
-    assert rgb[0, 0, 0] < 0.01
-    assert rgb[4, 4, 0] > 0.99
-
-
-def test_depths_before_the_middle_are_not_all_black():
-    ramp = vm.Volume(GRID)
-    ramp["a"] = "1.0 * (z < 0.6 + 0.3 * x)"
-    depth = vm.project(ramp, "a", DOWN, how="first")
-    assert np.nanmax(depth.intensity) < 0
-    assert np.ptp(depth.to_rgb()[np.isfinite(depth.intensity[..., 0])]) > 0.9
 
 
 def test_earlier_names_tell_the_new_ones():
@@ -201,25 +159,6 @@ def test_an_even_medium_is_seen_into_as_deep_as_its_extinction_says(scheme, prec
         np.testing.assert_allclose(depth[reached], enter[reached] + 0.75, atol=exact)
         ends = origin.reshape(16, 16, 3) + (enter + 0.75)[..., None] * direction.reshape(16, 16, 3)
         np.testing.assert_allclose(found.points[reached, 0], ends[reached], atol=10 * exact)
-
-
-@pytest.mark.parametrize(
-    "grid",
-    [
-        vm.SphericalGrid(np.linspace(0, 1, 30), np.linspace(0, np.pi, 7), unit="pc"),
-        vm.OctreeGrid.from_function(
-            *[np.linspace(-1, 1, 5)] * 3, lambda x, y, z, s: np.hypot(x, y) < s, 3, unit="pc"
-        ),
-    ],
-    ids=["spherical", "octree"],
-)
-def test_surfaces_on_other_grids(grid):
-    volume = vm.Volume(grid, k=np.full(grid.shape, 4.0))
-    camera = vm.Orthographic(0, 0, width=0.6, resolution=8)
-    found = vm.tau_surface(volume, vm.Coefficients(0, "k"), camera)
-    x, y = np.meshgrid(found.depth.x, found.depth.y)
-    top = np.sqrt(1 - x**2 - y**2) if isinstance(grid, vm.SphericalGrid) else np.ones(x.shape)
-    np.testing.assert_allclose(found.depth.intensity[..., 0], 0.25 - top, atol=1e-12)
 
 
 def test_each_extinction_has_its_surface():

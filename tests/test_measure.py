@@ -224,12 +224,6 @@ def test_missing_values_are_counted():
     assert np.isfinite(found["mass"].value)
 
 
-def test_several_quantities_are_named_after_themselves():
-    found = vm.measure(gas(), ["density", "0.5 * density"])
-    assert list(found) == ["density", "0.5 * density"]
-    assert found["density"].value == pytest.approx(2 * found["0.5 * density"].value)
-
-
 NOT_A_NUMBER = np.full(CAMERA.resolution[::-1], np.nan)
 
 
@@ -283,14 +277,3 @@ def test_what_makes_no_sense():
     ]:
         with pytest.raises(vm.InputError, match=told):
             make()
-
-
-@pytest.mark.parametrize("maps", [False, True])
-def test_single_precision_fields_are_summed_in_double(maps):
-    grid = GRIDS["cartesian"]
-    a = RNG.random(grid.shape, dtype=np.float32)
-    found = vm.measure(vm.Volume(grid, a=a), {"m": "0.1 * a**2"}, camera=CAMERA, maps=maps)["m"]
-    expected = (0.1 * a.astype(float) ** 2 * grid.cell_volumes).sum()
-    assert float(found.value if hasattr(found, "value") else found) == pytest.approx(
-        expected, rel=1e-13
-    )

@@ -247,15 +247,6 @@ def test_tables_and_plots(tmp_path):
     np.testing.assert_array_equal(frame["gathered_0"], found.gathered[:, 0])
 
 
-def test_the_text_is_short_unless_all_is_asked_for():
-    volume = volume_on(GRIDS["cartesian"])
-    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), scheme="first-order")
-    short, long = found.text(4).splitlines(), found.text(None).splitlines()
-    assert len(long) - len(short) == len(found) - 5
-    assert f"… {len(found) - 4} segments …" in found.text(4)
-    assert all(",".join(map(str, index)) in found.text(None) for index in found.index)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

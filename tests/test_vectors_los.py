@@ -58,21 +58,6 @@ def test_a_field_goes_before_what_could_be_computed():
     assert np.all(vm.Volume(SPHERICAL, fields).array("v_x") != 7)
 
 
-def test_rigid_rotation_has_no_radial_part():
-    volume = vm.Volume(CARTESIAN)
-    volume["v_x"], volume["v_y"], volume["v_z"] = "-2*y", "2*x", "0"
-    np.testing.assert_allclose(volume.evaluate("v_r"), 0, atol=1e-15)
-    np.testing.assert_allclose(volume.evaluate("v_phi"), volume.evaluate("2*sqrt(x**2+y**2)"))
-
-
-def test_dot_of_named_vectors_and_gradients():
-    volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"))
-    volume["f"] = "x + 2*y - z"
-    expected = volume["v_x"] + 2 * volume["v_y"] - volume["v_z"]
-    found = volume.evaluate("dot('v', grad(f))")
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
 @pytest.mark.parametrize("grid", GRIDS, ids=lambda g: type(g).__name__)
 @pytest.mark.parametrize("camera", [ORTHOGRAPHIC, PERSPECTIVE], ids=["parallel", "eye"])
 def test_the_line_of_sight_points_away_from_the_observer(grid, camera):
@@ -128,14 +113,6 @@ def test_pictures_know_their_camera(scheme):
         assert np.ptp(found.intensity) > 0
 
 
-def test_the_path_length_may_be_measured_along_the_line_of_sight():
-    volume = vm.Volume(CARTESIAN)
-    volume["v_x"], volume["v_y"], volume["v_z"] = "x", "y", "z"
-    medium = vm.Gaussian("los('v')", 0.1, 0.2, 1.0, 0.3, path_length="auto")
-    image = vm.render(volume, medium, ORTHOGRAPHIC)
-    assert np.ptp(image.intensity) > 0
-
-
 def test_what_is_kept_is_that_of_the_camera_and_of_the_fields():
     volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"))
     above, below = vm.Orthographic(), vm.Orthographic(180)
@@ -167,13 +144,6 @@ def test_units_of_components():
     volume["v_phi"] = plain * u.rad / u.s
     with pytest.raises(UnitsError, match="units of one kind, got v_r in km / s, v_theta"):
         volume.evaluate("v_x")
-
-
-def test_float32_vectors_have_float32_components():
-    fields = {n: f.astype("f4") for n, f in random_vector(SPHERICAL, ("r", "theta", "phi")).items()}
-    volume = vm.Volume(SPHERICAL, fields)
-    assert volume.array("v_x").dtype == np.float32
-    assert volume.seen_by(ORTHOGRAPHIC).array("los('v')").dtype == np.float32
 
 
 def test_own_coordinates_are_known_in_expressions():
