@@ -152,25 +152,6 @@ def test_a_camera_that_looks_elsewhere_is_told_in_the_words_of_a_measurement():
 
 
 @pytest.mark.parametrize("method", ["rays", "exact"])
-def test_momentum_has_both_signs_and_changes_with_the_side(method):
-    grid = vm.CartesianGrid.uniform(6, (-1, 1))
-    rng = np.random.default_rng(2)
-    fields = {f"v_{a}": rng.normal(size=grid.shape) for a in "xyz"}
-    volume = vm.Volume(grid, rho=rng.random(grid.shape), **fields)
-    front, back = (
-        vm.column(
-            volume,
-            "rho * los('v')",
-            vm.Orthographic(incl, phi, width=4, resolution=8),
-            method=method,
-        )
-        for incl, phi in ((60, 30), (120, 210))
-    )
-    assert front.intensity.min() < 0 < front.intensity.max()
-    np.testing.assert_allclose(front.intensity[:, ::-1], -back.intensity, atol=1e-5)
-
-
-@pytest.mark.parametrize("method", ["rays", "exact"])
 def test_means_are_of_cells_in_which_everything_is_known(method):
     volume = random_volume("uneven")
     rng = np.random.default_rng(4)

@@ -138,7 +138,7 @@ def check_exact(grid: Grid, camera: Camera) -> None:
 def as_map(
     values: np.ndarray, unit: Unit, volume: Volume, camera: Camera, provenance: dict[str, Any]
 ) -> Image:
-    """Return an image of numbers per pixel; ``provenance["map"]`` is the label of its colour bar."""
+    """Return an image of numbers per pixel; its colour bar is labelled ``provenance["map"]``."""
     frame = camera.frame(volume.grid)
     x, y = frame.coordinates()
     common = {"software": f"voluminous {VERSION}", "volume": volume.describe()}

@@ -114,7 +114,7 @@ class _BoxSpline:
         return dr.select(s > 0.0, part[0], zero)
 
     def boxes(self, lengths: list[Float]) -> Callable[[Float, Float], Float]:
-        """Return the function (x, y) → part of a box, centred at 0, with its shadow left of x and below y.
+        """Return a function of x and y: the part of a box at 0 with shadow left of x and below y.
 
         `lengths` are those of the visible edges.
         """
