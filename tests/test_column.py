@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from twin.shadows import mean_column
 from voluminous.backend import get_backend
-from voluminous.measuring.columns import screen_of
-from voluminous.measuring.exact_projection import project_cells
+from voluminous.measuring.exact_projection import Screen, project_cells
 
 BACKEND = get_backend("cpu", "double")
 ANGLES = st.one_of(
@@ -56,7 +55,7 @@ def total(image):
 def test_shadows_of_boxes_are_those_of_their_slices(incl, phi, posang, width, seed):
     rng = np.random.default_rng(seed)
     camera = vm.Orthographic(incl, phi, posang, width=5 * width, resolution=5, center=(0, 0, 0))
-    screen = screen_of(camera.frame(GRIDS["even"]))
+    screen = Screen.of(camera.frame(GRIDS["even"]))
     center, size = rng.uniform(-0.3, 0.3, 3), rng.uniform(0.2, 2.0, 3)
     found = project_cells(screen, center[:, None], size[:, None], np.ones((1, 1)), BACKEND)[0]
     place = center + np.linalg.pinv(screen.axes) @ screen.origin

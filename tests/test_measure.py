@@ -9,7 +9,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.measuring.cells import condition
+from voluminous.measuring.quantity import CellQuantity
 
 RNG = np.random.default_rng(0)
 EDGES = np.linspace(-1, 1, 21)
@@ -94,7 +94,7 @@ def test_a_condition_chooses_cells():
     ],
 )
 def test_numbers_with_units(text, plain):
-    found = condition(gas(), text).expression
+    found = CellQuantity.of(gas(), text).expression
     volume = gas()
     np.testing.assert_array_equal(volume.evaluate(found.text), volume.evaluate(plain))
 

@@ -14,9 +14,9 @@ import numpy as np
 from ..backend import from_host
 from ..colormaps import without_alpha
 from ..errors import InputError, check_name
-from ..units import as_quantity, plain
+from ..units import as_quantity, described, plain
 from ..value import Value
-from .values import MANY, count_of, described, is_named, named_rgb
+from .values import MANY, count_of, is_named, named_rgb
 
 if TYPE_CHECKING:
     from astropy import units as u

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..units import as_given, as_quantity, is_quantity, plain, unit_of
+from ..units import as_given, is_quantity, plain, unit_of
 from .contract import Layers, SceneObject, View, numbered, window_pixels
 from .values import check_colors
 
@@ -206,8 +206,9 @@ class Lines(SceneObject):
         relative: bool = False,
     ) -> None:
         super().__init__(depth=depth, channel=channel, relative=relative)
-        self.points, self.colors, self.width = points, colors, as_given(width, "width")
-        self.places, self.counts, self.unit = _lines(points)
+        self.points, self.width = as_given(points, "points"), as_given(width, "width")
+        self.places, self.counts, self.unit = _lines(self.points)
+        self.colors = colors
         check_colors(colors, len(self.counts), "colors")
         if not 0.0 <= opacity <= 1.0:
             raise InputError(f"opacity must be from 0 to 1, got {opacity!r}")
@@ -254,7 +255,7 @@ class Lines(SceneObject):
 def _lines(points: Any) -> tuple[np.ndarray, np.ndarray, Any]:
     """Return all points (n, 3) as plain numbers, how many each line has, and their unit."""
     unit = unit_of(points)
-    several = isinstance(points, (list, tuple)) and not is_quantity(as_quantity(points))
+    several = isinstance(points, (list, tuple))
     parts = [np.asarray(plain(part, unit, "points")) for part in (points if several else [points])]
     if several and parts and all(part.ndim == 1 for part in parts):  # the points of one line
         parts = [np.stack(parts)]
@@ -350,7 +351,8 @@ class Axes(SceneObject):
     ) -> None:
         super().__init__(depth=depth, channel=channel, relative=relative)
         self.grid = None if volume is None else volume.grid
-        self.colors, self.width, self.origin, self.length = colors, width, origin, length
+        self.colors, self.width = colors, width
+        self.origin, self.length = as_given(origin, "origin"), as_given(length, "length")
 
     def layers(self, view: View) -> Layers | None:
         low, high = (view.grid if self.grid is None else self.grid).bounds.T

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import plain, unit_of
+from ..units import as_given, plain, unit_of
 from .balls import Balls, nearby
 from .contract import Layers, SceneObject, View
 from .values import check_colors, positions_of
@@ -55,10 +55,10 @@ class Spheres(SceneObject):
         relative: bool = False,
     ) -> None:
         super().__init__(depth=depth, channel=channel, relative=relative)
-        self.positions, self.radii, self.colors = positions, radii, colors
-        self.opacity, self.limb_darkening = opacity, limb_darkening
-        self.count = len(positions_of(positions, "positions", (None, 3)))
-        self._check_positive(radii, "radii")
+        self.positions, self.radii = as_given(positions, "positions"), as_given(radii, "radii")
+        self.colors, self.opacity, self.limb_darkening = colors, opacity, limb_darkening
+        self.count = len(positions_of(self.positions, "positions", (None, 3)))
+        self._check_positive(self.radii, "radii")
         self.opacities = self._fraction(opacity, "opacity")
         self.darkening = self._fraction(limb_darkening, "limb_darkening")
         check_colors(colors, self.count, "colors")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import plain, unit_of
+from ..units import as_given, plain, unit_of
 from .balls import nearby
 from .contract import REACH, Layers, PointLights, View
 from .spheres import Spheres
@@ -72,9 +72,11 @@ class Stars(Spheres):
         options = {"opacity": opacity, "limb_darkening": limb_darkening}
         placed: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
         super().__init__(positions, 1.0 if radii is None else radii, colors, **options, **placed)
-        self.radii, self.luminosities, self.psf = radii, luminosities, psf
+        self.radii = None if radii is None else self.radii
+        self.luminosities = as_given(luminosities, "luminosities")
+        self.psf = psf = as_given(psf, "psf")
         if luminosities is not None:
-            self._check_positive(luminosities, "luminosities")
+            self._check_positive(self.luminosities, "luminosities")
         if psf is not None:
             array = np.asarray(plain(psf, unit_of(psf), "psf"))
             if array.shape not in ((), (2,)) or not np.all((array > 0.0) & np.isfinite(array)):

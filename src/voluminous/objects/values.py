@@ -9,7 +9,7 @@ import numpy as np
 
 from ..colormaps import get_color, is_name_and_alpha, without_alpha
 from ..errors import InputError, unknown_name
-from ..units import as_quantity, is_quantity, parse_unit, plain, unit_name, unit_of
+from ..units import plain, unit_of
 
 # More numbers are only counted where a picture tells what it shows.
 MANY = 64
@@ -28,23 +28,6 @@ def positions_of(value: Any, what: str, shape: tuple[int | None, ...]) -> np.nda
             f"{'some that are not finite' if fits else f'shape {array.shape}'}"
         )
     return array
-
-
-def described(value: Any) -> Any:
-    """Return a value as plain ones: quantities as texts such as "1.0 pc"."""
-    if isinstance(value, (list, tuple, range)):
-        return [described(v) for v in value]
-    value = as_quantity(value)
-    if is_quantity(value):
-        unit = unit_name(parse_unit(value.unit))
-        return _texts(np.asarray(value.value, dtype=np.float64).tolist(), unit)
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-
-
-def _texts(numbers: Any, unit: str) -> Any:
-    if isinstance(numbers, list):
-        return [_texts(n, unit) for n in numbers]
-    return f"{numbers!r} {unit}" if unit else numbers
 
 
 def count_of(value: Any) -> int:
