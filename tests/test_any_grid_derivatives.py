@@ -159,6 +159,13 @@ def test_linear_fields_are_exact_across_jumps_of_level(kind):
     np.testing.assert_allclose(gradient, expected, atol=max(1e-12, rounding))
 
 
+def at_jumps(grid):
+    """Return which cells have neighbours on all sides, of which some are of other sizes."""
+    slopes = differences(grid, lambda first, last: np.zeros(last - first)).slopes
+    _, alone, aside = slopes.looked_at(slopes.part([(0, grid.size)]))
+    return np.array(aside & ~alone)
+
+
 @pytest.mark.parametrize("kind", UNEVEN)
 def test_some_cells_are_looked_at_as_all_of_them_are(kind):
     grid = UNEVEN[kind]()
