@@ -12,8 +12,8 @@ from ..backend.types import Float
 from ..errors import InputError, check_name
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import as_given, degrees, is_quantity, plain
-from .contract import Camera, Frame, described, finite_degrees, pixel_counts, point, vector_of
+from ..units import as_given, degrees, described, is_quantity, plain
+from .contract import Camera, Frame, finite_degrees, pixel_counts, vector
 from .stereo import SEEN_TWICE, check_stereo, doubled, one_eye
 
 if TYPE_CHECKING:
@@ -106,11 +106,11 @@ class Panorama(Camera):
             raise InputError(f"stereo needs projection='equirectangular', got {projection!r}")
         check_stereo(stereo, eye_distance)
         self.position, self.target = as_given(position, "position"), as_given(target, "target")
-        eye, aim = (vector_of(p, "point") for p in (self.position, self.target))
+        eye, aim = (vector(p, "point") for p in (self.position, self.target))
         if not is_quantity(position) and not is_quantity(target) and np.array_equal(eye, aim):
             raise InputError("position and target of a panorama must not coincide")
         self.projection, self.stereo, self.eye_distance = projection, stereo, eye_distance
-        self.up = None if up is None else vector_of(up, "up")
+        self.up = None if up is None else vector(up, "up")
         self.posang = 0.0 if posang is None else finite_degrees(posang, "posang")
         self.fov = float(np.deg2rad(180.0 if fov is None else degrees(fov, "fov")))
         if not 0.0 < self.fov <= 2.0 * np.pi:
@@ -125,8 +125,8 @@ class Panorama(Camera):
         return (self.fov, self.fov) if self.projection == "fulldome" else (3.0, 2.0)
 
     def frame(self, grid: Grid) -> Frame:
-        position = point(self.position, grid.unit, "position")
-        target = point(self.target, grid.unit, "target")
+        position = vector(self.position, "position", grid.unit)
+        target = vector(self.target, "target", grid.unit)
         away = position - target
         if not np.any(away):
             raise InputError("position and target of a panorama must not coincide")
@@ -174,7 +174,7 @@ class Panorama(Camera):
         return ("panorama", self.projection, self.stereo) if own else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
-        away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
+        away = np.asarray(points) - vector(self.position, "position", grid.unit)[:, None]
         distance = np.linalg.norm(away, axis=0)
         return np.asarray(away / np.where(distance > 0, distance, 1.0))
 

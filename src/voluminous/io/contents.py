@@ -58,6 +58,9 @@ class ContentsReader(Reader):
         names = {f.place: f.name for f in contents.fields}
         return {name: by_place[place] for name, place in chosen_fields(names, fields).items()}
 
+    def finish(self, volume: Volume, contents: Contents) -> None:
+        """Add to a volume what is neither a grid, a field nor metadata."""
+
     def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ..volume import Volume
 
@@ -67,6 +70,7 @@ class ContentsReader(Reader):
         volume.meta.update(contents.meta)
         for name, f in chosen.items():
             volume[name] = Deferred(f.load, f.dtype, f.unit, f.mapped)
+        self.finish(volume, contents)
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..cameras import Camera, Orthographic, Panorama, Perspective
-from ..cameras.contract import vector_of
+from ..cameras.contract import vector
 from ..cameras.stereo import halved
 from ..errors import InputError, check_name
 from ..rotation import angles_towards, image_axes, position_angle
@@ -55,7 +55,7 @@ def orbit(
     """
     from scipy.spatial.transform import Rotation
 
-    direction = vector_of(axis, "axis")
+    direction = vector(axis, "axis")
     if not np.any(direction):
         raise InputError("axis must be a non-zero vector")
     angle = 2.0 * np.pi * float(turns) / _count(frames)

@@ -395,9 +395,10 @@ class Client:
         shot = self.explorer._shot(self, size)
         if shot.medium is None:
             raise InputError("nothing is drawn; show a medium first")
-        pixel = tuple(
+        x, y = (
             min(int(_part(message, name) * n), n - 1) for name, n in zip("xy", size, strict=True)
         )
+        pixel = (x, y)
         known = ("scheme", "tolerance", "precision", "device", "order", "cutoff")
         options = {k: v for k, v in shot.options.items() if k in known}
         ray = probe(shot.volume, shot.medium, shot.camera, pixel, progress=False, **options)

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..cameras import Camera, Panorama, Perspective
-from ..cameras.contract import point
+from ..cameras.contract import vector
 from ..errors import VoluminousError
 from ..image import Image
 from ..media import Coefficients, Medium
@@ -277,7 +277,7 @@ def geometry(camera: Camera, volume: Volume) -> dict[str, Any]:
     first, right, up, last = frame.vectors[:4]
     parallel, target = camera.parallel, first
     if isinstance(camera, (Perspective, Panorama)):
-        target = point(camera.target, volume.grid.unit, "target")
+        target = vector(camera.target, "target", volume.grid.unit)
     return {
         "center": target.tolist(),
         "position": None if parallel else first.tolist(),

@@ -215,7 +215,7 @@ def interpolated_fields(
         return None if unknown else (*parts, cache.statistics.digests(medium.names))
 
     # The numbers of shapes differ from those of all their colours.
-    evaluator.largest, needed = cache.get_or_make(
+    evaluator.largest, (single, contrast) = cache.get_or_make(
         key("numbers", medium.key(), type(numbers).__name__),
         lambda: (evaluator.largest, exactness(volume, medium)),
     )
@@ -232,7 +232,7 @@ def interpolated_fields(
         paths = float(np.clip(numbers.paths(largest) * diagonal, _SOME_PATHS, _MOST_PATHS))
     least = _FAINTEST[backend.precision]
     faint = least if faintest else max(faint * (_SOME_PATHS / paths), least)
-    real = backend.Float if needed.single else backend.Wide
+    real = backend.Float if single else backend.Wide
     extremes = {n: statistics.extremes(n) for n in medium.names if n in volume}
     context = replace(
         evaluator.context(real),
@@ -256,9 +256,9 @@ def interpolated_fields(
     if scheme.controlled:
         # Scalars have an error relative to their range, which matters where a ray grazes a shell.
         eps = float(np.finfo(backend.dtype).eps)
-        source.lost = min(_LOST_PER_EPS * eps * needed.contrast, _MOST_LOST)
+        source.lost = min(_LOST_PER_EPS * eps * contrast, _MOST_LOST)
         walk = source.walk or grid.walk(backend, source.walk_kind)
         if walk.approximate:  # fields along a segment are not polynomials themselves
-            source.walk = walk.kept_to(tolerance / needed.contrast)
+            source.walk = walk.kept_to(tolerance / contrast)
             source.lost += _LOST_BY_CUBICS * tolerance
     return source
