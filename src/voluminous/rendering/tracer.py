@@ -204,20 +204,25 @@ class RayTracer:
         rows = self._buffers(pixels[0] * pixels[1], partial=seconds is not None)
         size = self.batch if seconds is None else min(self.batch, _FIRST_LANES)
         whole = seconds is None and order.count <= min(size, MOST_KEPT)
-        first = 0
+        first, halved = 0, float("inf")
         while first < order.count:
-            count, start = min(size, order.count - first), time.monotonic()
+            count = min(size, order.count - first)
             if whole:
                 batch = RayBatch(whole_picture(pixels, self.backend), offset, whole=pixels)
             else:
                 batch = RayBatch(order.lanes(first, count, self.backend), offset)
             self._draw(batch, rows)
+            start = time.monotonic()  # tracing and compiling take no longer for more rays
             self.job.advance(count, order.count)
             first += count
             if seconds is not None:
                 took = time.monotonic() - start
-                size = min(self.batch, size * 2 if took < 0.5 * seconds else size)
-                size = max(BLOCK**2, size // 2 if took > seconds else size)
+                if took < 0.5 * seconds:
+                    size = min(self.batch, 2 * size)
+                elif took > seconds and halved * 0.75 < took < halved:
+                    size, halved = min(self.batch, 4 * size), 0.0  # halving does not help
+                elif took > seconds and halved:
+                    size, halved = max(BLOCK**2, size // 2), took
                 yield self, batch.lanes.pixels, self._paths(rows)
         return self._paths(rows)
 
