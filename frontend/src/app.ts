@@ -31,7 +31,11 @@ export class App {
   follows = false;
   private home: View | null = null;
   private inputs = 0;
+  private changedBy = 0;
+  private told = "";
   private looked = 0;
+  /** A camera was asked for and not shown before the connection broke. */
+  private lostLook = false;
   private moving = false;
   private wanted: { view: View; moving: boolean } | null = null;
   private waiting = new Map<number, { done(m: Message): void; failed(e: Error): void; progress?(part: number): void }>();
@@ -45,7 +49,9 @@ export class App {
     private model: Model,
     el: HTMLElement,
   ) {
-    this.store = new Store((m) => this.send(m), () => this.number(), (callback) => requestAnimationFrame(callback));
+    const change = () => (this.changedBy = this.number());
+    this.follows = Boolean(model.follows);
+    this.store = new Store((m) => this.send(m), change, (callback) => requestAnimationFrame(callback));
     this.stage = new Stage((frame) => this.send({ kind: "seen", frame }), () => this.decorate());
     this.overlay = new Overlay(this.stage, (axis) => this.change((view) => fromSide(view, axis)));
     this.legend = new Legend(this);
@@ -54,7 +60,7 @@ export class App {
     this.root = this.layout.root;
     el.append(this.root);
     listen(this.stage, {
-      view: () => this.stage.view,
+      view: () => (this.stage.isFlat ? this.stage.view : null),
       look: (view, moving) => this.look(view, moving),
       click: (place) => void this.probeAt(place),
       doubleClick: (place) => void this.probeAt(place).then(() => this.turnAboutProbe()),
@@ -109,13 +115,16 @@ export class App {
   }
 
   private hello(): void {
-    const { size, scale } = this.size();
-    this.send({ kind: "hello", protocol: PROTOCOL, size, scale, leader: !this.follows });
+    const size = this.size();
+    this.told = JSON.stringify(size);
+    this.send({ kind: "hello", protocol: PROTOCOL, ...size, leader: !this.follows });
+    if (document.hidden) this.send({ kind: "visible", on: false });
   }
 
   private connection(state: string): void {
     this.layout.connection(state);
     if (state !== "open") return;
+    this.lostLook = this.unanswered.some(({ n }) => n === this.looked);
     this.stage.restart();
     this.unanswered = [];
     for (const { failed } of this.waiting.values()) failed(new Error("the connection was lost"));
@@ -128,8 +137,8 @@ export class App {
       case "welcome":
         return this.welcomed(message);
       case "document":
-        this.answered(message.n);
-        return this.store.receive(message);
+        this.store.receive(message);
+        return this.answered(this.store.isAhead ? message.n : Math.max(message.n ?? 0, this.changedBy));
       case "frame":
         return this.frame(message as FrameHead, asBytes(buffer));
       case "reply": {
@@ -142,6 +151,7 @@ export class App {
       case "progress":
         return this.waiting.get(message.id)?.progress?.(message.done);
       case "notice":
+        if (message.level === "error" && this.store.isAhead) this.store.forget();
         return this.notice(message.text, message.level);
     }
   }
@@ -154,14 +164,19 @@ export class App {
       this.stage.tables.set(name, fromBase64(table as string));
     }
     const restarted = again && message.revision < this.store.revision;
-    const mine = this.store.document;
+    const { view } = this.stage;
+    const mine: Table = { ...this.store.document, ...(view && this.stage.isFlat ? { camera: tableOf(view) } : {}) };
     this.store.receive(message);
     // A server that was started anew has the file's scene; what was on the screen goes back to it.
     if (restarted) {
       const names = ["medium", "camera", "render", "image"].filter((name) => mine[name] !== undefined);
       this.store.set(names.map((name) => [name, mine[name]]), "restored");
-    } else if (again) this.store.resend();
+    } else if (again) {
+      this.store.resend();
+      if (this.lostLook && view) this.look(view, false);
+    }
     this.layout.welcomed();
+    this.resized();
   }
 
   private async frame(head: FrameHead, bytes: Uint8Array): Promise<void> {
@@ -246,7 +261,11 @@ export class App {
   private resized(): void {
     const { size, scale } = this.size();
     this.stage.resize(size[0] * scale, size[1] * scale);
-    if (this.welcome) this.send({ kind: "size", n: this.number(), size, scale });
+    // In a notebook the cell has no size yet when hello is said.
+    const now = JSON.stringify({ size, scale });
+    if (!this.welcome || now === this.told) return;
+    this.told = now;
+    this.send({ kind: "size", n: this.number(), size, scale });
   }
 
   // Clicks
@@ -269,6 +288,7 @@ export class App {
     const point = this.probe?.point as Vec3 | null | undefined;
     if (!point) return this.notice("Nothing shines there, so there is no point to rotate about.", "info");
     this.overlay.pivot = point;
+    this.overlay.probed = null;
     this.change((view) => ({ ...view, pivot: point }));
     this.announce("Rotating about the marked point");
   }
@@ -304,10 +324,12 @@ export class App {
 
   undo(times = 1): void {
     this.store.flush();
+    if (!this.store.undo.length && !this.store.isAhead) return;
     for (let i = 0; i < times; i++) this.send({ kind: "undo", n: this.number() });
   }
 
   redo(times = 1): void {
+    if (!this.store.redo.length) return;
     for (let i = 0; i < times; i++) this.send({ kind: "redo", n: this.number() });
   }
 

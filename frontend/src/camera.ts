@@ -95,6 +95,18 @@ export function tableOf(view: View): Table {
   return { type: view.type, position: positionOf(view), target: view.center, width: view.width, up: axesOf(view)[1] };
 }
 
+/** The view of a camera's table that `tableOf` wrote. */
+export function viewFrom(table: Table): View {
+  const { incl = 0, phi = 0, posang = 0, center, width } = table;
+  const view = { type: table.type, incl, phi, posang, center, width, distance: 1, pivot: null };
+  if (table.type !== "perspective") return view;
+  const back = sub(table.position, table.target);
+  const distance = length(back);
+  const axis = times(back, 1 / distance);
+  const angles = anglesOf([cross(table.up, axis), table.up, axis]);
+  return { ...view, ...angles, center: table.target, distance };
+}
+
 /** Other angles, turning about the pivot: what is there stays where it is in the picture. */
 export function withAngles(view: View, angles: { incl: number; phi: number; posang: number }): View {
   const next = { ...view, ...angles };

@@ -126,7 +126,7 @@ export function historyMenu(app: App): { element: HTMLElement; update(): void } 
         list,
         ...past.map((words, i) => entry(words, "Undo this and what came after", "", () => app.undo(past.length - i))),
         h("li", { class: "vlm-now" }, past.length || future.length ? "now" : "nothing was changed yet"),
-        ...future.map((words, i) => entry(words, "Do it again", "vlm-undone", () => app.redo(i + 1))),
+        ...[...future].reverse().map((words, i) => entry(words, "Do it again", "vlm-undone", () => app.redo(i + 1))),
       );
     },
   };

@@ -28,7 +28,6 @@ export function listen(stage: Stage, hands: Hands): void {
   };
 
   canvas.addEventListener("pointerdown", (event) => {
-    canvas.focus({ preventScroll: true });
     canvas.setPointerCapture(event.pointerId);
     down.set(event.pointerId, event);
     if (down.size === 1) dragged = false;
@@ -92,7 +91,7 @@ export function listen(stage: Stage, hands: Hands): void {
     "wheel",
     (event) => {
       // In a notebook the wheel scrolls the page until the picture was clicked.
-      const ours = canvas.closest(".vlm-page") || document.activeElement === canvas;
+      const ours = canvas.closest(".vlm-page") || canvas.matches(":focus");
       const view = hands.view();
       if (!ours || !view) return;
       event.preventDefault();

@@ -31,6 +31,21 @@ export function fromHalf(bits: number): number {
   return sign * (1 + fraction / 1024) * 2 ** (exponent - 15);
 }
 
+/** Smallest, smallest positive and largest number of a plane. Positive halves are ordered as their bits. */
+export function limitsOf(halves: Uint16Array): [number, number, number] {
+  let [most, least, faintest, lowest] = [0, 0xffff, 0x7fff, 0];
+  for (const bits of halves) {
+    if (bits & 0x8000) lowest = Math.max(lowest, bits);
+    else {
+      if (bits > most) most = bits;
+      if (bits < least) least = bits;
+      if (bits && bits < faintest) faintest = bits;
+    }
+  }
+  const smallest = lowest > 0x8000 || least === 0xffff ? lowest : least;
+  return [fromHalf(smallest), fromHalf(faintest), least === 0xffff ? fromHalf(0x8000) : fromHalf(most)];
+}
+
 /** Previews: the intensity that a grey value of a logarithmic JPEG means. */
 export function fromLog(value: number, low: number, high: number): number {
   return value === 0 ? 0 : 2 ** (low + ((high - low) * (value - 1)) / 254);

@@ -38,7 +38,10 @@ export class Keys {
 
   private pressed(event: KeyboardEvent): void {
     const at = event.target as HTMLElement;
-    const name = (event.ctrlKey || event.metaKey ? "ctrl+" : "") + event.key;
+    // Digits by their place on the keyboard: with Shift each layout has other signs there.
+    const digit = /^Digit([1-9])$/.exec(event.code)?.[1];
+    const plain = digit ? (event.shiftKey ? "shift+" : "") + digit : event.key;
+    const name = (event.ctrlKey || event.metaKey ? "ctrl+" : "") + plain;
     if (event.altKey || event.defaultPrevented || at.closest?.("dialog[open]")) return;
     const types = /^(INPUT|TEXTAREA|SELECT)$/.test(at.tagName) && (at as HTMLInputElement).type !== "checkbox";
     if (types && !(at as HTMLInputElement).matches("[type=range]")) return;
@@ -47,6 +50,7 @@ export class Keys {
     const found = this.table.find((key) => key.keys.includes(name));
     if (!found) return;
     event.preventDefault();
+    event.stopPropagation();
     found.act(event);
   }
 
@@ -83,12 +87,12 @@ export class Keys {
       { keys: ["o"], shown: "o", words: "parallel rays or perspective", group, act: () => app.switchType() },
       { keys: ["t", "T"], shown: "t", words: "turntable or trackball", group, act: () => app.switchFreely() },
       {
-        keys: [..."123456789"], shown: "1 … 9", words: "go to a bookmark", group,
-        act: (event) => app.layout.views.go(Number(event.key)),
+        keys: [..."123456789"], shown: "1 … 9", words: "go to a kept view", group,
+        act: (event) => app.layout.views.go(Number(event.code.slice(5))),
       },
       {
-        keys: [..."!@#$%^&*("], shown: "Shift 1 … 9", words: "keep this view as a bookmark", group,
-        act: (event) => app.layout.views.keep("!@#$%^&*(".indexOf(event.key) + 1),
+        keys: [..."123456789"].map((d) => "shift+" + d), shown: "Shift 1 … 9", words: "keep this view", group,
+        act: (event) => app.layout.views.keep(Number(event.code.slice(5))),
       },
     ];
   }

@@ -11,6 +11,7 @@ import { timeBar } from "./panels/time";
 import { tonePanel } from "./panels/tone";
 import { type Views, viewsPanel } from "./panels/views";
 import { button, h } from "./ui/dom";
+import { newId } from "./ui/fields";
 import { pretty } from "./ui/format";
 import type { FrameHead } from "./wire";
 
@@ -54,7 +55,7 @@ export function build(app: App): Layout {
   const lower = h("div", { class: "vlm-lower" }, app.legend.element, app.overlay.bar);
   const stageBox = h(
     "div",
-    { class: "vlm-stage" },
+    { class: "vlm-stage", role: "region", "aria-label": "picture" },
     stage.canvas, app.overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices,
   );
 
@@ -70,7 +71,7 @@ export function build(app: App): Layout {
   ];
   const tabs = tabList(panels);
 
-  const name = h("strong", {}, "voluminous");
+  const name = h("h1", {}, "voluminous");
   const facts = h("span", { class: "vlm-facts" });
   const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
   const help = helpDialog(app);
@@ -101,7 +102,8 @@ export function build(app: App): Layout {
   );
   const root = h(
     "div",
-    { class: "vlm" },
+    // JupyterLab's own keys (a, b, x …) must not edit the notebook from here.
+    { class: "vlm", "data-lm-suppress-shortcuts": "true" },
     h("div", { class: "vlm-frame" }, bar, stageBox, tabs.element),
     help.element, save.element, live,
   );
@@ -112,7 +114,7 @@ export function build(app: App): Layout {
     welcomed() {
       const info = app.info!;
       name.textContent = info.name || "voluminous";
-      facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, info.grid].filter(Boolean).join(" · ");
+      facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, info.grid.replace(/Grid$/, "")].filter(Boolean).join(" · ");
       time.update();
       for (const [, , panel] of panels) panel.update();
       tabs.current().shown?.();
@@ -154,6 +156,7 @@ export function build(app: App): Layout {
       root.dataset.connection = state;
     },
     notice(text, level) {
+      if ([...notices.children].some((box) => box.firstChild!.textContent === text)) return;
       const box = h("div", { class: `vlm-notice vlm-${level}` }, h("span", {}, text));
       const close = () => box.remove();
       box.append(button("×", "Close", close));
@@ -178,11 +181,9 @@ export function badgeOf(head: FrameHead): { words: string; state: string } {
   return { words: `preview${part}`, state: "preview" };
 }
 
-let serial = 0;
-
 function tabList(panels: [string, string, Panel][]): { element: HTMLElement; current(): Panel; show(id: string): void } {
   let now = 0;
-  const prefix = `vlm-panel-${++serial}-`;
+  const prefix = newId();
   const boxes = panels.map(([id, label, panel]) =>
     h("section", { class: "vlm-panel", id: prefix + id, role: "tabpanel", "aria-label": label, hidden: true }, panel.element),
   );

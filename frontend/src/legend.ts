@@ -2,7 +2,7 @@
 // show, with their colours where they are.
 
 import type { App } from "./app";
-import { given, isShell, profile, widthName } from "./media";
+import { given, isShell, profile, strengthOf, widthName } from "./media";
 import { gradient } from "./panels/media";
 import { valueAt } from "./tone";
 import { colorOf } from "./ui/color";
@@ -87,13 +87,17 @@ export class Legend {
           weight = 1;
         }
       } else {
-        const peak = profile(medium, given(medium, "center", open, i) ?? x, open, i) || 1;
-        weight = profile(medium, x, open, i) / peak;
-        color = colorOf(medium.color ?? medium.colors?.[Math.floor((medium.colors.length ?? 1) / 2)] ?? [1, 1, 1]);
+        weight = Math.min(1, profile(medium, x, open, i) / (strengthOf(medium) || 1));
+        color = colorOf(medium.color ?? medium.colors?.[nearest(medium.values ?? [], x)] ?? [1, 1, 1]);
       }
       const most = Math.max(...color) || 1;
       for (let k = 0; k < 3; k++) sum[k] += (weight * color[k]) / most;
     }
     return sum;
   }
+}
+
+function nearest(values: any[], x: number): number {
+  const away = values.map((v) => Math.abs(Number.parseFloat(v) - x));
+  return away.indexOf(Math.min(...away));
 }

@@ -23,7 +23,7 @@ export const STRONGEST = 3;
 const MOST_OPAQUE = 1 - 1e-6;
 
 const mean = (list: number[]) => list.reduce((a, b) => a + b, 0) / Math.max(list.length, 1);
-const numbers = (value: any): number[] => [value].flat(Infinity).map(Number).filter(Number.isFinite);
+const numbers = (value: any): number[] => [value].flat(Infinity).map(numberOf).filter((v) => v !== null);
 
 export const widthName = (medium: Table): "sigma" | "half_width" => (medium.type === "rectangle" ? "half_width" : "sigma");
 export const isShell = (medium: Table): boolean => medium.type === "gaussian" || medium.type === "rectangle";
@@ -98,10 +98,10 @@ export function profile(medium: Table, x: number, open: Table, index: number): n
   return 0;
 }
 
-/** Words for a strength: how dark one crossing is. */
-export function darkness(tau: number): string {
-  const dark = 100 * (1 - Math.exp(-tau));
-  return `${pretty(dark, dark > 99 ? 4 : 2)} % dark`;
+/** Words for a strength: what one crossing takes away. */
+export function absorbed(tau: number): string {
+  const part = 100 * (1 - Math.exp(-tau));
+  return `${pretty(part, part > 99 ? 4 : 2)} % absorbed`;
 }
 
 /** A new medium where there are values: at `center`, in the middle of the range if there is none. */

@@ -57,6 +57,9 @@ export class Overlay {
     if (!frameView) return;
     this.lines.setAttribute("viewBox", `0 0 ${canvas.clientWidth} ${canvas.clientHeight}`);
     const parts: SVGElement[] = [];
+    const { isFlat } = this.stage;
+    this.bar.hidden = !isFlat;
+    if (!isFlat) return refill(this.lines);
     if (this.shown) parts.push(...this.box(info));
     if (this.pivot) parts.push(this.mark(this.pivot, "vlm-pivot"));
     if (this.probed) parts.push(this.mark(this.probed, "vlm-probed"));
@@ -116,9 +119,9 @@ export class Overlay {
     const order = ends.map((e) => e.end.getAttribute("aria-label")).join();
     if (order === this.order) return;
     this.order = order;
-    const focused = this.gizmo.ownerDocument.activeElement;
+    const focused = this.gizmo.querySelector<SVGGElement>(":focus");
     refill(this.gizmo, ...ends.flatMap((e) => [e.stalk ?? null, e.end]));
-    if (focused instanceof SVGElement && this.gizmo.contains(focused)) focused.focus();
+    focused?.focus();
   }
 
   private drawBar(info: VolumeInfo): void {

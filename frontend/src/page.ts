@@ -19,6 +19,7 @@ function token(): string {
 }
 
 class Socket implements Model {
+  readonly follows = new URLSearchParams(location.search).has("follow");
   private socket: WebSocket | null = null;
   private listeners = new Map<string, ((...args: any[]) => void)[]>();
   private wait = SHORTEST_MS;
@@ -85,6 +86,8 @@ const address = new URL("ws", location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 address.hash = "";
 const model = new Socket(address.href, token());
+const el = document.createElement("main");
 document.body.classList.add("vlm-page");
-explorer.render({ model, el: document.body });
+document.body.append(el);
+explorer.render({ model, el });
 model.connect();

@@ -2,7 +2,7 @@
 // are mixed to linear colours (a float16 texture). When something is shown, that texture is moved
 // and zoomed into place and toned. So exposure, stretch and colours need no new frame.
 
-import { inflate, undifference } from "./half";
+import { inflate, limitsOf, undifference } from "./half";
 import type { Tone } from "./tone";
 import type { FrameHead } from "./wire";
 
@@ -14,6 +14,8 @@ export interface Place {
 
 export interface Picture {
   head: FrameHead;
+  /** Smallest, smallest positive and largest number of each channel, of an exact frame. */
+  limits?: [number, number, number][];
   bitmap?: ImageBitmap;
   halves?: Uint16Array;
 }
@@ -26,7 +28,12 @@ export interface Drawn {
 /** Undo the codec, as far as that happens outside of the shader. */
 export async function decode(head: FrameHead, bytes: Uint8Array): Promise<Picture> {
   if (head.codec === "float16") {
-    return { head, halves: undifference(await inflate(bytes), head.width, head.height, head.channels) };
+    const halves = undifference(await inflate(bytes), head.width, head.height, head.channels);
+    const size = head.width * head.height;
+    const limits = Array.from({ length: head.channels }, (_, c) => {
+      return limitsOf(halves.subarray(c * size, (c + 1) * size)).map((v) => v * 2 ** head.low);
+    });
+    return { head, halves, limits: limits as [number, number, number][] };
   }
   // The numbers are logarithms, not colours: no profile may be applied to them.
   const options: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };

@@ -30,6 +30,7 @@ export class Stage {
   private before: { head: FrameHead; view: View } | null = null;
   private fadeFrom = -Infinity;
   private newest = -1;
+  private limits: [number, number, number][] = [];
   private asked = false;
   private unseen: number[] = [];
   private still = matchMedia("(prefers-reduced-motion: reduce)");
@@ -71,6 +72,8 @@ export class Stage {
     const sharper = !moving && this.frameView !== null && JSON.stringify(view) === JSON.stringify(this.frameView);
     this.before = sharper && this.head ? { head: this.head, view: this.frameView! } : null;
     this.fadeFrom = sharper && !this.still.matches ? performance.now() : -Infinity;
+    // A preview does not know its smallest numbers: those of the last exact frame serve.
+    this.limits = picture.limits ?? (this.limits.length === head.channels ? this.limits : []);
     this.head = head;
     this.frameView = view;
     this.view ??= view;
@@ -108,7 +111,7 @@ export class Stage {
   }
 
   private shown(head: FrameHead, view: View): Drawn {
-    return { tone: settle(this.image, head), place: this.place(head, view) };
+    return { tone: settle(this.image, { ...head, limits: this.limits.length ? this.limits : undefined }), place: this.place(head, view) };
   }
 
   /** Width and height of the canvas, in parts of its longer side. */
@@ -116,7 +119,14 @@ export class Stage {
     return [Math.min(1, this.aspect), Math.min(1, 1 / this.aspect)];
   }
 
+  /** Whether the frame is on a plane. Domes and panoramas fill the canvas, and are not turned here. */
+  get isFlat(): boolean {
+    const { type, projection = "flat", stereo } = this.head?.camera ?? {};
+    return type !== "panorama" && projection === "flat" && !stereo;
+  }
+
   private place(head: FrameHead, view: View): Place {
+    if (!this.isFlat) return { scale: [1, 1], shift: [0, 0] };
     const { scale, x, y } = standIn(view, this.view ?? view);
     const [cw, ch] = this.sides;
     const { width, height } = head.frame;

@@ -108,7 +108,9 @@ export class Store {
     this.redo = message.redo ?? this.redo;
     this.open = message.open ?? this.open;
     this.channels = message.channels ?? this.channels;
-    if (message.n !== undefined) this.pending = this.pending.filter((change) => change.n > message.n);
+    // A change is also confirmed by a document that has what it wanted.
+    const open = (change: Change) => change.n > (message.n ?? -1) && !holds(this.confirmed, change.patch);
+    this.pending = this.pending.filter(open);
     this.document = this.pending.reduce((tree, change) => applied(tree, change.patch), this.confirmed);
     if (this.unsent) this.document = applied(this.document, this.unsent.patch);
     this.document = applied(this.document, this.held);
@@ -124,6 +126,13 @@ export class Store {
     this.sendChange(this.pending[0]);
   }
 
+  /** The server has refused something: only what it has counts. */
+  forget(): void {
+    this.pending = [];
+    this.document = this.confirmed;
+    this.changed();
+  }
+
   /** Whether the server has yet to confirm something. */
   get isAhead(): boolean {
     return this.pending.length > 0 || this.unsent !== null;
@@ -132,6 +141,14 @@ export class Store {
   private changed(): void {
     for (const callback of this.listeners) callback();
   }
+}
+
+/** Whether a tree has what a patch asks for. */
+function holds(tree: Table, patch: Patch): boolean {
+  return patch.every(([path, value]) => {
+    const there = valueAt(tree, path);
+    return value === null ? there === undefined && !/\.\d+$/.test(path) : JSON.stringify(there) === JSON.stringify(value);
+  });
 }
 
 /** Changes that others do not replace. */

@@ -1,7 +1,6 @@
 // Messages as PROTOCOL.md has them, and how one message with bytes is packed for a websocket.
 
 export type Vec3 = [number, number, number];
-export type Json = null | boolean | number | string | Json[] | { [key: string]: Json };
 export type Table = { [key: string]: any };
 
 export interface Message {
@@ -57,8 +56,6 @@ export interface FrameHead extends Message {
   exposure: number;
   low: number;
   high: number;
-  /** Smallest, smallest positive and largest finite number of each channel. */
-  limits?: [number, number, number][];
 }
 
 const MAGIC = "VLM1";
@@ -97,6 +94,8 @@ export function fromBase64(text: string): Uint8Array {
 
 /** What the explorer needs of anywidget's model; the page makes one over a websocket. */
 export interface Model {
+  /** Only watches: sends no changes. */
+  follows?: boolean;
   on(event: string, callback: (...args: any[]) => void): void;
   off?(event: string, callback?: (...args: any[]) => void): void;
   send(content: any, callbacks?: any, buffers?: ArrayBuffer[]): void;

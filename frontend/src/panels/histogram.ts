@@ -14,6 +14,8 @@ const WIDTH = 320;
 const HEIGHT = 150;
 const FOOT = 20;
 const SIDE = 8;
+/** In standard deviations from the centre. */
+const TENTH = Math.sqrt(2 * Math.log(10));
 
 /** One thing to take hold of. */
 interface Handle {
@@ -120,6 +122,7 @@ export class Histogram {
     if (this.held !== null || this.front.childElementCount === handles.length) handles.forEach((hd, i) => this.place(i, hd));
     else refill(this.front, ...handles.map((hd, i) => this.handle(i, hd)));
     this.current = handles;
+    handles.forEach((hd, i) => this.front.children[i]?.classList.toggle("vlm-none", hd.x < 0 || hd.x > WIDTH));
     this.element.setAttribute("aria-label", `Histogram of ${expr ?? "nothing"}`);
   }
 
@@ -127,7 +130,7 @@ export class Histogram {
 
   private grid(): SVGElement {
     const [low, high] = this.range;
-    const marks = this.logarithmic
+    const marks = !this.data ? [] : this.logarithmic
       ? [...Array(60).keys()].map((k) => 10 ** (Math.ceil(Math.log10(low)) + k)).filter((v) => v <= high)
       : ticks(low, high, 5);
     const every = Math.ceil(marks.length / 6);
@@ -174,13 +177,15 @@ export class Histogram {
       const x = this.toX(given(medium, "level", open, i) ?? NaN);
       return Number.isFinite(x) ? svg("path", { ...props, d: `M${x} ${HEIGHT}V${this.toY(strengthOf(medium))}` }) : svg("g");
     }
-    let path = `M${SIDE} ${HEIGHT}`;
-    const steps = 240;
-    for (let k = 0; k <= steps; k++) {
-      const x = SIDE + (k / steps) * (WIDTH - 2 * SIDE);
-      path += `L${x.toFixed(1)} ${this.toY(profile(medium, this.fromX(x), open, i)).toFixed(1)}`;
+    // Only where it is above the lowest strength of the axis: no line along the bottom.
+    const points: string[] = [];
+    for (let x = SIDE; x <= WIDTH - SIDE; x += 1) {
+      const tau = profile(medium, this.fromX(x), open, i);
+      if (tau > 10 ** WEAKEST) points.push(`${x} ${this.toY(tau).toFixed(1)}`);
     }
-    return svg("path", { ...props, d: `${path}V${HEIGHT}Z` });
+    if (!points.length) return svg("g");
+    const [first, last] = [points[0], points[points.length - 1]].map((point) => point.split(" ")[0]);
+    return svg("path", { ...props, d: `M${first} ${HEIGHT}L${points.join("L")}L${last} ${HEIGHT}` });
   }
 
   private handles(medium: Table, i: number): Handle[] {
@@ -208,13 +213,15 @@ export class Histogram {
     const width = given(medium, name, open, i);
     if (isShell(medium) && center !== null && width !== null) {
       add("centre", "center", center, true, medium.center);
+      // Where a Gaussian is a tenth of its peak there is room beside the handle of the peak.
+      const [reach, y] = medium.type === "gaussian" ? [TENTH, this.toY(tau / 10)] : [1, 0.5 * (this.toY(tau) + HEIGHT)];
       for (const sign of [-1, 1]) {
         const set_ = (value: number, moving: boolean) => set([[at + name, another(medium[name], Math.max(Math.abs(value), 1e-9 * (high - low)))]], "width", moving);
         made.push({
-          x: this.toX(center + sign * width),
-          y: this.toY(medium.type === "gaussian" ? tau * Math.exp(-0.5) : tau),
+          x: this.toX(center + sign * reach * width),
+          y,
           value: width, round: false, label: sign < 0 ? "width, lower shoulder" : "width, upper shoulder", text: withUnit(width, unit),
-          drag: (x, _, moving) => set_(x - center, moving),
+          drag: (x, _, moving) => set_((x - center) / reach, moving),
           step: (right) => set_(width + sign * right * (high - low), false),
         });
       }
@@ -242,9 +249,14 @@ export class Histogram {
 
   private handle(i: number, made: Handle): SVGElement {
     const dot = svg("circle", { r: made.round ? 6.5 : 5 });
-    const element = svg("g", { class: `vlm-handle${made.round ? "" : " vlm-shoulder"}`, tabindex: "0", role: "slider" }, svg("circle", { r: 13, class: "vlm-grip" }), dot);
+    const element = svg("g", { class: `vlm-handle${made.round ? "" : " vlm-shoulder"}`, tabindex: "0", role: "slider" }, svg("circle", { r: 11, class: "vlm-grip" }), dot);
+    let start = { x: 0, y: 0, dx: 0, dy: 0 };
     const follow = (event: PointerEvent, moving: boolean) => {
-      const [x, y] = this.mouse(event);
+      let [x, y] = this.mouse(event);
+      [x, y] = [x + start.dx, y + start.dy];
+      // Shift: along one axis only.
+      if (event.shiftKey && Math.abs(x - start.x) > Math.abs(y - start.y)) y = start.y;
+      else if (event.shiftKey) x = start.x;
       this.current[i]?.drag(this.fromX(x), this.fromY(y), moving);
     };
     let moved = false;
@@ -252,6 +264,9 @@ export class Histogram {
       event.preventDefault();
       element.focus();
       element.setPointerCapture(event.pointerId);
+      const [x, y] = this.mouse(event);
+      const { x: hx, y: hy } = this.current[i];
+      start = { x: hx, y: hy, dx: hx - x, dy: hy - y };
       this.held = i;
       moved = false;
     });

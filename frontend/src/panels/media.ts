@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import type { Panel } from "../layout";
-import { canLock, darkness, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, TYPES, WEAKEST, widthName } from "../media";
+import { absorbed, canLock, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, TYPES, WEAKEST, widthName } from "../media";
 import { colorOf, SAFE, toHex, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
 import { choice, labelled, numberField, slider, textField, toggle } from "../ui/fields";
@@ -146,12 +146,12 @@ export function mediaPanel(app: App): Panel {
       "div",
       {},
       h("div", { class: "vlm-plot" }, histogram.element),
-      h("div", { class: "vlm-line" }, axis.element, h("span", { class: "vlm-hint" }, "drag peaks and shoulders")),
+      h("div", { class: "vlm-line" }, axis.element, h("span", { class: "vlm-hint" }, "drag peaks and shoulders (Shift: one axis)")),
       list,
       h(
         "div",
-        { class: "vlm-actions" },
-        kind, button("Add", "Add a medium of this kind", addFresh, "plus"), button("Suggest", "Media by quantiles of the values", () => void suggest(null)), presets,
+        { class: "vlm-actions vlm-adding" },
+        kind, button("Add", "Add a medium of this kind", addFresh, "plus"), h("span", { class: "vlm-break" }), button("Suggest", "Media by quantiles of the values", () => void suggest(null)), presets,
         button("", "Duplicate the chosen medium", duplicate, "copy"), button("", "Remove the chosen medium", remove, "bin"),
       ),
       editor.element,
@@ -212,7 +212,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram, data:
       exact.update(Number(tau.toPrecision(4)));
       const length = m.type === "isosurface" ? null : given(m, "path_length", store.open, index());
       const free = length && tau > 0 ? ` · mean free path ${freePath(m, length / tau)}` : "";
-      told.textContent = darkness(tau) + free;
+      told.textContent = absorbed(tau) + free;
       lock.element.hidden = !canLock(m);
     });
     const freePath = (m: Table, length: number) => {
@@ -244,7 +244,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram, data:
       const value = m.color ?? [1, 1, 1];
       const plain = typeof value === "string" || (Array.isArray(value) && value.length === 3 && value.every((v) => typeof v === "number"));
       picker.disabled = !plain;
-      if (document.activeElement !== picker) picker.value = vivid(plain ? value : [1, 1, 1]);
+      if (!picker.matches(":focus")) picker.value = vivid(plain ? value : [1, 1, 1]);
       const rgb = plain ? colorOf(value) : null;
       bright.update(rgb && Number(Math.max(...rgb).toPrecision(4)));
       for (const chip of safe) chip.setAttribute("aria-pressed", String(plain && toHex(colorOf(vivid(value))) === chip.title));
@@ -262,7 +262,10 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram, data:
       const value = h("input", { type: "text", class: "vlm-number", value: String(m.values[k]), "aria-label": `value ${k + 1}` });
       const tau = h("input", { type: "text", class: "vlm-number", value: String(m.opacities?.[k] ?? m.opacities), "aria-label": `optical depth ${k + 1}` });
       const tint = h("input", { type: "color", class: "vlm-color", value: vivid(m.colors?.[k] ?? [1, 1, 1]), "aria-label": `color ${k + 1}` });
-      value.addEventListener("change", () => Number.isFinite(Number(value.value)) && set(`values.${k}`, Number(value.value), "point"));
+      value.addEventListener("change", () => {
+        const number = Number(value.value);
+        if (value.value.trim()) set(`values.${k}`, Number.isFinite(number) ? likewise(m.values[k], number) : value.value.trim(), "point");
+      });
       tau.addEventListener("change", () => Number(tau.value) >= 0 && set(`opacities.${k}`, Number(tau.value), "point"));
       tint.addEventListener("change", () => {
         const most = Math.max(...colorOf(m.colors?.[k]), 1e-12);
@@ -281,7 +284,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram, data:
     let key = "";
     updates.push((m) => {
       const now = JSON.stringify([m.values, m.colors, m.opacities]);
-      if (now === key || body.contains(document.activeElement)) return;
+      if (now === key || body.querySelector(":focus")) return;
       key = now;
       refill(body, h("div", { class: "vlm-point vlm-hint" }, h("span", {}, "value"), h("span", {}, "τ"), h("span", {}, "color")), ...(m.values ?? []).map((_: any, k: number) => row(m, k)));
     });
@@ -333,5 +336,6 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram, data:
 
 function middle(a: any, b: any): any {
   if (Array.isArray(a) && Array.isArray(b)) return a.map((v, i) => middle(v, b[i]));
-  return Number((0.5 * (Number(a) + Number(b))).toPrecision(5));
+  const value = Number((0.5 * (Number.parseFloat(a) + Number.parseFloat(b))).toPrecision(5));
+  return likewise(a, value);
 }

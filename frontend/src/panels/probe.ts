@@ -59,7 +59,7 @@ export function probePanel(app: App): Panel {
   function valueOf(name: string): number | null {
     const told = shown?.values?.[name];
     if (typeof told === "number") return told;
-    const line: number[] | undefined = shown?.fields?.[name];
+    const line: number[] | undefined = shown?.fields?.[name] ?? shown?.scalars?.[name];
     if (!line || !shown || shown.depth === null) return null;
     const i = nearest(shown.distance, shown.depth);
     return line[i];
@@ -102,15 +102,15 @@ export function probePanel(app: App): Panel {
       plots[0].show(x, fields.map(([name, line], i) => ({ name, values: line, color: FIELDS[i % FIELDS.length] })), fields.length === 1 ? reply.units?.[fields[0][0]] : "");
       const alpha = channels(reply.extinction ?? [], "α").map((curve) => ({ ...curve, color: "#8d99a6" }));
       plots[1].show(x, [...channels(reply.emissivity ?? [], "j"), ...alpha]);
-      plots[2].show(x, channels(reply.optical_depth ?? [], "τ"));
-      plots[3].show(x, channels(reply.accumulated ?? [], "I"), reply.unit);
+      plots[2].show(x, channels(reply.optical_depth ?? [], "τ"), "", false);
+      plots[3].show(x, channels(reply.accumulated ?? [], "I"), reply.units?.intensity, false);
       refill(axis, h("span", {}, prettyLength(x[0] ?? 0, unitOf)), h("span", {}, "distance along the ray"), h("span", {}, prettyLength(x[x.length - 1] ?? 0, unitOf)));
       const rows: [string, string][] = [
-        ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + (reply.unit ? ` ${prettyUnit(reply.unit)}` : "")],
+        ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + ` ${prettyUnit(reply.units?.intensity)}`],
         ["Optical depth", [...new Set((reply.tau ?? []).map((v: number) => pretty(v)))].join("  ")],
         ["Half of the light from", reply.depth === null ? "nowhere: nothing shines" : prettyLength(reply.depth, unitOf)],
       ];
-      if (reply.point) rows.push(["Point", `(${reply.point.map((v: number) => pretty(v)).join(", ")}) ${prettyUnit(unitOf)}`]);
+      if (reply.point) rows.push(["Point", reply.point.map((v: number) => prettyLength(v, unitOf)).join(", ")]);
       for (const [name, value] of Object.entries((reply.values ?? {}) as Record<string, number>)) rows.push([name, withUnit(value, reply.units?.[name])]);
       refill(facts, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
       const names = [...new Set([...Object.keys(reply.values ?? {}), ...Object.keys(reply.fields ?? {})])];

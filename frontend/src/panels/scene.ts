@@ -17,7 +17,6 @@ export function scenePanel(app: App): Panel {
     return { what, text, element };
   };
   const boxes = [box("python", "Python", "c"), box("toml", "Scene file (TOML)", "C")];
-  const render = h("dl", { class: "vlm-facts-list" });
   let revision = "";
   let timer = 0;
 
@@ -40,7 +39,7 @@ export function scenePanel(app: App): Panel {
   }
 
   return {
-    element: h("div", {}, ...boxes.map((b) => b.element), render, h("p", { class: "vlm-hint" }, "Either makes this picture again, in a script or with: voluminous scene.toml")),
+    element: h("div", {}, ...boxes.map((b) => b.element), h("p", { class: "vlm-hint" }, "Either makes this picture again, in a script or with: voluminous scene.toml")),
     update,
     shown: () => {
       revision = "";

@@ -2,9 +2,9 @@
 
 import type { App } from "../app";
 import type { Panel } from "../layout";
-import { button, h } from "../ui/dom";
+import { h } from "../ui/dom";
 import { choice, slider, textField, toggle } from "../ui/fields";
-import { pretty, withUnit } from "../ui/format";
+import { pretty, prettyLength, withUnit } from "../ui/format";
 import { fromBase64, type Message, type Vec3 } from "../wire";
 
 const SIZE = 256;
@@ -19,7 +19,6 @@ export function slicePanel(app: App): Panel {
   let data: Float32Array = new Float32Array();
   let busy = false;
   let again = false;
-  let visible = false;
 
   const canvas = h("canvas", { class: "vlm-slice", width: SIZE, height: SIZE, role: "img", "aria-label": "slice" });
   const told = h("p", { class: "vlm-hint vlm-readout" }, "Move over the slice to read values.");
@@ -34,7 +33,7 @@ export function slicePanel(app: App): Panel {
 
   function where(v: number): string {
     const bounds = app.info?.bounds[axis];
-    return bounds ? withUnit(bounds[0] + v * (bounds[1] - bounds[0]), app.info!.unit) : pretty(v);
+    return bounds ? prettyLength(bounds[0] + v * (bounds[1] - bounds[0]), app.info!.unit) : pretty(v);
   }
 
   function change(how: () => void): void {
@@ -65,7 +64,7 @@ export function slicePanel(app: App): Panel {
   function draw(): void {
     if (!reply) return;
     const { width, height, low, high } = reply;
-    const wide = low > 0 && high / low > 1000;
+    const wide = low > 0 && high / low > 100;
     const logarithmic = (log ?? wide) && high > 0;
     scale.update(logarithmic);
     const least = logarithmic ? Math.max(low, high * 1e-8) : low;
@@ -103,27 +102,22 @@ export function slicePanel(app: App): Panel {
   canvas.addEventListener("pointermove", (event) => {
     const found = under(event);
     if (!found) return;
-    told.textContent = `${expr} = ${withUnit(found.value, reply!.unit)} at (${found.point.map((v) => pretty(v)).join(", ")})`;
+    told.textContent = `${expr} = ${withUnit(found.value, reply!.unit)} at (${found.point.map((v) => prettyLength(v, app.info!.unit)).join(", ")})`;
     app.overlay.probed = found.point;
     app.stage.redraw();
   });
-  let clicked: Vec3 | null = null;
   canvas.addEventListener("click", (event) => {
-    clicked = under(event)?.point ?? null;
-    turn();
-  });
-  function turn(): void {
-    if (!clicked) return app.notice("Click a point of the slice first.", "info");
-    const point = clicked;
-    app.change((view) => ({ ...view, pivot: point }));
+    const pivot = under(event)?.point ?? null;
+    if (!pivot) return;
+    app.change((view) => ({ ...view, pivot }));
     app.notice("The picture now rotates about that point.", "info");
-  }
+  });
 
   return {
     element: h(
       "div", {},
       fields.element, own.element, axes.element, place.element, canvas, told,
-      h("div", { class: "vlm-line" }, scale.element, button("Read anew", "Ask for this slice again", () => void load())),
+      scale.element,
       h("p", { class: "vlm-hint" }, "A click makes that point the one that rotations turn about."),
     ),
     update() {
@@ -135,8 +129,7 @@ export function slicePanel(app: App): Panel {
       place.update(at);
     },
     shown() {
-      if (!visible) void load();
-      visible = true;
+      void load();
     },
   };
 }

@@ -60,7 +60,7 @@ export function tonePanel(app: App): Panel {
     const names = n === 3 ? ["#ff0000", "#00ff00", "#0000ff"] : DEFAULT_MIX[n] ?? Array(n).fill("#ffffff");
     const colors: string[] = Array.isArray(given) ? given.map((c: any) => toHex(colorOf(c))) : names;
     const key = JSON.stringify(colors);
-    if (key === mixed || mix.contains(document.activeElement)) return;
+    if (key === mixed || mix.querySelector(":focus")) return;
     mixed = key;
     const inputs = colors.map((color, i) => h("input", { type: "color", class: "vlm-color", value: color, "aria-label": `color of channel ${i + 1}` }));
     const rows = () => inputs.map((input) => colorOf(input.value).map((v) => Number(v.toFixed(4))));

@@ -1,12 +1,13 @@
 // Views that were kept: bookmarks under the keys 1 to 9, in an order that can be a film's keyframes.
 
 import type { App } from "../app";
-import { tableOf, type View } from "../camera";
+import { tableOf, viewFrom, type View } from "../camera";
 import type { Panel } from "../layout";
 import { button, h, refill } from "../ui/dom";
 import { numberField } from "../ui/fields";
 import { pretty } from "../ui/format";
 import { length, sub, times, unit, type Vec3 } from "../vec";
+import type { Table } from "../wire";
 
 export interface Views extends Panel {
   go(number: number): void;
@@ -15,31 +16,32 @@ export interface Views extends Panel {
 
 const FLIGHT_MS = 450;
 
+/** As the document has them. */
+interface Kept {
+  key: number;
+  camera: Table;
+}
+
 export function viewsPanel(app: App): Views {
-  let kept: { number: number; view: View; picture: string }[] = [];
-  let loaded = "";
+  // Pictures stay here: the document has cameras only.
+  const pictures = new Map<string, string>();
+  let shown = "";
   let between = 60;
   const list = h("ol", { class: "vlm-views" });
-  const frames = numberField("Frames between", "", (value) => (between = Math.max(1, Math.round(value))));
+  const frames = numberField("Frames apart", "", (value) => (between = Math.max(1, Math.round(value))));
   frames.update(between);
 
-  const key = () => `voluminous-views ${app.info?.name ?? ""}`;
-  const store = () => {
-    try {
-      localStorage.setItem(key(), JSON.stringify(kept));
-    } catch {
-      // Without storage they last as long as the page.
-    }
-  };
+  const kept = (): Kept[] => app.store.document.bookmarks ?? [];
+  const put = (list: Kept[], label: string) => app.store.set([["bookmarks", list]], label);
 
-  function keep(number: number): void {
+  function keep(key: number): void {
     const { view } = app.stage;
     if (!view) return;
-    kept = [...kept.filter((k) => k.number !== number), { number, view, picture: thumbnail() }];
-    kept.sort((a, b) => a.number - b.number);
-    store();
+    const one = { key, camera: tableOf(view) };
+    pictures.set(JSON.stringify(one), thumbnail());
+    put([...kept().filter((k) => k.key !== key), one].sort((a, b) => a.key - b.key), "keep a view");
+    app.notice(`View kept as ${key}: press ${key} to come back`, "info");
     draw();
-    app.notice(`View kept as ${number}: press ${number} to come back`, "info");
   }
 
   function thumbnail(): string {
@@ -49,10 +51,10 @@ export function viewsPanel(app: App): Views {
     return small.toDataURL("image/jpeg", 0.8);
   }
 
-  function go(number: number): void {
-    const found = kept.find((k) => k.number === number);
-    if (!found) return app.notice(`No view is kept as ${number}; Shift ${number} keeps one`, "info");
-    fly(found.view);
+  function go(key: number): void {
+    const found = kept().find((k) => k.key === key);
+    if (!found) return app.notice(`No view is kept as ${key}; Shift ${key} keeps one`, "info");
+    fly(viewFrom(found.camera));
   }
 
   /** Turn and move there smoothly, so that it is seen where "there" is. */
@@ -70,33 +72,35 @@ export function viewsPanel(app: App): Views {
 
   /** What `voluminous.keyframes` takes: (frame, camera) pairs. */
   function python(): string {
-    const cameras = kept.map(({ view }, i) => {
-      const { type, ...table } = tableOf(view);
+    const cameras = kept().map(({ camera: { type, ...table } }, i) => {
       const named = Object.entries(table).map(([name, value]) => `${name}=${JSON.stringify(value)}`);
       return `    (${i * between}, vm.${type === "perspective" ? "Perspective" : "Orthographic"}(${named.join(", ")})),`;
     });
     return `cameras = vm.keyframes([\n${cameras.join("\n")}\n])\n`;
   }
 
-  function draw(): void {
-    const rows = kept.map(({ number, view, picture }) =>
-      h(
-        "li", {},
-        h("button", { type: "button", class: "vlm-view", title: `Go there  (${number})`, onclick: () => go(number) },
-          h("img", { src: picture, alt: "" }),
-          h("kbd", {}, String(number)),
-          h("span", {}, `incl ${pretty(view.incl)}°, phi ${pretty(view.phi)}°`)),
-        button("×", `Forget view ${number}`, () => {
-          kept = kept.filter((k) => k.number !== number);
-          store();
-          draw();
-        }),
-      ),
+  function row(one: Kept): HTMLElement {
+    const { incl, phi } = viewFrom(one.camera);
+    const picture = pictures.get(JSON.stringify(one));
+    return h(
+      "li", {},
+      h("button", { type: "button", class: "vlm-view", title: `Go there  (${one.key})`, onclick: () => go(one.key) },
+        picture ? h("img", { src: picture, alt: "" }) : null,
+        h("kbd", {}, String(one.key)),
+        h("span", {}, `incl ${pretty(incl)}°, phi ${pretty(phi)}°`)),
+      button("×", `Forget view ${one.key}`, () => put(kept().filter((k) => k.key !== one.key), "forget a view")),
     );
+  }
+
+  function draw(): void {
+    const key = JSON.stringify(kept());
+    if (key === shown) return;
+    shown = key;
+    const rows = kept().map(row);
     refill(list, ...(rows.length ? rows : [h("li", { class: "vlm-hint" }, "None yet. Shift and a digit, or the button, keep what is on the screen.")]));
   }
 
-  const next = () => [1, 2, 3, 4, 5, 6, 7, 8, 9].find((n) => !kept.some((k) => k.number === n)) ?? 9;
+  const next = () => [1, 2, 3, 4, 5, 6, 7, 8, 9].find((n) => !kept().some((k) => k.key === n)) ?? 9;
   return {
     element: h(
       "div", {},
@@ -107,16 +111,7 @@ export function viewsPanel(app: App): Views {
       frames.element,
       h("div", { class: "vlm-actions" }, button("Copy keyframes", "As Python", () => void app.copy(python(), "Keyframes"), "copy")),
     ),
-    update() {
-      if (loaded === key() || !app.info) return;
-      loaded = key();
-      try {
-        kept = JSON.parse(localStorage.getItem(key()) ?? "[]");
-      } catch {
-        kept = [];
-      }
-      draw();
-    },
+    update: draw,
     go,
     keep,
   };

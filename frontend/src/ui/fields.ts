@@ -11,9 +11,14 @@ export interface Field<T> {
 
 type Changed<T> = (value: T, moving: boolean) => void;
 let serial = 0;
+// Several explorers may be in one notebook, each with its own copy of this module.
+const own = Math.random().toString(36).slice(2, 8);
+
+/** An id that no other element has. */
+export const newId = (): string => `vlm-${own}-${++serial}`;
 
 export function labelled(label: string, input: HTMLElement, after?: HTMLElement | string, hint?: string): HTMLElement {
-  if (!input.id) input.id = `vlm-${++serial}`;
+  if (!input.id) input.id = newId();
   return h("div", { class: "vlm-row", title: hint }, h("label", { for: input.id }, label), input, after ?? null);
 }
 
@@ -48,7 +53,7 @@ export function numberField(label: string, unit: string, changed: Changed<number
     element: labelled(label, input, after, hint),
     update(next) {
       value = next;
-      if (document.activeElement !== input) {
+      if (!input.matches(":focus")) {
         input.value = next === null ? "" : typed(next);
         input.removeAttribute("aria-invalid");
       }
@@ -96,7 +101,7 @@ export function textField(label: string, changed: (value: string) => void, hint?
   return {
     element: labelled(label, input, undefined, hint),
     update(value) {
-      if (document.activeElement !== input) input.value = value;
+      if (!input.matches(":focus")) input.value = value;
     },
   };
 }

@@ -17,7 +17,8 @@ export function pretty(value: number | null | undefined, digits = 3): string {
     const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
     const plain = String(Number(mantissa));
     const power = `10${raised(Number(exponent))}`;
-    return (plain === "1" ? power : `${plain}×${power}`).replace(/^-/, "−");
+    const sign = value < 0 ? "−" : "";
+    return sign + (Math.abs(Number(plain)) === 1 ? power : `${plain.replace("-", "")}×${power}`);
   }
   return String(Number(value.toPrecision(digits))).replace(/^-/, "−");
 }
@@ -30,10 +31,12 @@ export function typed(value: number, digits = 5): string {
 /** Units as in print: "g / cm3" is g cm⁻³. */
 export function prettyUnit(unit: string | null | undefined): string {
   if (!unit || unit === "1") return "";
+  const inside = /^(\w+)\((.*)\)$/.exec(unit);
+  if (inside) return `${inside[1]}(${prettyUnit(inside[2])})`;
   let below = false;
   return unit
     .split(/[\s*]+|(\/)/)
-    .filter(Boolean)
+    .filter((part) => part && part !== "1")
     .map((part) => {
       if (part === "/") {
         below = true;
@@ -73,7 +76,7 @@ export function ticks(low: number, high: number, count: number): number[] {
   const step = roundNumber((high - low) / Math.max(count, 1));
   const found: number[] = [];
   if (!(step > 0)) return found;
-  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(i * step);
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(Number((i * step).toPrecision(12)));
   return found;
 }
 
@@ -101,20 +104,21 @@ export function roundLength(most: number, unit: string): { length: number; text:
   };
   const own = LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
   if (!own) return { length: down(most), text: withUnit(down(most), unit) };
-  // Among units of its kind the largest in which the length is at least a tenth.
-  const [, size] = own;
-  const family = size >= 6e10 || most * size > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
-  const best = [...family].reverse().find(([, s]) => most * size >= 0.1 * s) ?? family[0];
-  const value = down((most * size) / best[1]);
-  return { length: (value * best[1]) / size, text: `${pretty(value)} ${best[0]}` };
+  const [name, size] = suited(most * own[1], own[1]);
+  const value = down((most * own[1]) / size);
+  return { length: (value * size) / own[1], text: `${pretty(value)} ${name}` };
+}
+
+/** The unit for a length in centimetres: of its kind the largest of which it is a hundredth. */
+function suited(length: number, own: number): [string, number] {
+  const family = own >= 6e10 || length > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
+  return [...family].reverse().find(([, size]) => length >= 0.01 * size) ?? family[0];
 }
 
 /** A length in the unit that suits it; not rounded to a round one. */
 export function prettyLength(length: number, unit: string): string {
   const own = LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
-  if (!own || !(length > 0)) return withUnit(length, unit);
-  const size = own[1];
-  const family = size >= 6e10 || length * size > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
-  const best = [...family].reverse().find(([, s]) => length * size >= 0.1 * s) ?? family[0];
-  return `${pretty((length * size) / best[1])} ${best[0]}`;
+  if (!own || !length) return withUnit(length, unit);
+  const [name, size] = suited(Math.abs(length) * own[1], own[1]);
+  return `${pretty((length * own[1]) / size)} ${name}`;
 }

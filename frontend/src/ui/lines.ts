@@ -37,7 +37,7 @@ export class Plot {
     this.area.addEventListener("pointerleave", () => moved(null));
   }
 
-  show(x: number[], curves: Curve[], unit = ""): void {
+  show(x: number[], curves: Curve[], unit = "", wide = true): void {
     this.x = x;
     this.curves = curves;
     const all = curves.flatMap((curve) => curve.values).filter(Number.isFinite);
@@ -45,7 +45,7 @@ export class Plot {
     const positive = all.filter((v) => v > 0);
     const smallest = Math.min(...positive);
     // Along a ray fields change by many powers of ten; then the logarithm is what shows them.
-    const log = least >= 0 && positive.length > 0 && most / smallest > 1000;
+    const log = wide && least >= 0 && positive.length > 0 && most / smallest > 100;
     if (log) least = Math.max(smallest, most * 1e-6);
     else if (least > 0) least = 0;
     const f = log ? (v: number) => Math.log(Math.max(v, least)) : (v: number) => v;
