@@ -194,6 +194,7 @@ export class App {
       this.stage.view = { ...frameView, pivot: view?.pivot ?? null };
     }
     this.layout.badge(head);
+    this.root.dataset.n = String(head.n);
     this.root.dataset.frame = String(head.number);
     this.root.dataset.exact = String(head.exact);
   }
