@@ -60,9 +60,9 @@ class Kind:
     def _taken(self, value: Any) -> Any:
         if isinstance(value, dict) and self.make is not None:
             return self.make(value)
-        if isinstance(value, dict) and self.table:
-            if all(_is_of(self.table, one) for one in value.values()):
-                return value
+        is_table = isinstance(value, dict) and bool(self.table)
+        if is_table and all(_is_of(self.table, one) for one in value.values()):
+            return value
         if isinstance(value, list) and self.listed:
             return [self._taken(one) for one in value]
         if isinstance(value, str) and value in self.words:
