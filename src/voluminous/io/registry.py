@@ -21,7 +21,7 @@ from .contract import FieldChoice, Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
-from .labelled.netcdf import EngineReader, NetCDFReader
+from .labelled.netcdf import GRIBReader, NetCDFReader
 from .native.reader import NativeReader
 from .nexus import NeXusReader
 from .openpmd import OpenPMDReader
@@ -87,7 +87,7 @@ READERS: tuple[Reader, ...] = (
     NPZReader(),
     NPYReader(),
     HDF5Reader(),
-    EngineReader(),
+    GRIBReader(),
     RawReader(),
     PackedReader(lambda path: find_reader(path), lambda *asked: check_options(*asked)),
     AnyYtReader(lambda path: reader_for_suffix(path)),
