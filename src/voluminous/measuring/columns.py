@@ -59,18 +59,10 @@ _CHUNK = 1 << 21
 def integrals(
     volume: Volume, expressions: Sequence[Expression], camera: Camera, method: str, **options: Any
 ) -> np.ndarray:
-    """Return ∫ q ds for each expression q: plain numbers, lengths in the volume's unit.
+    """Return ∫ q ds for each expression q, float64 of shape (k, ny, nx).
 
-    Cells where one of them has no value count nothing for all: means are over known values.
-
-    Parameters
-    ----------
-    **options
-        `samples`, `precision`, `device` and `progress` of `column`.
-
-    Returns
-    -------
-    float64 array, shape (k, ny, nx)
+    They are plain numbers, with lengths in the volume's unit. Cells where one of them has no value
+    count nothing for all: means are over known values.
     """
     check_camera(camera, "a map")  # of None `render` would make one
     if method == "exact":
@@ -100,16 +92,10 @@ def exact_maps(
     parts: CellParts | None = None,
     together: bool = False,
 ) -> np.ndarray:
-    """Return the mean columns of pixels, by projecting all cells.
+    """Return the mean columns of pixels, by projecting all cells; None stands for one everywhere.
 
-    Parameters
-    ----------
-    expressions : sequence of Expression or None
-        None is one everywhere.
-    parts : CellParts, optional
-        The part of each cell that counts.
-    together : bool
-        Leave out cells in which any of the expressions has no value.
+    `parts` is the part of each cell that counts. With `together`, cells in which any of the
+    expressions has no value are left out.
     """
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), Screen.of(frame)
@@ -152,15 +138,7 @@ def check_exact(grid: Grid, camera: Camera) -> None:
 def as_map(
     values: np.ndarray, unit: Unit, volume: Volume, camera: Camera, provenance: dict[str, Any]
 ) -> Image:
-    """Return an image of some numbers per pixel.
-
-    Parameters
-    ----------
-    values : array, shape (ny, nx) or (ny, nx, k)
-    unit : astropy unit or None
-    provenance : dict
-        What was measured, and how. Its ``map`` is also the label of colour bars.
-    """
+    """Return an image of numbers per pixel; its colour bar is labelled ``provenance["map"]``."""
     frame = camera.frame(volume.grid)
     x, y = frame.coordinates()
     common = {"software": f"voluminous {VERSION}", "volume": volume.describe()}

@@ -63,15 +63,8 @@ class Screen(NamedTuple):
 class _BoxSpline:
     """The shadows of boxes with edges in three directions, as run-time data of a kernel.
 
-    Parameters
-    ----------
-    directions : array, shape (3, 2)
-        Ends of edges of unit length, in pixels.
-
-    Attributes
-    ----------
-    visible : list of int
-        The edges that are not seen along their length.
+    `directions`, of shape (3, 2), are the ends of edges of unit length, in pixels. Edges that are
+    not seen along their length are `visible`.
     """
 
     def __init__(self, directions: np.ndarray, backend: Backend) -> None:
@@ -121,12 +114,9 @@ class _BoxSpline:
         return dr.select(s > 0.0, part[0], zero)
 
     def boxes(self, lengths: list[Float]) -> Callable[[Float, Float], Float]:
-        """Return the part of a box, centred at 0, whose shadow is left of x and below y.
+        """Return a function of x and y: the part of a box at 0 with shadow left of x and below y.
 
-        Parameters
-        ----------
-        lengths : list of array
-            Lengths of the visible edges.
+        `lengths` are those of the visible edges.
         """
         edges = [[h * c for c in edge] for h, edge in zip(lengths, self.edges, strict=True)]
         lead = self.lead
@@ -162,21 +152,10 @@ def _along(edges: np.ndarray) -> np.ndarray:
 def project_cells(
     screen: Screen, centers: np.ndarray, sizes: np.ndarray, amounts: np.ndarray, backend: Backend
 ) -> np.ndarray:
-    """Return what the pixels receive of amounts that are distributed evenly in boxes.
+    """Return what the pixels (k, ny, nx) receive of amounts (k, n) distributed evenly in boxes.
 
-    Parameters
-    ----------
-    centers, sizes : array, shape (3, n)
-        The boxes.
-    amounts : array, shape (k, n)
-        What each of them contains.
-    backend : Backend
-        In double precision.
-
-    Returns
-    -------
-    array, shape (k, ny, nx)
-        Sums are those of `amounts`, except for what falls beside the frame.
+    Sums are those of `amounts`, except for what falls beside the frame. The backend must be in
+    double precision.
     """
     nx, ny = screen.pixels
     frame = np.array([[nx], [ny]])
@@ -222,12 +201,8 @@ def _shadows(
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return parts of all amounts, and the sum that each belongs to, of shape (rows · lanes,).
 
-    Parameters
-    ----------
-    boxes : array, shape (7 + k, n)
-        Places (2), reaches (2), sizes (3) and amounts (k).
-    size : (int, int)
-        How many columns and rows of pixels the shadows cover at most. Each column is a lane.
+    `boxes` are their places (2), reaches (2), sizes (3) and amounts (k). `size` is the number of
+    columns and rows of pixels that shadows cover at most; each column is a lane.
     """
     real, UInt = backend.Float, backend.UInt
     columns, rows = size

@@ -12,7 +12,6 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
-from ..grids.two_walks import cell_of
 from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
@@ -211,7 +210,7 @@ class _Recorder(Scheme):
             (Wide(segment.track.entry) + Wide(t)) * Wide(walk.scale)
             for t in (segment.begin, segment.end)
         )
-        cell = cell_of(segment)  # wide steps are through many
+        cell = segment.own_cell  # wide steps are through many
         values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
         values |= {"j": j, "alpha": alpha, "tau": solution.depth}
         values |= {"emission": solution.emission, "transparency": solution.transparency}
@@ -417,22 +416,10 @@ def _assembled(
 def _folded(
     b: np.ndarray, theta: np.ndarray, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what segments add up to from the front on, and from the back.
+    """Return the intensity gathered from the segments up to each, and that in front of each.
 
-    Pairs (b, θ) compose: (b₁ + θ₁ b₂, θ₁ θ₂).
-
-    Parameters
-    ----------
-    b : array, shape (n, c)
-    theta : array, shape (n, 1) or (n, c)
-    background : array, shape (c,)
-
-    Returns
-    -------
-    gathered : array, shape (n, c)
-        Seen by the observer of the first, the first two, … segments.
-    arriving : array, shape (n, c)
-        In front of each segment, from all behind it and the background.
+    The latter comes from all behind it and the background. Pairs (b, θ) compose to
+    (b₁ + θ₁ b₂, θ₁ θ₂).
     """
     before = np.cumprod(np.vstack([np.ones_like(theta[:1]), theta[:-1]]), axis=0)
     arriving, light = np.empty_like(b), background

@@ -156,13 +156,7 @@ _SLACK = 1e-6
 
 
 def aperture_weights(aperture: Any, frame: Frame, unit: Unit) -> np.ndarray:
-    """Return what counts of each pixel, shape (ny, nx).
-
-    Parameters
-    ----------
-    aperture : None, str or array_like
-        All of the image (None), a polygon or its text, or a number per pixel.
-    """
+    """Return what counts of each pixel, shape (ny, nx): from all of it to a polygon or its text."""
     shape = frame.pixels[::-1]
     if aperture is None:
         return np.ones(shape)
