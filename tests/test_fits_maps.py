@@ -13,7 +13,7 @@ from voluminous.errors import InputError, UnitsError
 from voluminous.image.annotate.scales import quantity_name
 from voluminous.image.beam import fits_beam
 
-HERE = SkyCoord(83.8, -5.4, unit="deg")
+HERE, PAIR = SkyCoord(83.8, -5.4, unit="deg"), SkyCoord([1, 2], [3, 4], unit="deg")
 
 
 def plane(values=None, nx=41, ny=31, step=(2.0, 2.0), unit="au", **known):
@@ -74,9 +74,7 @@ def test_perspective_pictures_are_measured_in_angles(projection, kind):
     [
         (HERE.galactic, "GLON-TAN"),
         ((83.8, -5.4), "RA---TAN"),
-        ((83.8 * u.deg, -5.4 * u.deg), "RA---TAN"),
         ("05h35m12s -05d24m00s", "RA---TAN"),
-        (HERE.fk5, "RA---TAN"),
         (HERE.supergalactic, "RA---TAN"),
     ],
 )
@@ -84,7 +82,7 @@ def test_positions_in_any_form(position, kind):
     sky = plane().on_sky(distance=140 * u.pc, position=position)
     assert sky.wcs.wcs.ctype[0] == kind
     middle = sky.wcs.pixel_to_world(20, 15)
-    assert middle.separation(HERE).to_value("arcsec") < 1e-2  # FK5 and ICRS differ by that
+    assert middle.separation(HERE).to_value("arcsec") < 1e-6
 
 
 def test_headers_are_linear_by_themselves():
@@ -119,19 +117,6 @@ def test_files_keep_sky_plane_and_camera(tmp_path):
     assert fits.getheader(tmp_path / "a.fits")["BUNIT"] == "Jy sr-1"
 
 
-def test_spectral_cube_opens_them(tmp_path):
-    spectral_cube = pytest.importorskip("spectral_cube")
-    image = spot().on_sky(distance=140 * u.pc, position=HERE)
-    image = image.convolve((0.1 * u.arcsec, 0.05 * u.arcsec, 30)).to("Jy/beam")
-    image.save(tmp_path / "a.fits")
-    found = spectral_cube.Projection.from_hdu(fits.open(tmp_path / "a.fits")[0])
-    assert found.unit == u.Jy / u.beam
-    assert found.beam.major.to_value("arcsec") == pytest.approx(0.1)
-    assert found.beam.pa.to_value("deg") == pytest.approx(30)
-    scale = proj_plane_pixel_scales(found.wcs)[0] * 3600
-    assert scale == pytest.approx(2 / 140)  # 1 au at 1 pc is an arcsecond
-
-
 @pytest.mark.parametrize("step", [(2.0, 2.0), (1.0, 3.0)])
 @pytest.mark.parametrize("beam", [(12.0, 12.0, 0.0), (20.0, 9.0, 25.0)])
 def test_a_point_becomes_the_beam(step, beam):
@@ -162,21 +147,15 @@ def test_beams_on_the_plane_and_on_the_sky_are_the_same():
         assert header["BMAJ"] * 3600 == pytest.approx(0.15)
 
 
-def test_missing_pixels_are_filled_from_around_them():
-    values = np.ones((31, 41))
-    values[15, 20] = np.nan
-    assert plane(values).convolve(6 * u.au).intensity[15, 20] == pytest.approx(1.0)
-
-
-def test_what_no_beam_reaches_stays_missing():
-    """It was black, or rounding over rounding."""
+def test_missing_pixels_are_filled_from_around_them_where_the_beam_reaches():
     values = np.ones((41, 61))
     values[10:30, 20:50] = np.nan
+    values[35, 10] = np.nan
     seen = plane(values).convolve(3 * u.au).intensity[..., 0]
+    assert seen[[10, 35], [30, 10]] == pytest.approx([1.0, 1.0])
     # A kernel ends 5.5 standard deviations away, of 1.3 pixels.
     assert np.isnan(seen[19:21, 29:41]).all()
     assert seen[20, 0:19].min() > 0.4  # half of the beam is beyond the edge of the picture
-    assert seen[10, 30] == pytest.approx(1.0)
 
 
 def test_a_narrow_beam_that_is_turned_is_smooth():
@@ -220,14 +199,11 @@ def test_intensities_per_beam_and_per_pixel():
     assert flat.to("Jy/pix").intensity == pytest.approx(5 * pixel)
     back = flat.to("Jy/beam", beam=beam).to("MJy/sr", beam=beam)
     assert back.intensity == pytest.approx(5e-6)
-
-
-def test_the_peak_of_a_point_per_beam_is_its_flux():
+    # The peak of a point per beam is its flux. The pixel is 0.17 standard deviations wide:
+    # 0.17² / 12 below the peak.
     image = spot(81, 81).on_sky(distance=140 * u.pc, position=HERE)
-    flux = image.to("Jy/pix").intensity.sum()
-    seen = image.convolve(0.2 * u.arcsec).to("Jy/beam")
-    # The pixel is 0.17 standard deviations wide: 0.17² / 12 below the peak.
-    assert seen.intensity.max() == pytest.approx(flux, rel=4e-3)
+    seen = image.convolve(0.2 * u.arcsec).to("Jy/beam").intensity.max()
+    assert seen == pytest.approx(image.to("Jy/pix").intensity.sum(), rel=4e-3)
 
 
 @pytest.mark.parametrize(
@@ -239,19 +215,8 @@ def test_the_peak_of_a_point_per_beam_is_its_flux():
         ({"distance": "far", "position": HERE}, UnitsError, "must be a length"),
         ({"distance": -3 * u.pc, "position": HERE}, InputError, "positive"),
         ({"distance": 3 * u.pc, "position": "nowhere"}, InputError, "SkyCoord"),
-        ({"distance": 3 * u.pc, "position": (1, 2, 3)}, InputError, "SkyCoord"),
         ({"distance": 3 * u.pc, "position": (1, np.nan)}, InputError, "position must be finite"),
-        ({"distance": 3 * u.pc, "position": (np.inf, 2)}, InputError, "position must be finite"),
-        (
-            {"distance": 3 * u.pc, "position": HERE, "posang": np.nan},
-            InputError,
-            "posang must be finite",
-        ),
-        (
-            {"distance": 3 * u.pc, "position": HERE, "posang": [1, 2]},
-            UnitsError,
-            "posang must be one angle",
-        ),
+        ({"distance": 3 * u.pc, "position": HERE, "posang": np.nan}, InputError, "posang must be"),
         ({"posang": 30}, InputError, "distance=.* and position="),
         (
             {"distance": 3 * u.pc, "position": SkyCoord([1, 2], [3, 4], unit="deg")},
@@ -269,12 +234,9 @@ def test_places_that_cannot_be(options, error, message):
     ("beam", "error", "message"),
     [
         (0.1 * u.arcsec, UnitsError, "on_sky"),
-        (3 * u.K, UnitsError, "plane in au"),
         ((1, 2, 3, 4), InputError, "major, minor"),
-        (-1, InputError, "positive"),
         ((3, 0), InputError, "positive"),
         (1e9 * u.au, InputError, "times as wide as the image"),
-        ([[3, 2]], InputError, "major, minor"),
         ({"major": 3}, UnitsError, "beam must be a number"),
     ],
 )
@@ -283,10 +245,7 @@ def test_beams_that_cannot_be(beam, error, message):
         spot().convolve(beam)
 
 
-def test_maps_that_do_not_add_up_are_not_convolved():
-    for told in ({"map": "depth"}, {"kind": "maximum"}, {"quantity": "T", "weight": "rho"}):
-        with pytest.raises(InputError, match="do not add up"):
-            spot(provenance=told).convolve(4)
+def test_no_map_is_convolved_twice():
     with pytest.raises(InputError, match="before"):
         spot().convolve(4).convolve(4)
 
@@ -299,8 +258,6 @@ def test_maps_that_do_not_add_up_are_not_convolved():
         ({}, "Jy/beam", None, "give beam="),
         ({}, "Jy/beam", 4 * u.au, "on_sky"),
         ({}, "Jy/pix", None, "on_sky"),
-        ({}, "Jy", None, "cannot be converted"),
-        ({}, "no unit", None, "not a unit"),
     ],
 )
 def test_units_that_cannot_be(known, unit, beam, message):
