@@ -351,7 +351,7 @@ def _modulated(
 def _paint(
     color: ColorBy, courses: Courses, context: CourseContext
 ) -> tuple[list[TracedInterval], list[TracedInterval]]:
-    nodes, rgb = color.nodes(context), color.scale.rgb
+    nodes, rgb = color.nodes(context), color.range.rgb
     course = courses.course(color.expr)
     table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))
     ranges = color.colors(courses.fields, context)
