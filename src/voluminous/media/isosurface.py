@@ -156,7 +156,8 @@ class Isosurface(Medium):
         self.shade = given_shade(self.expr, shading, lights)
         self.channels, self.grey = len(self.colors[0]), len(self.opacities[0]) == 1
         self.slope = Expression(f"gradmag({self.expr.text})")
-        self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
+        self.normal = tuple(Expression(f"grad({self.expr.text}).{a}") for a in "xyz")
+        self.lamp = Lamp(self.normal, self.shading, self.lights)
         self.names = self.used_names()
         self.sensitivity = SENSITIVITY if self._directions() else self.modulation.sensitivity
 
@@ -196,26 +197,23 @@ class Isosurface(Medium):
         return min(map(min, self.colors)), max(map(max, self.colors))
 
     def discontinuities(self, context: Context) -> list[Level]:
-        """Return the surfaces if they have no width, else the discontinuities of the gate.
+        """Return surfaces without width; else the sides of those in which colour or density varies.
 
-        These include the sides of surfaces in which colour or density varies; the amounts of the
-        others are exact.
+        The amounts of the others are exact.
         """
         own = self.numbers(context)
         if not self.thick:
             return [Level(self.expr, level) for level in own.levels]
-        if not self._varies:
-            return self.modulation.discontinuities(context)
-        sides = context.keep((id(self), "sides"), lambda: [x for pair in own.ranges for x in pair])
-        return [*(Level(self.expr, x) for x in sides), *self.modulation.discontinuities(context)]
+        sides: list[Float] = []
+        if self._varies:
+            sides = context.keep(
+                (id(self), "sides"), lambda: [x for ends in own.ranges for x in ends]
+            )
+        return [*(Level(self.expr, x) for x in sides), *super().discontinuities(context)]
 
     @property
     def _varies(self) -> bool:
-        return not (self._flat and self.modulation.even)
-
-    @property
-    def _flat(self) -> bool:
-        return not self._directions()
+        return bool(self._directions()) or not self.modulation.even
 
     def steepness(self, fields: dict[str, Any], context: Context) -> Float:
         """Return |∇x| at a place with these fields, per unit of length in kernels."""
@@ -232,8 +230,19 @@ class Isosurface(Medium):
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         if self.surface_only or not self._finer:
             return super().sampled(stretch, context, fine=fine)
-        own = self._finely_sampled if fine else self._roughly_sampled
-        return own(stretch, context)
+        if fine:
+            return self._finely_sampled(stretch, context)
+        # About how dense surfaces are; the error is unknown.
+        own = self.numbers(context)
+        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
+        mean, nothing, unknown = (self.everywhere(zero + v) for v in (0.0, 0.0, dr.inf))
+        for level, depths in zip(own.levels, own.depths, strict=True):
+            first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
+            way = per_length * context.narrow(dr.abs(last - first))
+            pairs = zip(mean.extinction, depths, strict=True)
+            mean.extinction = [total + depth * way for total, depth in pairs]
+        return Sampled(mean, nothing, nothing, unknown)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
@@ -247,7 +256,15 @@ class Isosurface(Medium):
     def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
         if self.thick:
             return None
-        found = self._layers(stretch, context, place)
+        one = type(stretch.length)(1.0)
+        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        levels = self.numbers(context).levels
+        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
+        shown = [one] * (self.channels + 1)
+        if self.looks_inside:
+            slope = slope_at(stretch, self.expr, place) if self.density == "gradient" else one
+            shown = self._seen_at(stretch, stretch.fields(place), slope, context)
+        found = [_times(c, shown) for c in crossed]
         return self.in_colors(found, stretch.length * 0.0, context)
 
     def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
@@ -315,11 +332,6 @@ class Isosurface(Medium):
         return (*self.visible_key(), *look, self.modulation.key())
 
     @property
-    def lamp(self) -> Lamp:
-        """The light on the surfaces."""
-        return Lamp(self.normal, self.shading, self.lights)
-
-    @property
     def thick(self) -> bool:
         """Whether the surfaces have a width."""
         return plain_number(self.width) > 0
@@ -379,7 +391,7 @@ class Isosurface(Medium):
             return self.modulation.open(stretch, seen), hidden
         hidden |= seen & self.lamp.turns(stretch, context)
         if not self.modulation.fixed:
-            hidden |= self._looked_up(stretch, context).lost(self.modulation, stretch, context)
+            hidden |= self._looked_up(stretch, context).lost(stretch, context)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
@@ -398,17 +410,12 @@ class Isosurface(Medium):
         if self.density == "gradient":
             is_sum = self.expr.kind(("r", *context.coordinates)) <= Monotonicity.SUM
             near, more = context.narrow(0.5 * own.width), 1.0 if is_sum else _OF_FUNCTIONS
-            for level in own.levels:
-
-                def offset(x: Float, level: Float = level) -> Float:
-                    return context.narrow(x - level)
-
-                bent = more * bend(stretch, self.expr, _THIN, offset, -near, near)
-                off = extremes([off, bent])[1]
+            bent = (bend(stretch, self.expr, _THIN, level, -near, near) for level in own.levels)
+            off = extremes([off, *(more * own for own in bent)])[1]
         lit = self.shading > 0
         if lit or not self.modulation.fixed:
             found = self._looked_up(stretch, context)
-            off = off + found.error(self.modulation, stretch, context)
+            off = off + found.error(stretch, context)
             if lit:
                 off = off + self.lamp.across(stretch, context, found.extent, found.depth)
         return zero + 1.0, off
@@ -469,6 +476,7 @@ class Isosurface(Medium):
             thin=1.0,
             extent=extent_of(nodes, context.narrow(own.width)),
             depth=dr.select(ends, self._deepest(context), 0.0),
+            factors=self.modulation.at_nodes(stretch, context),
         )
 
     def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
@@ -487,18 +495,6 @@ class Isosurface(Medium):
             return self._seen_at(stretch, stretch.fields(place), slope, context)
 
         return _times(crossed, kept(stretch, (id(self), id(level)), make))
-
-    def _layers(self, stretch: Stretch, context: Context, place: Float) -> list[Factors]:
-        """Return the factors of each surface crossed on a stretch, evaluated at one place."""
-        one = type(stretch.length)(1.0)
-        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
-        levels = self.numbers(context).levels
-        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
-        if not self.looks_inside:
-            return [Factors([c] * self.channels, c) for c in crossed]
-        slope = slope_at(stretch, self.expr, place) if self.density == "gradient" else one
-        shown = self._seen_at(stretch, stretch.fields(place), slope, context)
-        return [_times(c, shown) for c in crossed]
 
     def _seen_at(
         self, stretch: Stretch, fields: dict[str, Any], slope: Any, context: Context
@@ -548,7 +544,7 @@ class Isosurface(Medium):
         """
         slope = self.steepness(panel.fields(middle.place), context)
         # Relative to the slope at the place, not to the mean slope of the panel.
-        turned = slope_factor(panel, self.expr, middle.place, context.narrow)
+        turned = slope_factor(panel, self.expr, middle.place)
         found = inside * turned * context.narrow(slope / self.numbers(context).width)
         return dr.select(found > dense, found, dense)
 
@@ -597,19 +593,6 @@ class Isosurface(Medium):
             all_in = (first > 0.0) & (first < 1.0) & (last > 0.0) & (last < 1.0)
             shares.append(dr.select(all_in, 1.0, dr.select(flat, inside, part)))
         return shares
-
-    def _roughly_sampled(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return about how dense surfaces are on any stretch; what that is off by is not known."""
-        own = self.numbers(context)
-        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
-        zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
-        extinction = [zero] * self.extinctions
-        for level, depths in zip(own.levels, own.depths, strict=True):
-            first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
-            way = per_length * context.narrow(dr.abs(last - first))
-            extinction = [t + d * way for t, d in zip(extinction, depths, strict=True)]
-        nothing, unknown = (self.everywhere(zero + v) for v in (0.0, dr.inf))
-        return Sampled(MediumSample(nothing.emissivity, extinction), nothing, nothing, unknown)
 
     def _density(
         self, stretch: Stretch, ways: list[Float], context: Context

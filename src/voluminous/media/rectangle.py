@@ -101,8 +101,9 @@ class Rectangle(SampledShaped):
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         seen, hidden = super().visible(stretch, context)
-        center, narrowness, _ = self._kept(context)
-        for edge in (center - 1.0 / narrowness, center + 1.0 / narrowness):
+        own = self.numbers(context)
+        half_width = 1.0 / own.narrowness
+        for edge in (own.center - half_width, own.center + half_width):
             possible, shown = passes(stretch, self.expr, edge)
             hidden |= seen & (possible > shown)
         return seen, hidden

@@ -7,6 +7,7 @@ is multiplied with ``1 - s + s Σ w |n·l|``, n the direction of the gradient, l
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -184,7 +185,7 @@ class Lamp:
         As in `Shade`.
     """
 
-    normal: list[Expression]
+    normal: Sequence[Expression]
     shading: float
     lights: tuple[Light, ...] = ((HEADLIGHT, 1.0),)
 

@@ -370,7 +370,7 @@ class Table(Medium):
             hidden |= seen & self._entered(parts, stretch)
             if not self.modulation.fixed:
                 found = self._looked_up(parts, stretch, context)
-                hidden |= seen & found.lost(self.modulation, stretch, context)
+                hidden |= seen & found.lost(stretch, context)
         for edge in parts.jumps:
             # Any excess beyond a jump counts, however small.
             possible, shown = passes(stretch, self.expr, edge)
@@ -384,11 +384,11 @@ class Table(Medium):
         if not parts.structures:  # the same everywhere
             return stretch.length * 0.0, stretch.length * 0.0
         narrowness = _DOUBT / parts.structures[0][0]
-        off = bend(stretch, self.expr, narrowness, context.narrow, parts.first, parts.last)
+        off = bend(stretch, self.expr, narrowness, 0.0, parts.first, parts.last)
         if not self.modulation.fixed:
             found = self._looked_up(parts, stretch, context)
-            off = off + found.error(self.modulation, stretch, context)
-        return thinness(stretch, self.expr, narrowness, context.narrow), off
+            off = off + found.error(stretch, context)
+        return thinness(stretch, self.expr, narrowness), off
 
     def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return the number of structures in each half, the largest over all classes of width."""
@@ -444,9 +444,10 @@ class Table(Medium):
         return LookedUp(
             expr=self.expr,
             ranges=[(low, high)],
-            thin=thinness(stretch, self.expr, narrowness, context.narrow),
+            thin=thinness(stretch, self.expr, narrowness),
             extent=extent,
             depth=extremes(self.heights(context)[self.channels :])[1] * way,
+            factors=self.modulation.at_nodes(stretch, context),
         )
 
 
