@@ -239,7 +239,12 @@ class Modulation:
         return [gate, *(paint or [gate] * self.channels)]
 
     def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Float]:
-        """Return the factors, the gate first, at a place of a stretch; computed once."""
+        """Return the factors, the gate first, at a place of a stretch; computed once.
+
+        Nothing if they are one.
+        """
+        if self.fixed:
+            return []
         return kept(stretch, (id(self), s), lambda: self._at(stretch, stretch.fields(s), context))
 
     def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Float]]:
