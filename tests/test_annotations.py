@@ -8,9 +8,8 @@ from astropy import units as u
 from PIL import Image as Pillow
 
 import voluminous as vm
-from voluminous.cli import main
 from voluminous.errors import InputError, UnknownNameError
-from voluminous.image.annotate.marks import compass, time_text, triad
+from voluminous.image.annotate.marks import compass_arrows, time_text, triad_arrows
 from voluminous.image.annotate.scales import FieldValues, counts, of_medium, quantity_name
 from voluminous.image.lengths import bar_length
 
@@ -44,19 +43,17 @@ def core():
     return volume, medium, image
 
 
-@pytest.mark.parametrize("shape", [(90, 60), (41, 103), (7, 5), (1, 1)])
-@pytest.mark.parametrize("options", [{}, {"stretch": "sqrt"}, {"channels": 1}])
+@pytest.mark.parametrize("shape", [(90, 60), (41, 103), (1, 1)])
+@pytest.mark.parametrize(
+    "options", [{}, {"stretch": "sqrt"}, {"channels": 1}, {"transparent": True}]
+)
 def test_nothing_drawn_leaves_what_save_writes(shape, options):
-    image = picture(*shape)
-    found = image.annotate(**ALL_OFF, **options)
-    assert np.array_equal(found.rgba[..., :3], plain_pixels(image, **options))
-    assert (found.rgba[..., 3] == 255).all()
-
-
-def test_pixels_of_transparent_pictures_are_kept_with_their_alpha():
-    image = picture(transparency=np.random.default_rng(2).random((60, 90)))
-    found = image.annotate(**ALL_OFF, transparent=True)
-    assert np.array_equal(found.rgba, plain_pixels(image, transparent=True))
+    transparency = np.random.default_rng(2).random(shape[::-1])
+    image = picture(*shape, transparency=transparency)
+    plain = plain_pixels(image, **options)
+    found = image.annotate(**ALL_OFF, **options).rgba
+    assert np.array_equal(found[..., : plain.shape[-1]], plain)
+    assert options.get("transparent") or (found[..., 3] == 255).all()
 
 
 @pytest.mark.parametrize("paper", ["black", "white", "none"])
@@ -88,14 +85,9 @@ def test_scale_bar_is_as_long_as_it_says(nx):
     # The same by counting bright pixels of its lowest row: those at its end may be half covered.
     row = found.picture[int(bar.get_y()), :, 0]
     assert (row > 200).sum() == pytest.approx(expected, abs=1.0)
-    assert np.flatnonzero(row > 200)[0] == pytest.approx(bar.get_x(), abs=1.0)
-
-
-def test_scale_bar_of_a_given_length_and_unit():
-    image = picture(90, 60, 9.0)
     found = image.annotate(**{**ALL_OFF, "scale_bar": "200000 au"})
     (bar,) = drawn(found, "scale-bar")
-    assert bar.get_width() == pytest.approx((2e5 * u.au).to_value("pc") * 10)
+    assert bar.get_width() == pytest.approx((2e5 * u.au).to_value("pc") * nx / 9.0)
     assert "200000 au" in [t.get_text() for t in found.figure.texts]
 
 
@@ -104,11 +96,8 @@ def test_scale_bar_of_a_given_length_and_unit():
     [
         (0.3, "pc", "0.2 pc"),
         (0.03, "pc", "5000 au"),
-        (3.4e15, "cm", "200 au"),
         (6e21, "cm", "1 kpc"),
-        (700.0, "au", "500 au"),
         (12.0, "R_sun", "10 R_sun"),
-        (2.4e-3, "m", "2 mm"),
         (4e-6, "rad", "500 mas"),
         (0.02, "deg", "1′"),
         (3.0, "", "2"),
@@ -132,70 +121,47 @@ def test_the_triad_shows_where_the_camera_sees_the_axes(angles):
     camera = vm.Orthographic(*angles)
     grid = vm.CartesianGrid.uniform(2, (-1, 1))
     across, up, depth = camera.project(np.eye(3), grid)
-    for k, arrow in enumerate(triad(picture(camera=camera.describe()))):
+    for k, arrow in enumerate(triad_arrows(picture(camera=camera.describe()))):
         assert (arrow.across, arrow.up) == pytest.approx((across[k], up[k]), abs=1e-12)
         assert arrow.towards == (depth[k] < 0) or abs(depth[k]) < 1e-12
 
 
+def test_no_triad_without_a_known_camera():
+    for camera in (None, {"type": "all-sky"}, {"type": "orthographic"}):
+        assert triad_arrows(picture(camera=camera)) == []
+
+
 @pytest.mark.parametrize("look", [{}, {"up": (1, 1, 0)}, {"posang": 33.0}])
 def test_the_triad_of_a_perspective_is_that_at_its_target(look):
-    camera = vm.Perspective((3, -4, 5) * u.pc, (0, 1, 0) * u.pc, 20, **look)
+    camera = vm.Perspective((3 * u.pc, -4 * u.pc, "5 pc"), (0, "1 pc", 0), 20, **look)
     grid = vm.CartesianGrid.uniform(2, (-1, 1), unit="pc")
     step = 1e-6  # first order: what the target's surroundings do on the screen, times the distance
     points = np.array([0.0, 1.0, 0.0])[:, None] + step * np.eye(3)
     across, up, _ = camera.project(points, grid)
     scale = np.sqrt(9 + 25 + 25) / step
-    for k, arrow in enumerate(triad(picture(camera=camera.describe()))):
+    for k, arrow in enumerate(triad_arrows(picture(camera=camera.describe()))):
         assert (arrow.across, arrow.up) == pytest.approx(
             (scale * across[k], scale * up[k]), abs=1e-5
         )
 
 
-@pytest.mark.parametrize(
-    ("position", "target"),
-    [
-        ((3 * u.pc, 0, "5 pc"), (0, "1 pc", 0)),
-        ((3, 0, 5) * u.pc, (0 * u.pc, 1000 * u.mpc, 0)),
-    ],
-)
-def test_the_triad_of_a_perspective_in_any_units(position, target):
-    told = triad(picture(camera=vm.Perspective(position, target).describe()))
-    plain = triad(picture(camera=vm.Perspective((3, 0, 5), (0, 1, 0)).describe()))
-    for one, other in zip(told, plain, strict=True):
-        assert (one.across, one.up) == pytest.approx((other.across, other.up))
-
-
-def test_no_triad_without_a_known_camera():
-    assert triad(picture()) == []
-    assert triad(picture(camera={"type": "all-sky"})) == []
-    assert triad(picture(camera={"type": "orthographic"})) == []
-
-
 @pytest.mark.parametrize("angle", [0, 25, 190])
 def test_north_and_east(angle):
     image = picture().on_sky(distance="140 pc", position=(84.0, -5.0), posang=angle)
-    north, east = compass(image)
+    north, east = compass_arrows(image)
     turned = np.deg2rad(angle)
     assert (north.across, north.up) == pytest.approx((np.sin(turned), np.cos(turned)))
     assert (east.across, east.up) == pytest.approx((-np.cos(turned), np.sin(turned)))
-    assert compass(picture()) == []
+    assert compass_arrows(picture()) == []
 
 
-def test_letters_grow_with_the_picture():
-    sizes = {}
-    for n in (400, 800):
-        found = picture(n, n, dark=True).annotate(**{**ALL_OFF, "scale_bar": True})
-        sizes[n] = found.figure.texts[0].get_fontsize()
-    assert sizes[800] == pytest.approx(2 * sizes[400])
-
-
-@pytest.mark.parametrize("dark", [True, False])
-def test_ink_can_be_read_on_the_picture(dark):
-    image = picture(100, 100) if not dark else picture(100, 100, dark=True)
-    if not dark:
-        image = vm.Image(np.ones((100, 100, 3)))
-    (bar,) = drawn(image.annotate(**{**ALL_OFF, "scale_bar": True}), "scale-bar")
-    assert (np.mean(bar.get_facecolor()[:3]) > 0.5) == dark
+def test_ink_can_be_read_on_the_picture_and_letters_grow_with_it():
+    for dark, n in ((True, 400), (False, 800)):
+        image = vm.Image(np.full((n, n, 3), 0.0 if dark else 1.0))
+        found = image.annotate(**{**ALL_OFF, "scale_bar": True})
+        (bar,) = drawn(found, "scale-bar")
+        assert (np.mean(bar.get_facecolor()[:3]) > 0.5) == dark
+        assert found.figure.texts[0].get_fontsize() == pytest.approx(0.026 * n)
 
 
 @pytest.mark.parametrize(
@@ -241,9 +207,6 @@ def test_bars_of_colormaps_tables_and_colours_by_another_field():
     table = vm.Table("x", [0, 1, 4], [(0, 0), (1, 0), (0, 2)], [0.1, 0.1, 0.1], 1.0)
     (scale,) = of_medium(table.describe(), {"mix": [(1, 0, 0), (0, 0, 1)]})
     assert scale.colormap(1.0)[:3] == pytest.approx((0, 0, 1), abs=0.01)
-
-
-def test_media_that_are_no_function_of_a_scalar_have_no_bar():
     assert of_medium(vm.Coefficients(["x", "y", "x"], "x").describe(), {}) == []
 
 
@@ -294,11 +257,8 @@ def test_saving(core, tmp_path):
         ({"scale_bar": 100 * u.pc}, "up to 9 pc"),
         ({"scale_bar": "long"}, "such as '100 au'"),
         ({"scale_bar": np.nan}, "scale_bar must be finite"),
-        ({"scale_bar": []}, "scale_bar must be a number"),
-        ({"font_size": -1}, "positive"),
         ({"font_size": "large"}, "positive number of pixels, got 'large'"),
         ({"volume": 3}, "volume must be a volume, got int"),
-        ({"medium": "gas"}, "medium must be a medium, got str"),
         ({"paper": "no colour"}, "paper must be"),
         ({"time": []}, "time must be"),
     ],
@@ -313,22 +273,7 @@ def test_unknown_options_and_formats(tmp_path):
         picture().annotate(scalebar=True)
     with pytest.raises(UnknownNameError, match="png"):
         picture().annotate().save(tmp_path / "a.jpg")
-    with pytest.raises(InputError, match="path of a file, got int"):
-        picture().annotate().save(3)
     with pytest.raises(InputError, match="8 bits"):
         picture().save(tmp_path / "a.png", annotate=True, bits=16)
     with pytest.raises(InputError, match="True or a dict"):
         picture().save(tmp_path / "a.png", annotate="yes")
-
-
-def test_the_command_line(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    np.save("rho.npy", np.random.default_rng(3).random((6, 6, 6)).astype("f4"))
-    base = ["render", "rho.npy", "-q", "--set", "camera.resolution=100"]
-    assert main([*base, "-o", "plain.png"]) == 0
-    assert main([*base, "-o", "more.png", "--annotate"]) == 0
-    plain, more = (np.asarray(Pillow.open(f"{n}.png"))[..., :3] for n in ("plain", "more"))
-    assert more.shape[1] > plain.shape[1]  # the colour bar
-    top = (more.shape[0] - 100) // 2  # as much room above as below: half a number of the bar
-    assert np.array_equal(more[top + 40 : top + 60, :100], plain[40:60])
-    assert main([*base, "-o", "map.fits", "--annotate"]) == 2

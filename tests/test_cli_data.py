@@ -284,7 +284,7 @@ def test_statistics_in_pieces_are_those_of_the_whole(monkeypatch, dtype):
     if dtype == "f4":
         text = stats.numbers(found, values.shape)
         assert "2 NaN (first at [1, 2, 0]), 1 infinite (first at [3, 0, 1])" in text
-        array = np.array([1.0, 10.0, 100.0, 10.0])
+        array = np.array([1.0, 20.0, 400.0, 20.0])
         _, bars, scale = stats.histogram(array, stats.statistics(array)).split("|")
         assert [bars[0], bars[-1], bars.count("█"), scale] == ["▄", "▄", 1, "  logarithmic"]
     assert stats.numbers(stats.statistics(np.full(3, np.nan))) == "no finite value, 3 NaN"

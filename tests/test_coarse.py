@@ -158,7 +158,7 @@ def test_what_is_no_number_keeps_no_limit():
     limit = Limit(vm.Gaussian("f", 0.5, 0.1, 1.0, 0.5, 0.1), Expression("f"), 0.1, 0.2)
     values, nan = [0.5, 0.5, np.nan, 0.5, -np.inf], [0.501, np.nan, 0.5, 0.501, -np.inf]
     exact, near, flat = real(values), real(nan), real([0.5, 0.5, 0.5, np.nan, 0.5])
-    found = np.array(limit.kept(exact, [near, flat], context))
+    found = np.array(limit.holds(exact, [near, flat], context))
     np.testing.assert_array_equal(found, [True, False, False, False, False])
 
 

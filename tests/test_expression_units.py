@@ -41,17 +41,13 @@ KNOWN = [
     ("2*a0 + 1e-13 1/cm", "1/cm", 3e-13),
     ("a0 * exp(-(velocity_x / (0.2 km/s))**2)", "1/cm", A0 * np.exp(-0.25)),
     ("density * exp(-20 K/temperature)", "g/cm3", 1e-20 * np.exp(-2)),
-    ("density * exp(-20 K/T)", "g/cm3", 1e-20 * np.exp(-2)),
     ("density + same", "g/cm3", 2e-20),
-    ("same - density", "kg/m3", 0),
     ("velocity_x / velocity_y", "", 1),
-    ("velocity_x * velocity_y", "km cm / s2", 1e3),
     ("sqrt(velocity_x**2 + velocity_y**2)", "km/s", 0.1 * np.sqrt(2)),
     ("norm(velocity)", "km/s", 0.1 * np.sqrt(3)),
     ("0.5 * density * norm(velocity)**2", "g km2 / (cm3 s2)", 0.5e-20 * 0.03),
     ("max(velocity_x, velocity_y)", "km/s", 0.1),
     ("clip(density, 1e-21 g/cm3, 5e-18 kg/m3)", "g/cm3", 5e-21),
-    ("where(x > 0, density, same)", "g/cm3", 1e-20),
     ("where(share > 0.6, density, 0)", "g/cm3", 0),
     ("density if share > 0.6 else 3 kg/m3", "g/cm3", 3e-3),
     ("density > 1e-17 kg/m3", "", 0),
@@ -72,12 +68,8 @@ KNOWN = [
     ("sin(theta_deg)", "", 1),
     # Ratios are plain numbers wherever they meet one, whatever the units they are made of.
     ("velocity_x / velocity_y > 0.5", "", 1),
-    ("norm(velocity) / velocity_y < 2", "", 1),
-    ("max(velocity_x / velocity_y, 0.5)", "", 1),
     ("clip(velocity_y / velocity_x, 0, 10)", "", 1),
     ("(velocity_x / velocity_y) % 0.3", "", 0.1),
-    ("velocity_x / velocity_y + 1 > 1.5", "", 1),
-    ("(velocity_x / velocity_y)**2 > 0.5", "", 1),
     ("where(share > 3, share, velocity_x / velocity_y)", "", 1),
     ("velocity_x / velocity_y > 2e-5 km/cm", "", 0),
     ("1 - percentage > 0.5", "", 1),
@@ -87,12 +79,10 @@ KNOWN = [
     # Gauss are those of Gaussian units where no others fit.
     ("B_x**2 / (8*pi) + B_x * B_y / (8*pi)", "uG2", 1 / (12 * np.pi)),
     ("8*pi*(1 dyn/cm2) / norm(B)**2", "", 8e12 * np.pi),
-    ("norm(velocity) / (norm(B) / sqrt(4*pi*density)) > 1", "", 1),
     ("velocity_x + norm(B) / sqrt(4*pi*density)", "km/s", 0.1 + 1e-11 / np.sqrt(4e-20 * np.pi)),
     ("norm(B)**2 / (2 * (1.25663706e-6 N/A2)) + 0 Pa", "uG2 A2/N", 0.5 / 1.25663706e-6),
     # Radians are plain numbers, degrees become radians beside them.
     ("angle - theta_deg", "rad", 0.1 - np.pi / 2),
-    ("max(angle, theta_deg)", "rad", np.pi / 2),
     ("where(share > 0.1, angle, share)", "", 0.1),
     ("atan2(velocity_x, velocity_y) > 30 deg", "", 1),
     ("atan2(velocity_x, velocity_y) + 1", "rad", 1 + np.pi / 4),
@@ -106,16 +96,11 @@ REFUSED = [
     ("a0 * exp(-(velocity_x/0.2)**2)", "is in km2 / s2, a plain number is needed"),
     ("density * exp(-20/temperature)", "is in 1 / K, a plain number is needed"),
     ("density + temperature", "'temperature' is in K, expected g / cm3"),
-    ("density > temperature", "'temperature' is in K, expected g / cm3"),
-    ("density == share", "'share' is a plain number, expected g / cm3"),
-    ("max(density, temperature)", "'temperature' is in K"),
     ("where(share > 0.5, density, 1e-21)", "'1e-21' is a plain number"),
     ("share > 3 K", "a plain number is needed"),
-    ("density > 3 K", "is in K, expected g / cm3"),
     ("log(density)", "log10(density) is in dex"),
     ("share * log10(density)", "'log10(density)' is in dex"),
     ("log10(density) > 1e-20 g/cm3", "expected dex"),
-    ("2**density", "is in g / cm3, a plain number is needed"),
     ("density**share", "is in g / cm3, a plain number is needed"),
     ("tanh(temperature)", "is in K, a plain number is needed"),
     ("temperature // 3", "'3' is a plain number"),
@@ -136,9 +121,7 @@ def test_the_unit_is_known_and_numbers_are_converted(expression, unit, value):
     np.testing.assert_allclose(GAS.evaluate(expression), value, rtol=1e-12, atol=1e-30)
     plain = GAS.without_units(vm.Expression(expression))
     assert GAS.without_units(plain) is plain
-
-
-ODD = ["10 m", "1e-20 erg / (s cm2 Angstrom)", "%", "1e-3 / cm"]
+    read_back(GAS, expression)  # isosurfaces, messages and pickles make expressions of texts
 
 
 def read_back(volume, expression):
@@ -146,48 +129,6 @@ def read_back(volume, expression):
     read = pickle.loads(pickle.dumps(plain))
     np.testing.assert_allclose(volume.evaluate(read), volume.evaluate(expression), rtol=1e-12)
     assert volume.expression_unit(read) == volume.expression_unit(plain)
-
-
-@pytest.mark.parametrize("expression", [e for e, _, _ in KNOWN])
-def test_plain_numbers_are_written_as_they_are_read(expression):
-    """Isosurfaces, messages and pickles make expressions of texts."""
-    read_back(GAS, expression)
-
-
-@pytest.mark.parametrize("expression", ["a + b", "log10(a) - log10(b) > 0", "a / b", "sqrt(a / b)"])
-@pytest.mark.parametrize("unit", ODD)
-def test_units_with_numbers_in_them_are_written_as_they_are_read(expression, unit):
-    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
-    volume["a"] = np.full((2, 2, 2), 3.0) * u.Unit(unit)
-    volume["b"] = np.full((2, 2, 2), 2.0) * u.Unit(unit).decompose()
-    read_back(volume, expression)
-
-
-def test_a_surface_of_a_ratio_is_drawn_and_a_gate_of_it_told():
-    surface = vm.Isosurface("velocity_x / velocity_y + z / (1 AU)", 1.2, (1, 1, 1))
-    camera = vm.Orthographic(30, 0, width=0.1 * u.AU, resolution=4)
-    assert vm.render(GAS, surface, camera).intensity.min() > 0
-    gated = vm.Gaussian(
-        "share", 0.5, 0.1, 1, 0.1, 1, where="norm(velocity) / sqrt(percentage * velocity_x**2) < 1"
-    )
-    with pytest.warns(UserWarning, match="shows nothing of the medium"):
-        vm.render(GAS, gated, camera)
-
-
-def test_the_place_is_shown_in_a_text_as_it_was_written():
-    with pytest.raises(vm.errors.ExpressionError) as caught:
-        vm.Expression("interp(T, [10 K, 1000], [0, 2])")
-    assert "interp(T, [10 K, 1000], [0, 2])\n              ^" in str(caught.value)
-
-
-def test_angles_of_the_grid_are_compared_with_degrees():
-    grid = vm.SphericalGrid([1, 2, 3] * u.AU, np.linspace(0, np.pi, 9))
-    volume = vm.Volume(grid, density=np.ones(grid.shape) * u.g / u.cm**3)
-    theta = volume.evaluate("theta")
-    np.testing.assert_allclose(
-        volume.evaluate("density * exp(-((theta - 90 deg) / (20 deg))**2)"),
-        np.exp(-((np.degrees(theta) / 20 - 4.5) ** 2)),
-    )
 
 
 @pytest.mark.parametrize(("expression", "message"), REFUSED)
@@ -200,21 +141,12 @@ def test_what_has_no_unit_is_refused_with_the_place(expression, message):
 
 DOORS = {
     "coefficients": lambda e: vm.render(GAS, vm.Coefficients(0, e), CAMERA),
-    "gaussian": lambda e: vm.render(GAS, vm.Gaussian(e, 1, 0.1, 1, 0.1, 1), CAMERA),
-    "table": lambda e: vm.render(GAS, vm.Table(e, [0, 1], [0, 1], [0, 1]), CAMERA),
-    "isosurface": lambda e: vm.render(GAS, vm.Isosurface(e, 1, 1), CAMERA),
     "gate": lambda e: vm.render(GAS, vm.Gaussian("share", 1, 1, 1, 1, 1, where=e), CAMERA),
-    "colours": lambda e: vm.render(
-        GAS, vm.Gaussian("share", 1, 1, vm.ColorBy(e, "viridis", 0, 1), 1, 1), CAMERA
-    ),
-    "column": lambda e: vm.column(GAS, e, CAMERA),
     "moments": lambda e: vm.moments(GAS, "density", CAMERA, velocity=e),
-    "measure": lambda e: vm.measure(GAS, e),
     "condition": lambda e: vm.measure(GAS, "density", where=e),
     "derived": lambda e: gas().__setitem__("derived", e),
     "gradient": lambda e: GAS.evaluate(f"gradmag({e})"),
     "slice": lambda e: GAS.slice(e, resolution=4),
-    "cells": lambda e: GAS.cells([e]),
     "function": lambda e: vm.render(
         GAS, vm.Medium.from_function(lambda x: (x, 0.0), [e], 1), CAMERA
     ),
@@ -245,22 +177,23 @@ def test_optical_depths_are_those_of_the_slab(extinction, depth, scheme):
     np.testing.assert_allclose(image.optical_depth, depth, rtol=1e-5)  # single precision
 
 
-def test_an_extinction_of_another_kind_is_refused():
-    with pytest.raises(vm.UnitsError, match="inverse length"):
-        vm.render(GAS, vm.Coefficients(0, "density"), CAMERA)
+@pytest.mark.parametrize(
+    ("emission", "extinction", "message"),
+    [
+        (0, "density", "inverse length"),
+        (["j0", "density", 0], 0, "emissivit"),
+        (["j0", 1.0, 0], 0, "emissivit"),
+    ],
+)
+def test_coefficients_of_another_kind_are_refused(emission, extinction, message):
+    with pytest.raises(vm.UnitsError, match=message):
+        vm.render(GAS, vm.Coefficients(emission, extinction), CAMERA)
 
 
 def test_emissivities_in_different_units_are_converted():
     image = vm.render(GAS, vm.Coefficients(["j0", "watts", 0], 0), CAMERA)
     assert u.Unit(image.intensity_unit) == u.Unit("erg AU / (s cm3)")
     np.testing.assert_allclose(image.intensity[0, 0], [4e-13, 4e-13, 0], rtol=1e-5)
-
-
-def test_emissivities_of_different_kinds_are_refused():
-    with pytest.raises(vm.UnitsError, match="emissivit"):
-        vm.render(GAS, vm.Coefficients(["j0", "density", 0], 0), CAMERA)
-    with pytest.raises(vm.UnitsError, match="emissivit"):
-        vm.render(GAS, vm.Coefficients(["j0", 1.0, 0], 0), CAMERA)
 
 
 def test_the_parts_of_a_sum_emit_in_one_unit():
@@ -282,21 +215,9 @@ def test_measurements_have_the_unit_of_the_expression():
     expected = 1e-20 * np.exp(-2) * u.g / u.cm**3 * 2 * u.AU
     found = column.intensity.item() * u.Unit(column.intensity_unit)
     assert abs(found / expected - 1).to_value("") < 1e-6
-
-
-def test_what_a_probe_shows_is_named_as_it_was_asked_for():
-    ratio = "velocity_x/velocity_y"
-    found = vm.probe(GAS, vm.Coefficients("j0", "a0"), CAMERA, (0, 0), also=[ratio, "T + 2 K"])
-    assert ratio in str(found)
-    np.testing.assert_allclose(found.fields[ratio], 1)
-    np.testing.assert_allclose(found.fields["T + 2 K"], 12)
-
-
-def test_a_logarithm_has_no_integral():
-    for measured in (lambda e: vm.measure(GAS, e), lambda e: vm.column(GAS, e, CAMERA)):
+    for measured in (vm.measure, vm.column):
         with pytest.raises(vm.UnitsError, match="depend on the unit"):
-            measured("log10(density)")
-        measured("log10(density / (1 g/cm3))")
+            measured(GAS, "log10(density)", camera=CAMERA)
 
 
 def test_functions_of_fields_with_units_say_what_they_return():
@@ -317,19 +238,6 @@ def test_functions_of_fields_with_units_say_what_they_return():
     np.testing.assert_allclose(image.optical_depth, 2 * PER_AU * np.exp(-0.25), rtol=1e-5)
 
 
-def test_functions_that_cannot_be_read_say_what_they_return_too():
-    function = lambda a: (2.0 * a, np.float32(1.0) * a if False else a)  # noqa: E731
-
-    def black_box(a):
-        return function(type(a)(a)) if hasattr(a, "index") else function(a)
-
-    image = vm.render(
-        GAS, vm.Medium.from_function(black_box, ["a0"], 1, units=("erg/(s cm3)", "1/cm")), CAMERA
-    )
-    assert u.Unit(image.intensity_unit) == u.Unit("erg AU / (s cm3)")
-    np.testing.assert_allclose(image.optical_depth, 2 * PER_AU, rtol=1e-5)
-
-
 def test_a_volume_without_units_is_free():
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)))
     volume["density"] = np.full(volume.grid.shape, 2.0)
@@ -338,10 +246,3 @@ def test_a_volume_without_units_is_free():
     volume["mixed"] = "log(density) + density > temperature"
     image = vm.render(volume, vm.Coefficients(0, "density"), vm.Orthographic(0, 0, resolution=1))
     np.testing.assert_allclose(image.optical_depth, 4.0, rtol=1e-6)
-
-
-def test_the_same_unit_by_another_name():
-    volume = gas()
-    volume["pressure"] = np.ones(volume.grid.shape) * u.dyn / u.cm**2
-    volume["energy"] = np.ones(volume.grid.shape) * u.erg / u.cm**3
-    assert np.all(volume.evaluate("pressure + energy") == 2)

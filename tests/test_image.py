@@ -1,7 +1,6 @@
 """The class Image: shapes, coordinates, units, drawing."""
 
 import copy
-import io
 import pickle
 
 import numpy as np
@@ -9,28 +8,20 @@ import pytest
 from astropy import units as u
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image as Pillow
 
 from voluminous.errors import InputError, UnitsError
 from voluminous.image import Image
 from voluminous.image.lengths import round_length
 
 
-def test_two_axes_become_one_channel():
-    image = Image(np.ones((2, 3), np.float32))
-    assert image.shape == (2, 3, 1)
-    assert image.channels == 1
-    assert image.intensity.dtype == np.float32
-
-
 @pytest.mark.parametrize(
-    ("given_dtype", "kept"),
-    [("f4", "f4"), ("f8", "f8"), (">f4", "f4"), (">f8", "f8"), ("f2", "f4"), ("i2", "f8")],
+    ("given_dtype", "expected"), [("f4", "f4"), (">f8", "f8"), ("f2", "f4"), ("i2", "f8")]
 )
-def test_floats_are_kept_and_all_else_becomes_float(given_dtype, kept):
+def test_two_axes_become_one_channel_of_floats(given_dtype, expected):
     values = np.arange(6).reshape(2, 3).astype(given_dtype)
     image = Image(values)
-    assert image.intensity.dtype == np.dtype(kept)
+    assert (image.shape, image.channels) == ((2, 3, 1), 1)
+    assert image.intensity.dtype == np.dtype(expected)
     np.testing.assert_array_equal(image.intensity[..., 0], values)
 
 
@@ -42,15 +33,14 @@ def test_unusable_intensities_are_refused(bad):
         Image(bad)
 
 
-@pytest.mark.parametrize("shape", [(), (2, 3), (2, 3, 1), (2, 3, 4), (4,), (1, 1, 4)])
+@pytest.mark.parametrize("shape", [(), (2, 3), (2, 3, 4), (4,)])
 def test_planes_broadcast_to_the_image_and_are_read_only(shape):
     values = np.random.default_rng(0).random(shape)
-    image = Image(np.zeros((2, 3, 4)), transparency=values, optical_depth=values)
+    image = Image(np.zeros((2, 3, 4)), transparency=values)
     spread = values[..., None] if values.ndim == 2 else values
-    for plane in (image.transparency, image.optical_depth):
-        np.testing.assert_array_equal(plane, np.broadcast_to(spread, (2, 3, 4)))
-        with pytest.raises(ValueError, match="read-only"):
-            plane[0, 0, 0] = 1
+    np.testing.assert_array_equal(image.transparency, np.broadcast_to(spread, (2, 3, 4)))
+    with pytest.raises(ValueError, match="read-only"):
+        image.transparency[0, 0, 0] = 1
 
 
 def test_optical_depth_is_computed_once_and_only_when_asked_for():
@@ -68,31 +58,26 @@ def test_optical_depth_is_computed_once_and_only_when_asked_for():
     assert len(calls) == 1
 
 
-def test_pixel_indices_are_the_default_coordinates():
+def test_coordinates_and_oblong_pixels():
     image = Image(np.zeros((2, 3)))
     np.testing.assert_array_equal(image.x, [0, 1, 2])
-    np.testing.assert_array_equal(image.y, [0, 1])
-    assert image.extent == (-0.5, 2.5, -0.5, 1.5)
-    assert image.pixel_area == 1
-
-
-def test_oblong_pixels():
+    assert (image.extent, image.pixel_area) == ((-0.5, 2.5, -0.5, 1.5), 1)
     image = Image(np.zeros((2, 3)), x=[1, 3, 5], y=[10, 15], unit="pc")
-    assert image.pixel_size == (2, 5)
-    assert image.pixel_area == 10
+    assert (image.pixel_size, image.pixel_area) == ((2, 5), 10)
     assert image.extent == (0, 6, 7.5, 17.5)
 
 
-@pytest.mark.parametrize("x", [[0, 1], [0, 1, 1], [0, 2, 1], [0, 1, np.nan], [[0, 1, 2]]])
-def test_unusable_coordinates_are_refused(x):
-    with pytest.raises(InputError, match=r"^x "):
-        Image(np.zeros((2, 3)), x=x)
-
-
-@pytest.mark.parametrize("size", [1.0, (1, 0), (1, np.inf), (1, 2, 3), "ab"])
-def test_unusable_pixel_sizes_are_refused(size):
-    with pytest.raises(InputError, match="pixel_size"):
-        Image(np.zeros((2, 3)), pixel_size=size)
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"x": x} for x in ([0, 1], [0, 1, 1], [0, 2, 1], [0, 1, np.nan], [[0, 1, 2]])),
+        *({"pixel_size": size} for size in (1.0, (1, 0), (1, np.inf), (1, 2, 3), "ab")),
+    ],
+)
+def test_unusable_coordinates_are_refused(options):
+    (name,) = options
+    with pytest.raises(InputError, match=rf"^{name} "):
+        Image(np.zeros((2, 3)), **options)
 
 
 def test_quantities_bring_their_units():
@@ -120,70 +105,42 @@ def test_repr_is_one_short_line():
     assert "not finite" in repr(Image([[np.nan]]))
 
 
-def test_notebooks_get_a_png_with_the_bottom_row_last():
-    values = np.zeros((2, 3, 3))
-    values[0, :, 0] = 1
-    picture = np.asarray(Pillow.open(io.BytesIO(Image(values)._repr_png_())))
-    np.testing.assert_array_equal(picture[1], [[255, 0, 0]] * 3)
-    np.testing.assert_array_equal(picture[0], 0)
-
-
-def _drawn_image(ax):
-    (shown,) = ax.images
-    return shown
-
-
 def test_plot_has_axes_in_the_unit_and_shows_the_colours():
     image = Image(np.random.default_rng(1).random((2, 3, 3)), unit="pc")
     ax = image.plot(stretch="sqrt")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [pc]", "y [pc]")
-    shown = _drawn_image(ax)
+    (shown,) = ax.images
     assert shown.get_extent() == list(image.extent)
     assert shown.origin == "lower"
     np.testing.assert_array_equal(shown.get_array(), image.to_rgb(stretch="sqrt"))
     assert len(ax.figure.axes) == 1  # no colour bar
 
 
-@pytest.mark.parametrize("options", [{}, {"exposure": 0.5}, {"vmin": 0.2}, {"stretch": "asinh"}])
-def test_one_channel_has_a_colour_bar_and_the_greys_of_to_rgb(options):
-    image = Image(np.random.default_rng(2).random((4, 5)), intensity_unit="Jy")
-    ax = image.plot(**options)
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"vmin": 0.2}, {"stretch": "asinh"}, {"colormap": "inferno", "stretch": "log"}],
+)
+def test_one_channel_has_a_colour_bar_and_the_colours_of_to_rgb(options):
+    image = Image(np.random.default_rng(2).random((4, 5, 2)), intensity_unit="Jy")
+    ax = image.plot(channels=1, **options)
     assert ax.images[0].colorbar.ax.get_ylabel() == "intensity [Jy]"
-    shown = _drawn_image(ax)
-    greys = shown.to_rgba(shown.get_array())[..., :3]
-    # A colormap has 256 steps.
-    np.testing.assert_allclose(greys, image.to_rgb(**options), atol=1 / 255)
-
-
-def test_colormaps_are_drawn_as_to_rgb_gives_them():
-    image = Image(np.random.default_rng(3).random((4, 5, 2)))
-    options = {"colormap": "inferno", "channels": 1, "stretch": "log"}
-    ax = image.plot(**options)
-    shown = _drawn_image(ax)
+    (shown,) = ax.images
     colors = shown.to_rgba(shown.get_array())[..., :3]
-    np.testing.assert_allclose(colors, image.to_rgb(**options), atol=1e-6)
-    assert shown.colorbar is not None
+    # A colormap has 256 steps.
+    np.testing.assert_allclose(colors, image.to_rgb(channels=1, **options), atol=1 / 255)
 
 
 @pytest.mark.parametrize("lowest", [0.01, 1e-7])
-@pytest.mark.parametrize("shape", [(20, 20), (4, 20), (18, 21), (20, 4)])
+@pytest.mark.parametrize("shape", [(4, 20), (18, 21), (20, 4)])
 def test_no_label_is_cut_off(shape, lowest):
     """Beside a long colour bar the layout of matplotlib pushed one off the figure."""
     values = np.random.default_rng(3).uniform(lowest, 0.5, shape)
-    image = Image(
-        values, x=4000 * np.linspace(-1, 1, shape[1]), unit="AU", intensity_unit="Jy / sr"
-    )
-    ax = image.plot(norm="log")
+    x = 4000 * np.linspace(-1, 1, shape[1])
+    ax = Image(values, x=x, unit="AU", intensity_unit="Jy / sr").plot(norm="log")
     ax.figure.draw_without_rendering()
-    _check_labels(ax)
-
-
-def _check_labels(ax):
-    whole = ax.figure.bbox
     for label in (ax.yaxis.label, ax.xaxis.label, ax.images[0].colorbar.ax.yaxis.label):
-        box = label.get_window_extent()
-        assert np.all(box.min >= whole.min)
-        assert np.all(box.max <= whole.max)
+        box, whole = label.get_window_extent(), ax.figure.bbox
+        assert np.all((box.min >= whole.min) & (box.max <= whole.max))
 
 
 def test_limits_may_have_units():
@@ -194,16 +151,6 @@ def test_limits_may_have_units():
     assert clim == pytest.approx((2, 60), rel=1e-15)
     with pytest.raises(UnitsError, match="vmin is in cm, expected K"):
         image.plot(vmin=1 * u.cm)
-
-
-def test_plot_draws_into_given_axes_and_saves_without_a_display(tmp_path):
-    from matplotlib.figure import Figure
-
-    figure = Figure()
-    ax = figure.add_subplot()
-    assert Image(np.eye(3)).plot(ax, colormap="viridis", scale_bar=True) is ax
-    figure.savefig(tmp_path / "plot.png")
-    assert (tmp_path / "plot.png").stat().st_size > 0
 
 
 def test_plot_uses_pyplot_where_the_user_does():
@@ -235,8 +182,7 @@ def test_round_lengths_are_the_greatest_that_fit(longest):
     # Steps are 2 or 2.5 apart; the tolerance is the rounding of a power of ten.
     assert length <= longest * (1 + 1e-12)
     assert length > longest / 2.5 * (1 - 1e-12)
-    mantissa = f"{length:.12e}".split("e")[0]
-    assert float(mantissa) in (1, 2, 5)
+    assert float(f"{length:.12e}".split("e")[0]) in (1, 2, 5)
 
 
 # units
@@ -249,27 +195,21 @@ def many_planes(**units):
     return Image(values, transparency=0.25, optical_depth=0.5, **planes, **centres, **units)
 
 
-def test_to_a_length_converts_coordinates_and_nothing_else():
+def test_to_converts_coordinates_or_intensities_with_errors_and_bounds():
     image = many_planes(unit="cm", intensity_unit="g / cm2")
-    there = image.to("pc")
-    factor = u.cm.to(u.pc)
-    assert there.unit == "pc"
+    planes = ("intensity", "error", "lower", "upper")
+    there, factor = image.to("pc"), u.cm.to(u.pc)
+    assert (there.unit, image.unit, there.intensity_unit) == ("pc", "cm", "g / cm2")
     np.testing.assert_allclose(there.x, factor * image.x, rtol=1e-14)
     np.testing.assert_allclose(there.extent, factor * np.array(image.extent), rtol=1e-14)
     np.testing.assert_allclose(there.pixel_size, factor * np.array(image.pixel_size), rtol=1e-14)
-    assert there.intensity_unit == image.intensity_unit
-    for name in ("intensity", "transparency", "optical_depth", "error", "lower", "upper"):
+    for name in (*planes, "transparency", "optical_depth"):
         np.testing.assert_array_equal(getattr(there, name), getattr(image, name))
-    assert image.unit == "cm"
-
-
-def test_to_another_unit_converts_intensities_their_errors_and_bounds():
-    image = many_planes(unit="cm", intensity_unit="g / cm2")
     there = image.to(u.kg / u.m**2)
-    assert there.intensity_unit == "kg / m2"
-    for name in ("intensity", "error", "lower", "upper"):
+    assert (there.intensity_unit, there.unit) == ("kg / m2", "cm")
+    for name in planes:
         np.testing.assert_allclose(getattr(there, name), 10 * getattr(image, name), rtol=1e-6)
-    assert (there.transparency, there.unit) == (pytest.approx(image.transparency), "cm")
+    np.testing.assert_array_equal(there.transparency, image.transparency)
     np.testing.assert_array_equal(there.x, image.x)
 
 
@@ -282,7 +222,7 @@ def test_to_a_unit_that_the_image_has_not_is_refused():
         many_planes(unit="cm", intensity_unit="K").to("kg")
 
 
-@pytest.mark.parametrize("name", ["unit", "intensity", "intensity_unit", "x", "error", "other"])
+@pytest.mark.parametrize("name", ["unit", "error", "other"])
 def test_assigning_an_attribute_says_how_to_convert(name):
     image = many_planes(unit="cm")
     with pytest.raises(InputError, match=rf"Image.{name} cannot be changed; image.to\(unit\)"):
@@ -319,18 +259,6 @@ def test_an_array_of_an_image_is_the_picture_with_its_top_row_first():
         np.log10(image)
     with pytest.raises(ValueError, match="copy"):
         image.__array__(copy=False)
-
-
-def test_imshow_shows_an_image_upright():
-    from matplotlib.figure import Figure
-
-    values = np.zeros((4, 6, 3))
-    values[-1, 0] = 1.0  # the upper left
-    ax = Figure().add_subplot()
-    shown = ax.imshow(Image(values))
-    assert shown.origin == "upper"
-    np.testing.assert_array_equal(shown.get_array()[0, 0], 1.0)
-    assert shown.get_array().sum() == 3
 
 
 def test_numbers_of_an_image_are_not_changed_in_place():

@@ -4,10 +4,9 @@ import contextlib
 import io
 import json
 import os
-import struct
 import warnings
-import zlib
 
+import imagecodecs
 import numpy as np
 import OpenEXR
 import pytest
@@ -38,20 +37,18 @@ anything = {
 
 @st.composite
 def images(draw, dtype, elements=None):
-    shape = draw(shapes)
-    rows, columns, _ = shape
+    rows, columns, _ = shape = draw(shapes)
     plane = draw(st.sampled_from([None, (rows, columns, 1), shape]))
-    values = arrays(dtype, shape, elements=anything[dtype] if elements is None else elements)
-    step = st.floats(1e-3, 1e3)
-    first = st.floats(-1e3, 1e3)
+
+    def values(top):
+        inside = st.floats(0, top, width=32)
+        return None if plane is None else draw(arrays(dtype, plane, elements=inside))
+
+    step, first = st.floats(1e-3, 1e3), st.floats(-1e3, 1e3)
     return Image(
-        draw(values),
-        transparency=None
-        if plane is None
-        else draw(arrays(dtype, plane, elements=st.floats(0, 1, width=32))),
-        optical_depth=None
-        if plane is None
-        else draw(arrays(dtype, plane, elements=st.floats(0, 1024, width=32))),
+        draw(arrays(dtype, shape, elements=anything[dtype] if elements is None else elements)),
+        transparency=values(1),
+        optical_depth=values(1024),
         x=draw(first) + draw(step) * np.arange(columns),
         y=draw(first) + draw(step) * np.arange(rows),
         unit=draw(st.sampled_from(["", "pc", "cm", "rad", "solRad", "0.5 kpc"])),
@@ -71,19 +68,16 @@ def assert_same_bits(a, b):
 def assert_same_frame(loaded, saved):
     assert_same_bits(loaded.x, saved.x)
     assert_same_bits(loaded.y, saved.y)
-    assert loaded.unit == saved.unit
-    assert loaded.pixel_size == saved.pixel_size
-    assert loaded.camera == saved.camera
-    assert loaded.provenance == saved.provenance
+    for name in ("unit", "pixel_size", "camera", "provenance"):
+        assert getattr(loaded, name) == getattr(saved, name)
 
 
 def assert_same_planes(loaded, saved):
     for name in ("transparency", "optical_depth"):
-        plane = getattr(saved, name)
-        if plane is None:
-            assert getattr(loaded, name) is None
-        else:
-            assert_same_bits(getattr(loaded, name), plane)
+        plane, again = getattr(saved, name), getattr(loaded, name)
+        assert (plane is None) == (again is None)
+        if plane is not None:
+            assert_same_bits(again, plane)
 
 
 def roundtrip(image, folder, suffix, **options):
@@ -136,6 +130,9 @@ def test_half_floats_on_request(folder):
     loaded = roundtrip(saved, folder, ".exr", half=True)
     assert_same_bits(loaded.intensity, saved.intensity.astype("f2").astype("f4"))
     assert (loaded.transparency == 0.25).all()
+    # 1 - transparency lets other programs put the image in front of another.
+    layers = OpenEXR.File(str(folder / "image.exr")).channels()
+    assert (layers["RGBA"].pixels[..., 3] == 0.75).all()
 
 
 @pytest.mark.parametrize(
@@ -182,35 +179,24 @@ def bottom_red():
     return Image(values)
 
 
-def top_row_first(path):
-    if path.suffix == ".png":
-        return np.asarray(Pillow.open(path)) / 255
-    if path.suffix == ".tif":
-        return tifffile.imread(path)
-    return OpenEXR.File(str(path)).channels()["RGB"].pixels
-
-
-@pytest.mark.parametrize("suffix", [".png", ".tif", ".exr"])
-def test_other_programs_see_row_0_at_the_bottom(folder, suffix):
-    path = folder / f"bottom{suffix}"
-    bottom_red().save(path)
-    seen = top_row_first(path)
-    np.testing.assert_array_equal(seen[-1], [[1, 0, 0]] * 3)
-    np.testing.assert_array_equal(seen[0], 0)
-
-
-def test_fits_has_row_0_first_and_channels_as_third_axis(folder):
-    bottom_red().save(folder / "bottom.fits")
-    data = fits.getdata(folder / "bottom.fits")
-    assert data.shape == (3, 2, 3)
-    np.testing.assert_array_equal(data[0], [[1, 1, 1], [0, 0, 0]])
+def test_other_programs_see_row_0_at_the_bottom(folder):
+    paths = {suffix: folder / f"bottom{suffix}" for suffix in (".png", ".tif", ".exr", ".fits")}
+    for path in paths.values():
+        bottom_red().save(path)
+    for seen in (
+        np.asarray(Pillow.open(paths[".png"])) / 255,
+        tifffile.imread(paths[".tif"]),
+        OpenEXR.File(str(paths[".exr"])).channels()["RGB"].pixels,
+        np.moveaxis(fits.getdata(paths[".fits"])[:, ::-1], 0, -1),  # FITS begins at the bottom
+    ):
+        np.testing.assert_array_equal(seen[-1], [[1, 0, 0]] * 3)
+        np.testing.assert_array_equal(seen[0], 0)
 
 
 # Each format for other programs
 
 
-@pytest.mark.parametrize("unit", ["pc", "cm", "rad", "AU", ""])
-@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize(("unit", "channels"), [("pc", 1), ("rad", 3), ("AU", 1), ("", 3)])
 def test_fits_wcs_gives_pixel_centres(folder, unit, channels):
     x, y = 0.3 + 0.7 * np.arange(7), -5 + 0.2 * np.arange(5)
     path = folder / "wcs.fits"
@@ -246,12 +232,6 @@ def test_fits_cards_that_were_edited_count(folder):
     assert (loaded.unit, loaded.intensity_unit) == ("kpc", "mJy")
 
 
-def test_exr_alpha_lets_other_programs_put_the_image_in_front(folder):
-    path = folder / "alpha.exr"
-    picture(transparency=0.25).save(path)
-    assert (OpenEXR.File(str(path)).channels()["RGBA"].pixels[..., 3] == 0.75).all()
-
-
 def test_png_alpha_looks_the_same_in_front_of_black(folder):
     # Opaque, half transparent, and light from a place that is fully transparent.
     values = np.array([[[0.5, 0.2, 0.0], [0.5, 0.2, 0.0], [0.5, 0.2, 0.0], [0.0, 0.0, 0.0]]])
@@ -265,27 +245,16 @@ def test_png_alpha_looks_the_same_in_front_of_black(folder):
     assert Pillow.open(path).mode == "RGBA"
 
 
-def test_png_passes_display_options_on(folder):
-    saved = picture((5, 7, 4))
-    options = {"stretch": "sqrt", "channels": 3, "colormap": "magma"}
-    loaded = roundtrip(saved, folder, ".png", bits=16, **options)
-    np.testing.assert_allclose(loaded.intensity, saved.to_rgb(**options), atol=1 / 65535)
-
-
 @pytest.mark.parametrize("samples", [1, 2, 3, 4])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_png_code_is_read_by_pillow(samples, dtype):
+def test_png_code_is_read_by_another_library(samples, dtype):
     top = np.iinfo(dtype).max
     pixels = np.random.default_rng(samples).integers(0, top, (5, 7, samples), dtype, endpoint=True)
-    with Pillow.open(io.BytesIO(png.encode_pixels(pixels, {"key": "value"}))) as file:
-        seen = np.asarray(file)
+    content = png.encode_pixels(pixels, {"key": "value"})
+    np.testing.assert_array_equal(imagecodecs.png_decode(content).reshape(5, 7, samples), pixels)
+    with Pillow.open(io.BytesIO(content)) as file:
+        file.load()
         assert file.text == {"key": "value"}
-    if dtype == np.uint16 and samples > 1:  # Pillow keeps the high byte only,
-        pixels = (pixels >> 8).astype(np.uint8)
-        if samples == 2:  # and takes grey with alpha for RGBA
-            seen = seen[..., [0, 3]]
-    seen = seen.reshape(5, 7, samples)
-    np.testing.assert_array_equal(seen, pixels)
 
 
 # Files of other programs
@@ -299,52 +268,17 @@ def test_png_of_any_kind(folder, mode):
         Pillow.fromarray(values[..., 0].astype(np.uint16) * 257).save(path)
     else:
         Pillow.fromarray(values).convert(mode).save(path)
-    expected = {"1": None, "P": None, "L": None, "LA": None, "I;16": values[..., :1]}.get(
-        mode, values
-    )
     loaded = Image.load(path)
     assert loaded.channels == (3 if mode in ("P", "RGB", "RGBA") else 1)
     assert loaded.intensity.max() <= 1
-    if expected is not None:
-        np.testing.assert_array_equal(loaded.intensity, expected[::-1] / np.float32(255))
+    if mode in ("RGB", "RGBA", "I;16"):
+        expected = values[::-1, :, : loaded.channels] / np.float32(255)
+        np.testing.assert_array_equal(loaded.intensity, expected)
 
 
-def filtered_png(pixels, kinds):
-    """Return a 16-bit PNG whose rows use the given filters (PNG specification, section 9.2)."""
-    rows, _, samples = pixels.shape
-    width = 2 * samples
-    raw = pixels.astype(">u2").reshape(rows, -1).view(np.uint8).astype(int)
-    packed = b""
-    for n, kind in enumerate(kinds):
-        a = np.concatenate([np.zeros(width, int), raw[n, :-width]])
-        b = raw[n - 1] if n else np.zeros_like(raw[n])
-        c = np.concatenate([np.zeros(width, int), b[:-width]])
-        distances = np.abs(np.stack([b - c, a - c, a + b - 2 * c]))
-        paeth = np.choose(distances.argmin(axis=0), [a, b, c])
-        guess = [np.zeros_like(a), a, b, (a + b) // 2, paeth][kind]
-        packed += bytes([kind]) + ((raw[n] - guess) % 256).astype(np.uint8).tobytes()
-    good = png.encode_pixels(pixels, {})
-    start = good.index(b"IDAT") - 4
-    length = struct.unpack(">I", good[start : start + 4])[0]
-    data = b"IDAT" + zlib.compress(packed)
-    chunk = struct.pack(">I", len(data) - 4) + data + struct.pack(">I", zlib.crc32(data))
-    return good[:start] + chunk + good[start + 12 + length :]
-
-
-@pytest.mark.parametrize("samples", [1, 2, 3, 4])
-@given(data=st.data())
-@settings(max_examples=15, deadline=None)
-def test_16_bit_png_with_any_filter(samples, data):
-    rows = data.draw(st.integers(1, 6))
-    kinds = data.draw(st.lists(st.integers(0, 4), min_size=rows, max_size=rows))
-    pixels = data.draw(arrays(np.uint16, (rows, data.draw(st.integers(1, 6)), samples)))
-    content = filtered_png(pixels, kinds)
-    np.testing.assert_array_equal(png.decode16(content), pixels)
-    Pillow.open(io.BytesIO(content)).load()  # the test's own encoder follows the standard
-
-
-@pytest.mark.parametrize("dtype", [">f4", ">f8", ">i2", "u1"])
-@pytest.mark.parametrize("shape", [(5, 7), (2, 5, 7), (1, 2, 5, 7)])
+@pytest.mark.parametrize(
+    ("dtype", "shape"), [(">f4", (5, 7)), (">f8", (2, 5, 7)), (">i2", (1, 2, 5, 7)), ("u1", (5, 7))]
+)
 def test_plain_fits_images(folder, dtype, shape):
     path = folder / "foreign.fits"
     data = np.random.default_rng(5).integers(0, 99, shape).astype(dtype)
@@ -386,7 +320,7 @@ def test_rotated_fits_images_have_pixel_indices(folder, cards):
     assert loaded.unit == ""
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16, np.uint8, np.uint16])
+@pytest.mark.parametrize("dtype", [np.float32, np.float16, np.uint16])
 @pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3), (3, 5, 7)])
 def test_plain_tiff_images(folder, dtype, shape):
     path = folder / "foreign.tif"
@@ -421,9 +355,11 @@ def test_plain_exr_images(folder, names):
     assert (loaded.transparency is not None) == ("A" in names)
 
 
-def test_plain_archives(folder):
-    np.savez(folder / "foreign.npz", intensity=np.eye(3))
-    np.testing.assert_array_equal(Image.load(folder / "foreign.npz").intensity[..., 0], np.eye(3))
+def test_files_without_an_image(folder):
+    table = fits.BinTableHDU.from_columns([fits.Column("a", "E", array=[1.0])])
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(folder / "table.fits")
+    with pytest.raises(FileFormatError, match="there is none"):
+        Image.load(folder / "table.fits")
     np.savez(folder / "foreign.npz", density=np.eye(3))
     with pytest.raises(FileFormatError, match=r"foreign\.npz.*intensity.*density"):
         Image.load(folder / "foreign.npz")
@@ -496,14 +432,6 @@ def test_other_files_under_the_suffix_are_named(folder, suffix, content):
     assert name in str(caught.value)
 
 
-def test_fits_without_an_image(folder):
-    path = folder / "table.fits"
-    table = fits.BinTableHDU.from_columns([fits.Column("a", "E", array=[1.0])])
-    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
-    with pytest.raises(FileFormatError, match="there is none"):
-        Image.load(path)
-
-
 def test_descriptions_of_later_versions_are_refused(folder):
     picture().save(folder / "later.npz")
     with np.load(folder / "later.npz") as archive:
@@ -539,9 +467,7 @@ def test_failure_while_writing_keeps_the_old_file(tmp_path, monkeypatch, suffix,
     ("name", "message"),
     [
         ("image.pgn", "did you mean '.png'"),
-        ("image.npy", "did you mean '.npz'"),
         ("image", r"known image formats: .*\.exr"),
-        ("image.", r"known image formats: .*\.exr"),
     ],
 )
 def test_unknown_suffixes(tmp_path, name, message):
@@ -561,19 +487,13 @@ def test_unknown_options(tmp_path):
             picture().save(tmp_path / "image.png", bits=bits)
     with pytest.raises(InputError, match="transparency is known"):
         picture().save(tmp_path / "image.png", transparent=True)
+    with pytest.raises(MissingPathError, match="create it first"):
+        picture().save(tmp_path / "missing" / "image.png")
     assert not os.listdir(tmp_path)
 
 
-def test_places_where_nothing_can_be_saved(tmp_path):
-    with pytest.raises(MissingPathError, match="create it first"):
-        picture().save(tmp_path / "missing" / "image.png")
-    (tmp_path / "folder.png").mkdir()
-    with pytest.raises(InputError, match="is a directory"):
-        picture().save(tmp_path / "folder.png")
-
-
-@pytest.mark.parametrize("suffix", [".jpg", ".jpeg"])
-def test_jpeg_holds_the_display_values(folder, suffix):
+def test_jpeg_holds_the_display_values(folder):
+    suffix = ".jpg"
     y, x = np.mgrid[0:1:40j, 0:1:50j]
     image = Image(np.stack([x, y, 1 - x], axis=-1))
     image.save(folder / f"image{suffix}", exposure="rgb")

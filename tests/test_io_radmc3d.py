@@ -280,11 +280,11 @@ def test_a_bad_file_is_told_when_it_is_wanted(tmp_path):
 
 def test_a_vector_in_text_is_read_once(tmp_path, monkeypatch):
     from voluminous.io import registry
-    from voluminous.io.radmc3d.encodings import TextPlanes
+    from voluminous.io.radmc3d import encodings
 
     read = []
-    whole = TextPlanes.plane
-    monkeypatch.setattr(TextPlanes, "plane", lambda *a: read.append(a) or whole(*a))
+    whole = encodings._values
+    monkeypatch.setattr(encodings, "_values", lambda *a: read.append(a) or whole(*a))
     monkeypatch.setattr(registry, "AT_ONCE", 0)
     volume = vm.open(regular(tmp_path))
     assert volume.waiting == volume.fields

@@ -77,7 +77,7 @@ def test_damaged_trees(tmp_path, line, text, told):
         ([[0, 0, 1, 1, 2, 2, 2]], "layer 1 begins at cell"),
         ([[0, 4, 1, 1, 2, 2, 2]], "layer 1 begins at cell"),
         ([[0, 1, 1, 1, 2, 2, 0]], "layer 1 begins at cell"),
-        ([[0, 1, 1, 1, 2, 2, 2], [0, 2, 2, 2, 2, 2, 2]], "layer 2 overlaps"),
+        ([[0, 1, 1, 1, 2, 2, 2], [0, 2, 2, 2, 2, 2, 2]], "layers overlap"),
         ([[k, 1, 1, 1, 1, 1, 1] for k in range(21)], "21 levels deep"),
     ],
 )

@@ -338,7 +338,8 @@ def test_leaves_with_holes_make_a_tree(seed, axes):
     start = np.array([[e[0]] for e in edges])
     index = np.round((low - start) / sizes).astype(int).T
     kept = rng.permutation(whole.size)[: rng.integers(1, whole.size + 1)]
-    grid, source = tree_of_leaves(kind, edges, whole.levels[kept], index[kept], axes)
+    ratio = [2 if axis in axes else 1 for axis in range(3)]
+    grid, source = tree_of_leaves(kind, edges, whole.levels[kept], index[kept], ratio)
     values = rng.uniform(1, 2, whole.size)
     field = placed_values(values[kept], source)
     centers = whole.cell_centers().T
@@ -362,4 +363,4 @@ def _random_flags(rng, bases, children, depth=0):
 def test_leaves_that_overlap_are_refused():
     edges = [np.arange(3.0)] * 3
     with pytest.raises(vm.InputError):
-        tree_of_leaves(vm.OctreeGrid, edges, [0, 1], [[0, 0, 0], [1, 1, 1]], (0, 1, 2))
+        tree_of_leaves(vm.OctreeGrid, edges, [0, 1], [[0, 0, 0], [1, 1, 1]])

@@ -9,7 +9,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.measuring.cells import condition
+from voluminous.measuring.quantity import CellQuantity
 
 RNG = np.random.default_rng(0)
 EDGES = np.linspace(-1, 1, 21)
@@ -75,39 +75,17 @@ def test_a_condition_chooses_cells():
 @pytest.mark.parametrize(
     ("text", "plain"),
     [
-        ("density > 2 g/cm3", "density > 2.0"),
-        (
-            "(velocity_x < -5e3 m/s) & (density >= 1 kg / m3)",
-            "velocity_x < -5 and density >= 0.001",
-        ),
-        ("(abs(velocity_x) > 1 km s-1) and density < 3", "(abs(velocity_x) > 1.0) and density < 3"),
+        ("(velocity_x < -5e3 m/s) & (density >= 1 kg / m3)", "velocity_x < -5 and density >= 1e-3"),
         ("density * velocity_x > 1 g/(s cm2)", "density * velocity_x > 1e-05"),
         ("x > 0.5 pc or not z < 1 kpc", "x > 0.5 or not z < 1000.0"),
-        ("r < 1", "r < 1"),
-        ("density > 5e-1", "density > 0.5"),
-        ("density > 5E-1 or r < 1.5e-1", "density > 0.5 or r < 0.15"),
-        ("500 m/s < velocity_x", "velocity_x > 0.5"),
         ("500 m/s < velocity_x < 2e3 m/s", "velocity_x > 0.5 and velocity_x < 2"),
         ("r < 1 and (1 km s-1 >= abs(velocity_x))", "r < 1 and abs(velocity_x) <= 1"),
-        ("not 1e-3 kg/m3 <= density or 200 m/s < velocity_x", "density < 1e-3 or velocity_x > 0.2"),
-        ("0.5 < density", "density > 0.5"),
     ],
 )
 def test_numbers_with_units(text, plain):
-    found = condition(gas(), text).expression
+    expression = CellQuantity.of(gas(), text).expression
     volume = gas()
-    np.testing.assert_array_equal(volume.evaluate(found.text), volume.evaluate(plain))
-
-
-def test_units_that_do_not_fit():
-    for text, error, told in [
-        ("density > 5 km/s", vm.UnitsError, "'5 km / s' is in km / s, expected g / cm3"),
-        ("r / r > 5 cm", vm.UnitsError, "a plain number is needed"),
-        ("density > 5 parsnips", vm.errors.ExpressionError, "a unit that astropy knows"),
-        ("5 parsnips < density < 1 g/cm3", vm.errors.ExpressionError, "a unit that astropy knows"),
-    ]:
-        with pytest.raises(error, match=told):
-            vm.measure(gas(), "density", text)
+    np.testing.assert_array_equal(volume.evaluate(expression.text), volume.evaluate(plain))
 
 
 REGIONS = {
@@ -120,10 +98,6 @@ REGIONS = {
     "cones": (
         vm.regions.DoubleCone((0, 0, 0), (1, 1, 2), 30, height=0.7),
         2 / 3 * np.pi / 3 * 0.7**3,
-    ),
-    "lobe": (
-        vm.regions.DoubleCone((0, 0, 0), (1, 1, 2), 30 * u.deg, 700 * u.mpc, side="up"),
-        1 / 3 * np.pi / 3 * 0.7**3,
     ),
     "shell": (
         vm.regions.Sphere((0, 0, 0), 0.7) & ~vm.regions.Sphere((0, 0, 0), 0.5),
@@ -224,12 +198,6 @@ def test_missing_values_are_counted():
     assert np.isfinite(found["mass"].value)
 
 
-def test_several_quantities_are_named_after_themselves():
-    found = vm.measure(gas(), ["density", "0.5 * density"])
-    assert list(found) == ["density", "0.5 * density"]
-    assert found["density"].value == pytest.approx(2 * found["0.5 * density"].value)
-
-
 NOT_A_NUMBER = np.full(CAMERA.resolution[::-1], np.nan)
 
 
@@ -242,36 +210,36 @@ def test_names_of_totals_are_told_how_to_be_asked_for(quantities):
     assert vm.measure(volume, quantities).volume > 0
 
 
-def test_what_makes_no_sense():
-    volume = gas()
-    for arguments, options, told in [
-        ((volume, {}), {}, "say what to measure, such as quantities={'mass': 'density'}; fields: "),
-        ((volume,), {}, "say what to measure"),
-        ((volume, []), {}, "say what to measure"),
-        ((volume, "density"), {"maps": True}, "give a camera"),
-        ((volume, "density"), {"region": 3}, "one of vm.regions"),
-        ((volume, "density"), {"camera": 3}, "a camera, or a list of them"),
-        ((volume, "density"), {"camera": [vm.Orthographic(), None]}, "number 1 is None"),
-        ((volume, "density"), {"camera": CAMERA, "aperture": np.ones((3, 3))}, "aperture must be"),
-        ((volume, "density * los('velocity')"), {}, "give a camera"),
-        ((volume, "density"), {"camera": "above"}, "a list of them, got 'above'"),
-        ((volume, "density"), {"samples": 0}, "samples must be a positive whole number"),
-        (
-            (volume, "density"),
-            {"where": np.ones(volume.grid.shape, bool)},
-            "put it into the volume",
-        ),
-        ((volume, "density"), {"camera": CAMERA, "aperture": NOT_A_NUMBER}, "from 0 to 1"),
-        (
-            (volume, "density"),
-            {"camera": CAMERA, "aperture": [(0, 0), (1, np.nan), (1, 0)]},
-            "finite",
-        ),
-        ((np.ones((3, 3, 3)), "density"), {}, "need a Volume first, got ndarray"),
-    ]:
-        with pytest.raises(vm.InputError, match=told):
-            vm.measure(*arguments, **options)
-    for make, told in [
+SHAPE = GRIDS["cartesian"].shape
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"quantities": {}}, "say what to measure, such as quantities={'mass': 'density'}; fields"),
+        ({"quantities": None}, "say what to measure"),
+        ({"maps": True}, "give a camera"),
+        ({"region": 3}, "one of vm.regions"),
+        ({"camera": 3}, "a camera, or a list of them"),
+        ({"camera": [vm.Orthographic(), None]}, "number 1 is None"),
+        ({"camera": CAMERA, "aperture": np.ones((3, 3))}, "aperture must be"),
+        ({"camera": CAMERA, "aperture": NOT_A_NUMBER}, "from 0 to 1"),
+        ({"camera": CAMERA, "aperture": [(0, 0), (1, np.nan), (1, 0)]}, "finite"),
+        ({"quantities": "density * los('velocity')"}, "give a camera"),
+        ({"samples": 0}, "samples must be a positive whole number"),
+        ({"where": np.ones(SHAPE, bool)}, "put it into the volume"),
+        ({"where": "density > 5 km/s"}, "'5 km / s' is in km / s, expected g / cm3"),
+        ({"volume": np.ones((3, 3, 3))}, "need a Volume first, got ndarray"),
+    ],
+)
+def test_what_makes_no_sense(asked, message):
+    with pytest.raises(vm.InputError, match=message):
+        vm.measure(**{"volume": gas(), "quantities": "density", **asked})
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
         (lambda: vm.regions.Sphere((0, 0), 1), "center must be three"),
         (lambda: vm.regions.Sphere((0, 0, 0), -1), "radius must be positive"),
         (lambda: vm.regions.Box((0, 0, 0), (1, 0, 1)), "low must be below high"),
@@ -280,17 +248,8 @@ def test_what_makes_no_sense():
         (lambda: vm.regions.DoubleCone((0, 0, 0), (0, 0, 1), 120), "up to 90"),
         (lambda: vm.regions.DoubleCone((0, 0, 0), (0, 0, 1), 20, side="left"), "side must be"),
         (lambda: vm.regions.Sphere((0, 0, 0), 1) & 3, "another region"),
-    ]:
-        with pytest.raises(vm.InputError, match=told):
-            make()
-
-
-@pytest.mark.parametrize("maps", [False, True])
-def test_single_precision_fields_are_summed_in_double(maps):
-    grid = GRIDS["cartesian"]
-    a = RNG.random(grid.shape, dtype=np.float32)
-    found = vm.measure(vm.Volume(grid, a=a), {"m": "0.1 * a**2"}, camera=CAMERA, maps=maps)["m"]
-    expected = (0.1 * a.astype(float) ** 2 * grid.cell_volumes).sum()
-    assert float(found.value if hasattr(found, "value") else found) == pytest.approx(
-        expected, rel=1e-13
-    )
+    ],
+)
+def test_regions_that_make_no_sense(make, message):
+    with pytest.raises(vm.InputError, match=message):
+        make()

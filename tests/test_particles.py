@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.backend import get_backend
 from voluminous.particles import KERNELS
 from voluminous.particles.inputs import smoothing_lengths
 from voluminous.particles.octree import Base, Refinement, octree_around
-from voluminous.particles.smoothed import KernelWeights, Overlaps, nodes_of
+from voluminous.particles.smoothed import Overlaps, nodes_of
 
 BOX = ((0, 1), (0, 1), (0, 1))
 
@@ -227,12 +226,12 @@ def test_overlaps_are_those_that_a_search_of_all_pairs_finds(seed):
     points, radius = rng.random((30, 3)), rng.uniform(0.01, 0.3, 30)
     base = Base.within(np.array(BOX, float))
     grid = octree_around(base, points, Refinement(1, radius / 4))
-    overlaps = Overlaps(nodes := nodes_of(grid), points, radius, get_backend("cpu", "double"))
+    overlaps = Overlaps(nodes := nodes_of(grid), points, radius, KERNELS["cubic"])
     counts = overlaps.counts(0, 30)
-    pairs = overlaps.pairs(0, counts)
+    particle, node = overlaps.pairs(0, counts)
     low, high = grid.corners()
     for k in range(30):
-        found = pairs.node[pairs.particle == k]
+        found = node[particle == k]
         assert len(found) == counts[k]
         away = np.maximum(np.maximum(low.T - points[k], points[k] - high.T), 0)
         expected = np.flatnonzero((away**2).sum(axis=1) < radius[k] ** 2)
@@ -254,13 +253,13 @@ def _leaves_in(nodes, node):
 def test_weights_are_the_integrals_of_kernels_over_cells(name):
     grid = vm.OctreeGrid(*3 * [np.linspace(0, 1, 5)])
     point, radius = np.array([[0.53, 0.41, 0.47]]), np.array([0.45])
-    overlaps = Overlaps(nodes_of(grid), point, radius, get_backend("cpu", "double"))
+    overlaps = Overlaps(nodes_of(grid), point, radius, KERNELS[name])
     pairs = overlaps.pairs(0, overlaps.counts(0, 1))
-    weights = KernelWeights(overlaps, KERNELS[name]).of(pairs)
+    weights = overlaps.weights(*pairs)
     low, high = grid.corners()
     fine = (np.arange(24) + 0.5) / 24
     offsets = np.stack(np.meshgrid(fine, fine, fine, indexing="ij"), axis=-1).reshape(-1, 3)
-    for node, weight in zip(pairs.node, weights, strict=True):
+    for node, weight in zip(pairs[1], weights, strict=True):
         places = low[:, node] + offsets * (high - low)[:, node]
         r = np.linalg.norm(places - point, axis=1)
         expected = kernel_value(name, r, 0.45).mean() * 0.25**3

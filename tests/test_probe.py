@@ -177,12 +177,6 @@ def test_points_of_the_image_plane():
     by_point = vm.probe(volume, MEDIUM, SIDE, at=at, scheme="first-order")
     assert by_point.pixel == (5, 1)
     np.testing.assert_allclose(by_point.intensity, by_pixel.intensity, rtol=1e-5)
-    # Between pixels: the centre of the fourth sub-pixel of two by two.
-    sixteenth = vm.Orthographic(63, 21, resolution=(14, 10))
-    fine = vm.render(volume, MEDIUM, sixteenth, scheme="first-order")
-    u2, v2 = fine.x[7], fine.y[5]
-    found = vm.probe(volume, MEDIUM, SIDE, at=(u2, v2), scheme="first-order")
-    np.testing.assert_allclose(found.intensity, fine.intensity[5, 7], rtol=1e-5)
 
 
 def test_a_ray_that_misses_sees_the_background():
@@ -193,18 +187,6 @@ def test_a_ray_that_misses_sees_the_background():
     np.testing.assert_array_equal(found.intensity, [0.25, 2.0])
     assert "meets nothing" in str(found)
     found.plot()
-
-
-def test_a_ray_stops_where_the_picture_stops():
-    volume = volume_on(GRIDS["cartesian"])
-    thick = vm.Coefficients("a", "9 * b")
-    image = vm.render(volume, thick, SIDE, scheme="first-order", background=1.0)
-    found = vm.probe(volume, thick, SIDE, (3, 2), scheme="first-order", background=1.0)
-    whole = vm.probe(volume, thick, SIDE, (3, 2), scheme="first-order", cutoff=0, background=1.0)
-    assert found.stopped
-    assert not whole.stopped
-    assert len(found) < len(whole)
-    np.testing.assert_allclose(found.intensity, image.intensity[2, 3], rtol=1e-6)
 
 
 def test_empty_cells_are_told_and_wide_steps_are_those_of_the_picture():
@@ -245,15 +227,6 @@ def test_tables_and_plots(tmp_path):
     frame = found.to_pandas()
     assert isinstance(frame, pandas.DataFrame)
     np.testing.assert_array_equal(frame["gathered_0"], found.gathered[:, 0])
-
-
-def test_the_text_is_short_unless_all_is_asked_for():
-    volume = volume_on(GRIDS["cartesian"])
-    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), scheme="first-order")
-    short, long = found.text(4).splitlines(), found.text(None).splitlines()
-    assert len(long) - len(short) == len(found) - 5
-    assert f"… {len(found) - 4} segments …" in found.text(4)
-    assert all(",".join(map(str, index)) in found.text(None) for index in found.index)
 
 
 @pytest.mark.parametrize(

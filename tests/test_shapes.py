@@ -7,12 +7,12 @@ import contextlib
 import numpy as np
 import pytest
 from astropy import units as u
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from matplotlib.path import Path
 
 import voluminous as vm
-from voluminous.measuring.shapes import Aperture, polygon_of, region_of
+from voluminous.measuring.shapes import aperture_weights, polygon_of, region_of
 from voluminous.regions import Box, Cylinder, DoubleCone, Sphere
 
 POINTS = np.random.default_rng(0).uniform(-2, 2, (3, 4000))
@@ -78,6 +78,7 @@ def test_pixels_that_a_polygon_cuts_count_by_their_points(corners, pixels):
     camera = vm.Orthographic(width=(4, 4), resolution=pixels, shift=(0.1, -0.2))
     frame = camera.frame(vm.CartesianGrid.uniform(2, (-1, 1)))
     nx, ny = pixels
+    assume((len(corners), 2) != (ny, nx))  # would be a number per pixel
     corners = np.add(corners, (0.0013, 0.0027))  # no side goes along points
     x, y = (
         shift + 4 * ((np.arange(16 * n) + 0.5) / (16 * n) - 0.5)
@@ -85,7 +86,7 @@ def test_pixels_that_a_polygon_cuts_count_by_their_points(corners, pixels):
     )
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     inside = Path(corners).contains_points(points).reshape(ny, 16, nx, 16)
-    found = Aperture(corners, frame, None).weights()
+    found = aperture_weights(corners, frame, None)
     # A point on a side is inside or not by rounding.
     np.testing.assert_allclose(found, inside.mean(axis=(1, 3)), atol=16.5 / 256)
 

@@ -333,7 +333,7 @@ def test_angles_in_single_precision_still_close():
     ("arguments", "told"),
     [
         (([-1, 1],), "r edges must not be negative; the first is -1"),
-        (([1, 1],), "r edges must increase strictly; edge 1 is 1"),
+        (([1, 1],), "r edges must increase strictly; edge 0 is 1 and edge 1 is 1"),
         (([1],), "r edges must be a 1-D array of at least two"),
         (([1, np.nan],), "r edges must be finite; edge 1 is nan"),
         ((["a", "b"],), "r edges must be numbers"),

@@ -28,15 +28,12 @@ def test_curves_rise_from_black_to_white_and_have_an_inverse(stretch):
     np.testing.assert_allclose(shown[[0, -1]], [0, 1], atol=1e-14)
     assert (np.diff(shown) > 0).all()
     np.testing.assert_allclose(bend.inverse(shown), v, atol=1e-13)
-
-
-def test_stretches_are_what_their_names_say():
-    v = np.linspace(0, 1, 11)
-    np.testing.assert_allclose(curve("sqrt").forward(v), v**0.5)
-    np.testing.assert_allclose(curve("gamma").forward(v), v ** (1 / 2.2))
-    np.testing.assert_allclose(curve(3).forward(v), np.cbrt(v))
-    np.testing.assert_allclose(curve("asinh", 0.2).forward(v), np.arcsinh(v / 0.2) / np.arcsinh(5))
-    np.testing.assert_allclose(curve("log", 0.2).forward(v), np.log1p(v / 0.2) / np.log(6))
+    expected = {"sqrt": np.sqrt(v), "gamma": v ** (1 / 2.2), 0.4: v**2.5}
+    expected |= {
+        "asinh": np.arcsinh(10 * v) / np.arcsinh(10),
+        "log": np.log1p(100 * v) / np.log(101),
+    }
+    np.testing.assert_allclose(shown, expected.get(stretch, shown), rtol=1e-12)
 
 
 @settings(deadline=None)
@@ -66,31 +63,12 @@ def test_clipping_treats_every_colour_on_its_own(values, exposure):
     np.testing.assert_allclose(shown, np.minimum(values * exposure, 1), rtol=1e-6)
 
 
-def test_linear_shows_intensities_as_they_are():
-    values = np.random.default_rng(0).random((3, 4, 3), dtype=np.float32)
-    np.testing.assert_array_equal(Image(values).to_rgb(exposure=1), values)
-
-
-@settings(deadline=None)
-@given(st.floats(1e-30, 1e30))
-def test_automatic_exposure_does_not_depend_on_the_unit_of_intensity(factor):
-    values = np.random.default_rng(1).random((5, 6, 3))
-    shown = Image(values * factor).to_rgb()
-    np.testing.assert_allclose(shown, Image(values).to_rgb(), rtol=1e-6)
-
-
 def test_automatic_exposure_leaves_one_lit_pixel_in_a_thousand_beyond_white():
     values = np.zeros((200, 100, 3))
     values[:100, :, 1] = np.arange(1.0, 10001).reshape(100, 100)  # half of the picture is lit
-    shown = Image(values).to_rgb()[..., 1]
+    shown = Image(values * 1e-25).to_rgb()[..., 1]
     assert (shown == 1).sum() == 10
     assert shown[99, 89] == pytest.approx(9990 / 9990.001, rel=1e-6)
-
-
-def test_a_star_does_not_darken_the_rest():
-    values = np.full((100, 100, 3), 0.5)
-    values[50, 50] = 1e9
-    assert Image(values).to_rgb()[0, 0] == pytest.approx([1, 1, 1])
 
 
 def test_pixels_without_a_number():
@@ -111,44 +89,27 @@ def test_white_and_black_points():
     np.testing.assert_array_equal(Image(values).to_rgb(vmin=2, exposure=0.25)[0, :, 0], shown)
 
 
-def test_one_channel_is_grey():
-    values = np.random.default_rng(2).random((3, 4, 2))
-    shown = Image(values).to_rgb(exposure=1, channels=1)
-    np.testing.assert_array_equal(shown, np.repeat(values[..., 1:], 3, axis=-1).astype("f4"))
-
-
-def test_two_channels_are_orange_and_blue():
-    shown = Image([[[1.0, 0.0], [0.0, 1.0]]]).to_rgb(exposure=1)
-    red, green, blue = shown[0, 0]
-    assert red > green > blue
-    red, green, blue = shown[0, 1]
-    assert blue > green > red
-
-
 def test_channels_can_be_chosen_and_mixed():
     values = np.random.default_rng(5).random((3, 4, 5))
     image = Image(values)
+    grey = image.to_rgb(exposure=1, channels=1)
+    np.testing.assert_array_equal(grey, np.repeat(values[..., 1:2], 3, axis=-1).astype("f4"))
     swapped = image.to_rgb(exposure=1, channels=(4, 0, 2))
     np.testing.assert_allclose(swapped, values[..., [4, 0, 2]], rtol=1e-6)
     mix = np.array([[0.1, 0.2, 0.3], [0.3, 0.1, 0.0]])
     mixed = image.to_rgb(exposure=1, channels=(1, 3), mix=mix)
     np.testing.assert_allclose(mixed, values[..., [1, 3]] @ mix, rtol=1e-6)
+    orange, blue = Image([[[1.0, 0.0], [0.0, 1.0]]]).to_rgb(exposure=1)[0]
+    assert orange[0] > orange[1] > orange[2]
+    assert blue[2] > blue[1] > blue[0]
 
 
-def test_colormap_is_matplotlibs():
-    values = np.random.default_rng(6).random((3, 4))
-    shown = Image(values).to_rgb(colormap="inferno", vmin=0, vmax=1)
-    expected = matplotlib.colormaps["inferno"](values)[..., :3]
-    np.testing.assert_allclose(shown, expected, atol=1e-7)
-    by_object = Image(values).to_rgb(colormap=matplotlib.colormaps["inferno"], vmin=0, vmax=1)
-    np.testing.assert_array_equal(by_object, shown)
-
-
-def test_colormap_spans_the_values_by_default():
+def test_colormap_is_matplotlibs_and_spans_the_values_by_default():
     table = matplotlib.colormaps["viridis"]
-    shown = Image([[3.0, 4.0, np.inf, -np.inf, 5.0]]).to_rgb(colormap="viridis")[0]
-    ends = np.array([table(v)[:3] for v in (0.0, 0.5, 1.0)])
-    np.testing.assert_allclose(shown, ends[[0, 1, 2, 0, 2]], atol=1e-7)
+    for colormap in ("viridis", table):
+        shown = Image([[3.0, 4.0, np.inf, -np.inf, 5.0]]).to_rgb(colormap=colormap)[0]
+        ends = np.array([table(v)[:3] for v in (0.0, 0.5, 1.0)])
+        np.testing.assert_allclose(shown, ends[[0, 1, 2, 0, 2]], atol=1e-7)
 
 
 def test_colormap_norms():
@@ -172,18 +133,13 @@ def test_background_is_seen_through_the_transparency():
     ("options", "message"),
     [
         ({"exposure": 0}, "exposure must be greater than 0"),
-        ({"exposure": np.nan}, "exposure must be finite"),
         ({"exposure": "bright"}, "exposure must be a number"),
         ({"exposure": 1, "vmax": 1}, "not both"),
         ({"vmin": 2, "vmax": 1}, "above vmin"),
         ({"stretch": -1}, "stretch must be greater than 0"),
         ({"stretch": "sqrt", "softening": 0.1}, "softening is for"),
-        ({"stretch": ["log"], "softening": 0.1}, "softening is for"),
-        ({"stretch": "log", "softening": 0}, "softening must be greater than 0"),
         ({"channels": 4}, "integers from 0 to 3"),
-        ({"channels": (0, -1)}, "integers from 0 to 3"),
         ({"channels": 0.5}, "integers from 0 to 3"),
-        ({"channels": ()}, "integers from 0 to 3"),
         ({"mix": np.eye(3)}, r"shape \(4, 3\)"),
         ({"mix": [["a"] * 3] * 4}, "numbers"),
         ({"colormap": "gray"}, "choose one with channels"),
@@ -194,7 +150,6 @@ def test_background_is_seen_through_the_transparency():
         ({"colormap": "gray", "channels": 0, "norm": "log", "stretch": "sqrt"}, "not both"),
         ({"colormap": "gray", "channels": 0, "norm": "log", "vmin": 0}, "positive"),
         ({"colormap": "gray", "channels": 0, "vmin": 2, "vmax": 1}, "less than vmax"),
-        ({"colormap": "gray", "channels": 0, "exposure": 1, "vmax": 1}, "not both"),
         ({"norm": "log"}, "norm belongs to a colormap"),
         ({"background": "white"}, "transparency is known"),
     ],
@@ -247,8 +202,8 @@ def test_one_channel_of_both_signs_is_blue_white_and_red():
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("scale", [1.0, 1e-30, 3e35])
-@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("scale", [1e-30, 3e35])
+@pytest.mark.parametrize("channels", [1, 2, 4])
 @pytest.mark.parametrize("signed", [False, True])
 def test_the_exposure_that_was_taken_repeats_the_picture(channels, scale, dtype, signed):
     rng = np.random.default_rng(channels)
@@ -257,13 +212,6 @@ def test_the_exposure_that_was_taken_repeats_the_picture(channels, scale, dtype,
     values[3, 4] = np.nan
     image = Image(values.astype(dtype))
     np.testing.assert_array_equal(image.to_rgb(exposure=image.exposure), image.to_rgb())
-
-
-def test_the_exposure_of_one_frame_shows_equal_intensities_of_another_alike():
-    first, second = Image(np.full((2, 2, 3), 0.5)), Image([[[0.25] * 3, [1.0] * 3]])
-    assert first.exposure == 2.0
-    np.testing.assert_array_equal(second.to_rgb(exposure=first.exposure)[0, 0], 0.5)
-    assert Image(np.zeros((2, 2))).exposure == 1.0
 
 
 def test_intensities_are_shown_as_they_are():

@@ -53,13 +53,14 @@ def same(found, expected):
 @pytest.fixture
 def launches(monkeypatch):
     """Return a list that grows whenever something is drawn without tracing it."""
-    drawn, plain = [], kept.CompiledBatch.draw
+    drawn, plain = [], kept.KernelCache.draw
 
-    def draw(self, drawing, batch, rows):
-        drawn.append(len(batch.lanes.target))
-        return plain(self, drawing, batch, rows)
+    def draw(self, tracer, batch, rows):
+        cached = plain(self, tracer, batch, rows)
+        drawn.extend([len(batch.lanes.target)] * cached)
+        return cached
 
-    monkeypatch.setattr(kept.CompiledBatch, "draw", draw)
+    monkeypatch.setattr(kept.KernelCache, "draw", draw)
     return drawn
 
 

@@ -248,6 +248,22 @@ def _as_float(value: Any, what: str) -> Any:
     return float(array) if array.ndim == 0 else array
 
 
+def described(value: Any) -> Any:
+    """Return a value as plain ones: quantities as texts such as "1.0 pc"."""
+    if is_quantity(value):
+        name = unit_name(parse_unit(value.unit))
+        return _texts(np.asarray(value.value, dtype=np.float64).tolist(), name)
+    if isinstance(value, (list, tuple)):
+        return [described(v) for v in value]
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+
+
+def _texts(numbers: Any, unit: str) -> Any:
+    if isinstance(numbers, list):
+        return [_texts(n, unit) for n in numbers]
+    return f"{numbers!r} {unit}" if unit else numbers
+
+
 def is_count(number: Any, most: int) -> bool:
     """Return whether something is a positive whole number below `most`, of whatever type."""
     real = isinstance(number, Real)

@@ -16,17 +16,18 @@ from ..backend import Mask, dr
 from ..backend.types import Float
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, extremes, lowered, raised
-from ..grids.curvilinear.edges import FULL_CIRCLE
+from ..grids.curvilinear.grid import FULL_CIRCLE
+from ..grids.curvilinear.surfaces import Arithmetic
 
 _EPS = float(np.finfo(np.float64).eps)
 # Rounding errors of a point of a ray, and of the derivatives of fields, in ε.
 _LOSS = 16.0
-# Rounding puts points above their wall below it by less (as `grids.curvilinear.arithmetic` has it).
+# Rounding puts points above their wall below it by less (as `grids.curvilinear.surfaces` has it).
 _BELOW = -1e-3
 
 
-class JetArithmetic:
-    """What own coordinates are computed with; see `grids.curvilinear.arithmetic.Arithmetic`."""
+class JetArithmetic(Arithmetic):
+    """What own coordinates are computed with; see `grids.curvilinear.surfaces.Arithmetic`."""
 
     def __init__(self, ops: TracedJetOps, real: Any) -> None:
         self.ops, self.real = ops, real

@@ -10,7 +10,7 @@ import numpy as np
 from ..backend import from_host, get_backend
 from ..errors import InputError, UnitsError, unknown_name
 from ..evaluation import Evaluation
-from ..expressions import Expression, Margin
+from ..expressions import Expression
 from ..fields import split_unit, unit_quantity
 from ..media import Coefficients, Context, Isosurface, Medium
 from ..media.function import Function
@@ -71,7 +71,7 @@ class GivenValues(Evaluation):
 class _Given(Context):
     """Evaluates expressions; those that are given as a whole are looked up."""
 
-    def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
+    def evaluate(self, expression: Expression, fields: dict[str, Any]) -> Any:
         found = fields.get(expression.text)
         return super().evaluate(expression, fields) if found is None else found
 

@@ -1,4 +1,4 @@
-"""Vectors and lengths that a camera is given, with or without units."""
+"""The contract of a camera: pixels and rays; and the vectors and lengths that one is given."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..backend.types import Float
 from ..errors import InputError
 from ..grids.contract import Ray
-from ..units import as_given, degrees, is_count, is_quantity, parse_unit, plain, unit_name, unit_of
+from ..units import Unit, degrees, is_count, plain, unit_of
 from ..value import Value
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frame:
-    """A camera put before a volume: its pixels and its rays, as plain numbers.
+    """Pixels and rays of a camera before a volume, as plain numbers.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class Frame:
         """Width and height of a pixel."""
         return self.width[0] / self.pixels[0], self.width[1] / self.pixels[1]
 
-    def traced_vectors(self, backend: Backend) -> list[list[Any]]:
+    def traced_vectors(self, backend: Backend) -> list[list[Float]]:
         """Return the vectors as `Camera.rays` takes them: run-time numbers of a kernel."""
         return [[backend.wide(c) for c in vector] for vector in self.vectors]
 
@@ -58,7 +59,7 @@ class Frame:
 
 
 class Camera(Value):
-    """Where rays come from. A camera is plain data until it meets a volume."""
+    """Where rays come from; plain data, without a volume."""
 
     #: Unit of the image plane: "" stands for the volume's length unit.
     plane_unit = ""
@@ -75,7 +76,7 @@ class Camera(Value):
         """
         raise NotImplementedError
 
-    def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
+    def rays(self, vectors: list[list[Float]], u: Float, v: Float) -> Ray:
         """Return the rays through image-plane points; traced into the kernel.
 
         ``origin + t direction`` runs away from the camera.
@@ -85,24 +86,17 @@ class Camera(Value):
     def key(self) -> Hashable:
         """Return what decides how `rays` is traced, besides the numbers it is given.
 
-        What was traced is launched again for an equal key; None, if nothing is known, means never.
+        Kernels are used again for an equal key; never, if it is None.
         """
         return None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
-        """Return unit vectors that point from the observer to points, and beyond.
+        """Return unit vectors from the observer to points, and beyond; zero at the observer.
 
         Parameters
         ----------
         points : float64 array, shape (3, n)
-            In the grid's unit.
-        grid : grid
-            What is looked at.
-
-        Returns
-        -------
-        float64 array, shape (3, n)
-            Zero where the observer is.
+            In the unit of the grid; the result has the same shape.
 
         Raises
         ------
@@ -120,9 +114,7 @@ class Camera(Value):
         Parameters
         ----------
         points : float64 array, shape (3, n)
-            In the grid's unit.
-        grid : grid
-            What is looked at.
+            In the unit of the grid.
 
         Returns
         -------
@@ -141,16 +133,16 @@ class Camera(Value):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return type and arguments as plain values: what a scene file says of the camera."""
+        """Return type and arguments as plain values, as in a scene file."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
-        return f"{type(self).__name__}({told})"
+        arguments = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
+        return f"{type(self).__name__}({arguments})"
 
 
 def check_camera(camera: Any, who: str) -> None:
-    """Refuse what is no camera, and a class of them."""
+    """Refuse other objects, and classes of cameras."""
     made = not isinstance(camera, type)
     if not (made and hasattr(camera, "frame") and hasattr(camera, "rays")):
         raise InputError(
@@ -163,15 +155,11 @@ def pixel_counts(resolution: Any) -> tuple[int, int]:
     """Return (nx, ny) from a whole number or a pair of them."""
     listed = isinstance(resolution, (list, tuple)) or np.ndim(resolution) == 1
     pair = tuple(resolution) if listed else (resolution, resolution)
-    if len(pair) != 2 or any(not _is_count(n) for n in pair):
+    if len(pair) != 2 or any(isinstance(n, bool) or not is_count(n, 1 << 63) for n in pair):
         raise InputError(
             f"resolution must be a positive whole number or (nx, ny), got {resolution!r}"
         )
     return int(pair[0]), int(pair[1])
-
-
-def _is_count(n: Any) -> bool:
-    return not isinstance(n, bool) and is_count(n, 1 << 63)
 
 
 def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, float]:
@@ -188,28 +176,9 @@ def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, f
     return float(size[0]) * nx / longest, float(size[0]) * ny / longest
 
 
-def point(value: Any, unit: Any, what: str) -> np.ndarray:
-    """Return a point as three floats in `unit`."""
-    return as_vector(plain(value, unit, what), 3, what)
-
-
-def vector_of(value: Any, what: str) -> np.ndarray:
-    """Return three plain floats, whatever their unit: only the direction counts."""
-    return as_vector(plain(value, unit_of(value), what), 3, what)
-
-
-def common_unit(value: Any, what: str) -> Any:
-    """Return the unit of all lengths of a vector; None for plain numbers."""
-    unit = unit_of(as_given(value, what))
-    parts = value if unit is not None and isinstance(value, (list, tuple)) else ()
-    if any(unit_of(part) is None and np.any(plain(part, None, what)) for part in parts):
-        raise InputError(f"{what} must have units for all of its numbers or none, got {value!r}")
-    return unit
-
-
-def as_vector(value: Any, length: int, what: str) -> np.ndarray:
-    """Return `length` finite floats."""
-    array = np.asarray(value, dtype=np.float64)
+def vector(value: Any, what: str, *unit: Unit, length: int = 3) -> np.ndarray:
+    """Return finite floats in a unit; without one in their own: only the direction counts."""
+    array = np.asarray(plain(value, unit[0] if unit else unit_of(value), what), dtype=np.float64)
     if array.shape != (length,) or not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be {length} finite numbers, got {value!r}")
     return array
@@ -221,16 +190,3 @@ def finite_degrees(value: Any, what: str) -> float:
     if not np.isfinite(angle):
         raise InputError(f"{what} must be finite, got {angle}")
     return angle
-
-
-def described(value: Any) -> Any:
-    """Return a length or a vector of lengths as plain values: numbers, or texts such as "1 pc"."""
-    if isinstance(value, (list, tuple)) and not all(is_quantity(v) for v in value):
-        return [described(v) for v in value]  # what has no unit is in the volume's
-    unit = unit_of(value)
-    numbers = np.asarray(plain(value, unit, "length"))
-    if unit is None and not is_quantity(value):
-        return numbers.tolist()
-    name = unit_name(parse_unit(unit))
-    texts = [f"{float(n)!r} {name}".strip() for n in np.atleast_1d(numbers)]
-    return texts[0] if numbers.ndim == 0 else texts

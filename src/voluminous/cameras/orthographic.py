@@ -7,22 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..backend.types import Float
 from ..errors import InputError
 from ..grids.contract import Ray
 from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import as_given, is_quantity, plain, unit_of
-from .contract import (
-    Camera,
-    Frame,
-    as_vector,
-    described,
-    finite_degrees,
-    pixel_counts,
-    plane_size,
-    point,
-    vector_of,
-)
+from ..units import as_given, described, is_quantity, plain, unit_of
+from .contract import Camera, Frame, finite_degrees, pixel_counts, plane_size, vector
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -75,18 +66,16 @@ class Orthographic(Camera):
         *,
         shift: Any = (0.0, 0.0),
     ) -> None:
-        self.incl = finite_degrees(incl, "incl")
-        self.phi = finite_degrees(phi, "phi")
+        self.incl, self.phi = finite_degrees(incl, "incl"), finite_degrees(phi, "phi")
         self.posang = finite_degrees(posang, "posang")
         self.resolution = pixel_counts(resolution)
         self.width, self.center = as_given(width, "width"), as_given(center, "center")
         self.shift = as_given(shift, "shift")
         if width is not None:
-            own = unit_of(self.width)
-            plane_size(plain(self.width, own, "width"), self.resolution, "width")
-        as_vector(plain(self.shift, unit_of(self.shift), "shift"), 2, "shift")
+            plane_size(plain(self.width, unit_of(self.width), "width"), self.resolution, "width")
+        vector(self.shift, "shift", length=2)
         if center is not None:
-            point(self.center, unit_of(self.center), "center")
+            vector(self.center, "center")
 
     @classmethod
     def looking(cls, view_direction: Any, up: Any = None, **options: Any) -> Orthographic:
@@ -106,13 +95,13 @@ class Orthographic(Camera):
         InputError
             If the direction is zero, `up` is parallel to it, or an angle is given besides.
         """
-        if told := {"incl", "phi", "posang"} & set(options):
+        if angles := {"incl", "phi", "posang"} & set(options):
             raise InputError(
                 "view_direction takes the place of angles, and up that of posang; leave those "
-                f"out, got also {', '.join(sorted(told))}"
+                f"out, got also {', '.join(sorted(angles))}"
             )
-        incl, phi = angles_towards(-vector_of(view_direction, "view_direction"))
-        posang = 0.0 if up is None else position_angle(incl, phi, vector_of(up, "up"))
+        incl, phi = angles_towards(-vector(view_direction, "view_direction"))
+        posang = 0.0 if up is None else position_angle(incl, phi, vector(up, "up"))
         return cls(incl, phi, posang, **options)
 
     @classmethod
@@ -126,21 +115,20 @@ class Orthographic(Camera):
         view: str | None = None,
         resolution: Any = 400,
     ) -> Orthographic:
-        """Return a camera that sees all that a medium shows, and little around it.
+        """Return a camera around the visible part of a medium.
 
-        Where that is follows from a coarse picture: pixels of more than 2 % of its brightest, but
-        for 0.2 % of their light along each axis. They fill 0.85 of the frame. Where they fill 0.7
-        of a square frame around the whole volume, all of that is seen.
+        It is found in a coarse picture: pixels of more than 2 % of its brightest, except for 0.2 %
+        of their light along each axis. They fill 0.85 of the frame. Where they fill 0.7 of a square
+        frame around the whole volume, the frame is that.
 
         Parameters
         ----------
         volume : Volume
             Grid and fields.
         medium : Medium, optional
-            What is to be seen of them. Without one the frame is around the whole volume: for
-            projections and columns.
+            Without one the frame is around the whole volume: for projections and columns.
         incl, phi, resolution
-            As for `Orthographic`; for angles that are not given see `view`.
+            As for `Orthographic`; see `view` for the default angles.
         view : str, optional
             In place of angles: ``"anterior"``, ``"posterior"``, ``"left"``, ``"right"``,
             ``"superior"`` or ``"inferior"`` for a patient from the front, the back, his left, his
@@ -176,20 +164,22 @@ class Orthographic(Camera):
         return framed
 
     def frame(self, grid: Grid) -> Frame:
-        bounds = grid.bounds
-        middle = bounds.mean(axis=1)
-        center = middle if self.center is None else point(self.center, grid.unit, "center")
+        bounds, (nx, ny) = grid.bounds, self.resolution
+        center = bounds.mean(axis=1)
+        if self.center is not None:
+            center = vector(self.center, "center", grid.unit)
         axes = image_axes(self.incl, self.phi, self.posang)
-        if self.width is None:
-            size = _framing(bounds, center, axes, self.resolution)
+        if self.width is None:  # all corners of the domain are visible, pixels square
+            corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T - center
+            half = np.abs(corners @ axes[:2].T).max(axis=0)
+            pixel = max(2.0 * half[0] / nx, 2.0 * half[1] / ny)
+            size = pixel * nx, pixel * ny
         else:
-            width = plain(self.width, grid.unit, "width")
-            size = plane_size(width, self.resolution, "width")
-        shift = as_vector(plain(self.shift, grid.unit, "shift"), 2, "shift")
-        vectors = np.stack([center, axes[0], axes[1], -axes[2]])
-        return Frame(self.resolution, size, (float(shift[0]), float(shift[1])), vectors)
+            size = plane_size(plain(self.width, grid.unit, "width"), self.resolution, "width")
+        x, y = vector(self.shift, "shift", grid.unit, length=2).tolist()
+        return Frame(self.resolution, size, (x, y), np.stack([center, *axes[:2], -axes[2]]))
 
-    def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
+    def rays(self, vectors: list[list[Float]], u: Float, v: Float) -> Ray:
         center, ex, ey, away = vectors
         origin = [c + u * x + v * y for c, x, y in zip(center, ex, ey, strict=True)]
         return Ray(origin, list(away))
@@ -207,23 +197,12 @@ class Orthographic(Camera):
         return u, v, depth
 
     def describe(self) -> dict[str, Any]:
-        told = {"type": "orthographic", "incl": self.incl, "phi": self.phi, "posang": self.posang}
-        told["resolution"] = list(self.resolution)
-        for name in ("width", "center"):
-            if getattr(self, name) is not None:
-                told[name] = described(getattr(self, name))
-        if is_quantity(self.shift) or any(
-            np.asarray(plain(self.shift, unit_of(self.shift), "shift"))
-        ):
-            told["shift"] = described(self.shift)
-        return told
-
-
-def _framing(
-    bounds: np.ndarray, center: np.ndarray, axes: np.ndarray, pixels: tuple[int, int]
-) -> tuple[float, float]:
-    """Return the image size that shows all corners of the domain, with square pixels."""
-    corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T - center
-    half = np.abs(corners @ axes[:2].T).max(axis=0)
-    pixel = max(2.0 * half[0] / pixels[0], 2.0 * half[1] / pixels[1])
-    return pixel * pixels[0], pixel * pixels[1]
+        values = {"type": "orthographic", "incl": self.incl, "phi": self.phi, "posang": self.posang}
+        values["resolution"] = list(self.resolution)
+        if self.width is not None:
+            values["width"] = described(self.width)
+        if self.center is not None:
+            values["center"] = described(self.center)
+        if is_quantity(self.shift) or np.any(vector(self.shift, "shift", length=2)):
+            values["shift"] = described(self.shift)
+        return values

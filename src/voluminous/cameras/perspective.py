@@ -8,22 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float
 from ..errors import InputError, check_name
 from ..grids.contract import Ray
 from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import as_given, degrees, radians, unit_of
-from .contract import (
-    Camera,
-    Frame,
-    common_unit,
-    described,
-    finite_degrees,
-    pixel_counts,
-    plane_size,
-    point,
-    vector_of,
-)
+from ..units import as_given, degrees, described, plain, radians, unit_of
+from .contract import Camera, Frame, finite_degrees, pixel_counts, plane_size, vector
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -31,7 +22,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 PROJECTIONS = ("flat", "spherical")
-# Digits that rounding may take from the direction to a target: 43 are left, 1e-13 of it.
+# Bits that rounding may take from the direction to a target: 43 are left, 1e-13 of it.
 _BITS = 10
 # RADMC-3D's degree for the zenith angle.
 _ZENITH_DEGREE = 57.295780
@@ -96,26 +87,20 @@ class Perspective(Camera):
         if up is not None and posang is not None:
             raise InputError("give up (a direction) or posang (an angle), not both")
         self.position, self.target = as_given(position, "position"), as_given(target, "target")
-        vector_of(self.position, "position"), vector_of(self.target, "target")
+        position, looked_at = (
+            vector(p, name) for p, name in ((self.position, "position"), (self.target, "target"))
+        )
         self.projection = projection
         self.resolution = pixel_counts(resolution)
         self.zenith = finite_degrees(zenith, "zenith")
         self.posang = 0.0 if posang is None else finite_degrees(posang, "posang")
-        self.up = None if up is None else vector_of(up, "up")
-        self._refuse_no_direction()
+        self.up = None if up is None else vector(up, "up")
+        if unit_of(self.position) == unit_of(self.target):  # else it depends on the volume's unit
+            self._axes(position, looked_at)
         size = _screen(45.0 if fov is None else fov, projection) if width is None else width
         self.width = plane_size(radians(size, "width"), self.resolution, "width")
         if projection == "spherical" and max(self.width) > 2.0 * np.pi * (1.0 + 1e-12):
             raise InputError(f"a dome is at most 2π radians wide, got {max(self.width):g}")
-
-    def _refuse_no_direction(self) -> None:
-        """Refuse an observer that looks nowhere, as far as that shows before there is a volume.
-
-        A point with a unit and a plain one can only be compared in the volume's unit.
-        """
-        unit = unit_of(self.position)
-        if unit == unit_of(self.target):
-            self._axes(*(vector_of(p, "point") for p in (self.position, self.target)))
 
     def _axes(self, position: np.ndarray, target: np.ndarray) -> np.ndarray:
         if np.array_equal(position, target):
@@ -127,10 +112,17 @@ class Perspective(Camera):
     @classmethod
     def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
         """Return a camera from where it is and the direction it looks into."""
-        direction = vector_of(view_direction, "view_direction")
-        unit = common_unit(position, "position")
-        eye = vector_of(position, "position")
-        target = eye + _not_lost(direction, eye)
+        unit = unit_of(as_given(position, "position"))
+        parts = position if unit is not None and isinstance(position, (list, tuple)) else ()
+        if any(unit_of(p) is None and np.any(plain(p, None, "position")) for p in parts):
+            raise InputError(
+                f"position must have units for all of its numbers or none, got {position!r}"
+            )
+        eye, direction = vector(position, "position"), vector(view_direction, "view_direction")
+        # A step of one is lost in rounding where coordinates are 1e18, as in centimetres. Powers of
+        # two change no digit of it.
+        (_, far), (_, near) = (np.frexp(np.abs(v).max()) for v in (eye, direction))
+        target = eye + np.ldexp(direction, max(0, int(far) - int(near) - _BITS))
         return cls(position, target if unit is None else target * unit, **options)
 
     @classmethod
@@ -145,10 +137,10 @@ class Perspective(Camera):
         fov: Any = None,
         resolution: Any = 400,
     ) -> Perspective:
-        """Return a camera that sees all that a medium shows from nearby, and little around it.
+        """Return a camera near the visible part of a medium.
 
-        It looks at the middle of the frame of `Orthographic.framing`, from where a cube as wide as
-        that frame fills the picture.
+        It looks at the middle of the frame of `Orthographic.framing`, and a cube as wide as that
+        frame fills the picture.
 
         Parameters
         ----------
@@ -175,15 +167,15 @@ class Perspective(Camera):
         return cls(position, target, angle, up=up, resolution=resolution)
 
     def frame(self, grid: Grid) -> Frame:
-        position = point(self.position, grid.unit, "position")
-        target = point(self.target, grid.unit, "target")
+        position = vector(self.position, "position", grid.unit)
+        target = vector(self.target, "target", grid.unit)
         axes = self._axes(position, target)
         tilt = self.zenith / _ZENITH_DEGREE
         c, s = np.cos(tilt), np.sin(tilt)
         tilted = np.stack([axes[0], c * axes[1] + s * axes[2], -s * axes[1] + c * axes[2]])
         return Frame(self.resolution, self.width, (0.0, 0.0), np.vstack([position, tilted]))
 
-    def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
+    def rays(self, vectors: list[list[Float]], u: Float, v: Float) -> Ray:
         position, ex, ey, ez = vectors
         if self.projection == "flat":
             inverse = 1.0 / dr.sqrt(1.0 + u * u + v * v)
@@ -200,7 +192,7 @@ class Perspective(Camera):
         return ("perspective", self.projection) if type(self) is Perspective else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
-        away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
+        away = np.asarray(points) - vector(self.position, "position", grid.unit)[:, None]
         distance = np.linalg.norm(away, axis=0)
         return np.asarray(away / np.where(distance > 0, distance, 1.0))
 
@@ -219,27 +211,21 @@ class Perspective(Camera):
         return across * stretch, along * stretch, np.hypot(aside, back)
 
     def describe(self) -> dict[str, Any]:
-        told: dict[str, Any] = {"type": "perspective", "projection": self.projection}
-        told["position"], told["target"] = described(self.position), described(self.target)
-        told["width"] = list(self.width)
-        told["resolution"] = list(self.resolution)
+        values: dict[str, Any] = {
+            "type": "perspective",
+            "projection": self.projection,
+            "position": described(self.position),
+            "target": described(self.target),
+            "width": list(self.width),
+            "resolution": list(self.resolution),
+        }
         if self.up is not None:
-            told["up"] = self.up.tolist()
+            values["up"] = self.up.tolist()
         elif self.posang:
-            told["posang"] = self.posang
+            values["posang"] = self.posang
         if self.zenith:
-            told["zenith"] = self.zenith
-        return told
-
-
-def _not_lost(direction: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Return a direction, made longer where a step of its own length would be lost in rounding.
-
-    Such as a step of one where coordinates are 1e18, as in centimetres. Powers of two change no
-    digit of it.
-    """
-    (_, far), (_, near) = (np.frexp(np.abs(v).max()) for v in (position, direction))
-    return np.asarray(np.ldexp(direction, max(0, int(far) - int(near) - _BITS)))
+            values["zenith"] = self.zenith
+        return values
 
 
 def _screen(fov: Any, projection: str) -> float:

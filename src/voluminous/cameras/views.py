@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from ..errors import InputError, check_name
 from ..first_view import FIRST_INCL, FIRST_PHI
 from ..rotation import angles_towards, position_angle
 
-# Into which direction of the patient one looks, and which one is upwards.
+# The directions of view, and the upward ones: in a patient, and in a stack of pictures, of which
+# the first is nearest, with row 0 on top and column 0 on the left.
 _ANATOMICAL = {
     "anterior": ("P", "S"),
     "posterior": ("A", "S"),
@@ -20,18 +22,24 @@ _ANATOMICAL = {
     "superior": ("I", "A"),
     "inferior": ("S", "A"),
 }
-_STACK = "stack"
+_STACK, _INTO_STACK, _UP_STACK = "stack", (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 VIEWS = (*_ANATOMICAL, _STACK)
 # The patient's axes: left, posterior and superior count as positive.
 _AXES = {"L": (0, 1), "R": (0, -1), "P": (1, 1), "A": (1, -1), "S": (2, 1), "I": (2, -1)}
-# Of pictures row 0 is on top, column 0 on the left, and the first one is nearest.
-_INTO_STACK, _UP_STACK = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 
 
 def view_angles(meta: Mapping[str, Any], view: Any = None) -> dict[str, float]:
-    """Return ``incl``, ``phi`` and ``posang`` of a view of a volume."""
+    """Return ``incl``, ``phi`` and ``posang`` of a view of a volume.
+
+    By default from the front, or of a stack, where the volume says so, else obliquely from above.
+    """
     if view is None:
-        return _first(meta)
+        if meta.get("orientation") is not None:
+            with suppress(InputError):  # an orientation that makes no sense
+                return view_angles(meta, "anterior")
+        elif meta.get("y_down"):
+            return view_angles(meta, _STACK)
+        return {"incl": FIRST_INCL, "phi": FIRST_PHI, "posang": 0.0}
     check_name("view", view, VIEWS)
     if view == _STACK:
         if not meta.get("y_down"):
@@ -50,18 +58,6 @@ def view_angles(meta: Mapping[str, Any], view: Any = None) -> dict[str, float]:
     axes = _patient(code)
     into, up = (axes[letter] for letter in _ANATOMICAL[view])
     return _angles(into, up)
-
-
-def _first(meta: Mapping[str, Any]) -> dict[str, float]:
-    """Return the angles of a first picture; obliquely where an orientation makes no sense."""
-    if meta.get("orientation") is not None:
-        try:
-            return view_angles(meta, "anterior")
-        except InputError:
-            pass
-    elif meta.get("y_down"):
-        return view_angles(meta, _STACK)
-    return {"incl": FIRST_INCL, "phi": FIRST_PHI, "posang": 0.0}
 
 
 def _patient(code: Any) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Tell what one ray of a picture saw, cell by cell."""
+"""Print what one ray of a picture passes through, cell by cell."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Trace the ray and print its cells."""
     from ..measuring import probe
-    from ..measuring.probing.result import check_suffix
+    from ..measuring.probe_result import check_suffix
     from ..progress import progress_bar
     from ..scene.kinds import QUANTITIES
 

@@ -9,7 +9,6 @@ names of their own (`derived_field`). Comparisons are true or false; in
 arithmetic true counts 1 and false 0, and in a logical place any number but 0 is true.
 """
 
-from .analysis import Margin
 from .drjit_ops import DrjitOps
 from .expression import (
     DerivedField,
@@ -32,7 +31,6 @@ __all__ = [
     "DrjitOps",
     "Expression",
     "IntervalOps",
-    "Margin",
     "NumpyOps",
     "Ops",
     "check_names",

@@ -19,21 +19,13 @@ _LOG10_2_LOW = -3.0243555500547861e-6
 
 
 class DrjitOps(Ops):
-    """Evaluation with Dr.Jit arrays, on any backend, following NumPy's floating-point rules.
+    """Evaluation with Dr.Jit arrays of one type, following NumPy's floating-point rules.
 
-    Parameters
-    ----------
-    float_type : type
-        The Dr.Jit type of numbers, for example ``drjit.llvm.Float`` or ``drjit.llvm.ad.Float64``.
-    constant : callable, optional
-        Makes a `float_type` of a constant of the expression. It is called for every constant
-        (``pi``, ``e``, ``true`` and ``false`` included) in the order in which they are written,
-        but for ``a if c else b`` in the order c, a, b. By default constants become part of the
-        machine code; a callable that returns data lets them be turned without compiling again.
-        Exponents that are whole numbers of at most 8, and 0.5, are always part of the code.
+    `constant` makes an array of each constant, in the order in which they are written, but for
+    ``a if c else b`` in the order c, a, b. By default constants become part of the machine code; if
+    it returns data, they can be changed without compiling again. Exponents that are whole numbers
+    of at most 8, and 0.5, are always part of the code.
 
-    Notes
-    -----
     Differences from NumPy, ε being the spacing of numbers at 1:
 
     * Denormal numbers may count as zero, and ``exp`` overflows up to 0.4 before NumPy's does.

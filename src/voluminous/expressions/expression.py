@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import chain, pairwise
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -13,31 +13,36 @@ import numpy as np
 
 from ..errors import ExpressionError, unknown_name
 from ..units import as_quantity, is_quantity, parse_unit
-from .analysis import (
-    Margin,
-    Monotonicity,
-    is_partial,
-    is_smooth,
-    is_stepped,
-    kind_of,
-    margins,
-    may_peak,
-)
+from .analysis import Monotonicity, kind_of
 from .language import marked, one_line
 from .ops import Ops, Value
 from .parser import Vector, parse
 from .tree import (
     Call,
+    Constant,
     Derivative,
+    Earlier,
     Field,
     Node,
     NumberWithUnit,
     Steps,
     field_names,
     in_steps,
+    nodes,
     replaced,
     text,
 )
+
+# Operations without jumps, kinks and oscillations.
+_SMOOTH = {"add", "subtract", "multiply", "divide", "negative", "positive", "log10", "log", "exp"}
+_SMOOTH |= {"sqrt", "tanh", "power", "integer_power"}
+# Operations that may be undefined, infinite or either of two values.
+_PARTIAL = {"divide", "power", "log", "log10", "sqrt", "tan", "remainder", "floor_divide"}
+_PARTIAL |= {"compare"}
+# Operations that may make peaks narrower than any structure of their arguments.
+_PEAKED = {"divide", "exp", "power", "tanh", "sin", "cos", "tan", "atan2", "remainder"}
+_PEAKED |= {"floor_divide", "where", "interp"}
+_ORDER = {"less", "less_equal", "greater", "greater_equal"}
 
 
 class Expression:
@@ -114,44 +119,56 @@ class Expression:
 
     @classmethod
     def of_tree(cls, tree: Node, names: tuple[str, ...], shown: str) -> Expression:
-        """Return the expression of a tree.
+        """Return the expression of a tree, with the fields in it (at least).
 
-        Parameters
-        ----------
-        tree : Node
-        names : tuple of str
-            The fields in it, at least.
-        shown : str
-            Its text: no other expression of the same fields has it.
+        `shown` is its text, which no other expression of the same fields may have.
         """
         self = super().__new__(cls)
         for attribute, value in (("text", shown), ("names", names), ("tree", tree)):
             object.__setattr__(self, attribute, value)
         return self
 
-    def margins(self) -> tuple[Margin, ...]:
+    def margins(self) -> tuple[Expression, ...]:
         """Return the differences of compared values; the expression may jump where one is zero."""
-        return margins(self.tree, self.text)
+        steps = self.tree.steps if isinstance(self.tree, Steps) else ()
+        differences = [
+            Call("subtract", sides)
+            for node in self._calls("compare")
+            for sides in pairwise(in_steps(steps, side) for side in node.arguments)
+        ]
+        return tuple(
+            Expression.of_tree(tree, field_names(tree), f"{self.text}: margin {k}")
+            for k, tree in enumerate(differences)
+        )
 
     @property
     def stepped(self) -> bool:
         """Whether it is a condition that changes only where one of its `margins` is zero."""
-        return is_stepped(self.tree)
+        return _is_stepped(self.tree)
 
     @property
     def smooth(self) -> bool:
         """Whether it has neither jumps, kinks nor oscillations where it is finite."""
-        return is_smooth(self.tree)
+        return all(
+            isinstance(node, (Constant, Field, Earlier, Steps))
+            or (isinstance(node, Call) and node.operation in _SMOOTH)
+            for node in nodes(self.tree)
+        )
 
     @property
     def partial(self) -> bool:
         """Whether it may be undefined, infinite or either of two values for some of its fields."""
-        return is_partial(self.tree)
+        powers = (node.constants[0] for node in self._calls("integer_power"))
+        return any(self._calls(*_PARTIAL)) or any(power < 0 for power in powers)
 
     @property
     def peaked(self) -> bool:
-        """Whether it may have peaks narrower than any structure of its fields."""
-        return may_peak(self.tree)
+        """Whether it may have peaks narrower than any structure of its fields.
+
+        Products and roots of fields have none.
+        """
+        powers = (node.constants[0] for node in self._calls("integer_power"))
+        return any(self._calls(*_PEAKED)) or any(not 0 < power < 4 for power in powers)
 
     def kind(self, curved: Collection[str] = ()) -> Monotonicity:
         """Return whether it is a constant, a sum of fields, monotonic in one, or none of these.
@@ -162,6 +179,11 @@ class Expression:
             Names that are no polynomials along rays, such as the radius.
         """
         return kind_of(self.tree, curved)
+
+    def _calls(self, *operations: str) -> Iterator[Call]:
+        for node in nodes(self.tree):
+            if isinstance(node, Call) and node.operation in operations:
+                yield node
 
     def evaluate(self, ops: Ops, values: Mapping[str, Value]) -> Value:
         """Return the value of the expression.
@@ -207,6 +229,19 @@ class Expression:
         return Expression, (self.text,)
 
 
+def _is_stepped(tree: Node) -> bool:
+    """Return whether a tree is true or false by order comparisons alone."""
+    match tree:
+        case Call("logical_and" | "logical_or" | "logical_not", arguments):
+            return all(map(_is_stepped, arguments))
+        case Call("compare", operands, (operations,)):
+            below = (node for side in operands for node in nodes(side) if isinstance(node, Call))
+            return _ORDER.issuperset(operations) and not any(
+                node.operation in ("compare", "where") for node in below
+            )
+    return False
+
+
 def components(source: str | float | Expression) -> tuple[Expression, ...]:
     """Return the three components of a vector such as ``grad(density)``, else the expression."""
     if isinstance(source, str):
@@ -247,16 +282,10 @@ def _source_text(source: Any) -> str:
 class DerivedField(NamedTuple):
     """A field computed from others, not from their values in the same cell alone.
 
-    Attributes
-    ----------
-    name : str
-        Its name in `Expression.names`.
-    operation : str
-        ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``los``, the component
-        away from the observer; or ``along.x`` and the like, a component of a vector field that is
-        given by others.
-    arguments : tuple of Expression
-        The differentiated expression, or the three components of a vector.
+    `operation` is ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``los``, the
+    component away from the observer; or ``along.x`` and the like, a component of a vector field
+    that is given by others. `arguments` are the differentiated expression, or the three components
+    of a vector; `name` is its name in `Expression.names`.
     """
 
     name: str
@@ -286,7 +315,7 @@ def required_names(expression: Expression) -> tuple[str, ...]:
     for name in expression.names:
         derived = derived_field(name)
         needed = [(name,)] if derived is None else map(required_names, derived.arguments)
-        names |= dict.fromkeys(itertools.chain.from_iterable(needed))
+        names |= dict.fromkeys(chain.from_iterable(needed))
     return tuple(names)
 
 

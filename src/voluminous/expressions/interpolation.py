@@ -18,19 +18,7 @@ from .interval import TablePosition
 def interpolate(
     real: type[Float], x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]
 ) -> list[Float]:
-    """Return the columns interpolated at x (traced by Dr.Jit); NaN where x is.
-
-    Parameters
-    ----------
-    real : type
-        Dr.Jit float type of `x` and of the result.
-    x : array
-        Places.
-    nodes : array, shape (n,)
-        Increasing places of the entries, at least two.
-    columns : sequence of array, shape (n,)
-        The entries.
-    """
+    """Return columns of a table, given at increasing nodes, interpolated at x; NaN where x is."""
     place = locate(x, from_host(real, nodes))
     fraction = dr.select(dr.isnan(x), x, place.fraction)
 

@@ -4,7 +4,7 @@ Rounding goes outward, after Moore, Kearfott & Cloud, *Introduction to Interval 
 chapters 2 and 5. Undefined values (``0/0``) are kept apart from the numbers, in a flag.
 
 One set of rules serves NumPy arrays (`Interval`) and arrays inside kernels (`TracedInterval`); what
-differs is in `Ends`. Kernels round by some ε, which is fast, and wide enough on devices whose
+differs is in `ends`. Kernels round by some ε, which is fast, and wide enough on devices whose
 division is not rounded correctly. On the host the errors of sums, products and quotients are
 computed, so that exact results stay exact: Knuth, *The Art of Computer Programming* II (1997),
 section 4.2.2, and Dekker, *Numerische Mathematik* 18 (1971), 224-242.
@@ -15,7 +15,6 @@ from __future__ import annotations
 import functools
 import itertools
 import operator
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
@@ -25,6 +24,7 @@ import numpy as np
 Array: TypeAlias = Any
 """Ends of intervals: NumPy arrays of float64, or Dr.Jit arrays."""
 Operation: TypeAlias = Callable[[Array, Array], Array]
+_Function: TypeAlias = Callable[..., Array]
 Own = TypeVar("Own", bound="Interval")
 
 # In ε: each of the four operations loses 0.5, and division on a GPU 2.
@@ -35,14 +35,8 @@ _TINY = float(np.finfo(np.float64).tiny)
 class TablePosition(NamedTuple):
     """Where in a table a number lies.
 
-    Attributes
-    ----------
-    passed : integer array
-        How many nodes do not lie above it.
-    upper : integer array
-        The node that ends the piece in which it lies.
-    fraction : float array
-        Its distance from the node before that one, relative to the piece.
+    `passed` nodes do not lie above it, the node `upper` ends the piece in which it lies, and
+    `fraction` is its distance from the node before, relative to the piece.
     """
 
     passed: Array
@@ -50,61 +44,62 @@ class TablePosition(NamedTuple):
     fraction: Array
 
 
-class Ends(ABC):
-    """Arithmetic with ends of intervals, for one kind of arrays."""
+class Ends:
+    """Arithmetic with ends of intervals, here NumPy arrays; `TracedInterval` has that of Dr.Jit."""
 
-    select: Callable[[Array, Array, Array], Array]
-    abs: Callable[[Array], Array]
-    floor: Callable[[Array], Array]
-    ceil: Callable[[Array], Array]
-    log2: Callable[[Array], Array]
-    isfinite: Callable[[Array], Array]
-    fma: Callable[[Array, Array, Array], Array]
-    smaller: Operation
-    """The smaller of two arrays; intervals never have NaN at an end."""
-    larger: Operation
+    select: _Function = staticmethod(np.where)
+    abs: _Function = staticmethod(np.abs)
+    floor: _Function = staticmethod(np.floor)
+    ceil: _Function = staticmethod(np.ceil)
+    log2: _Function = staticmethod(np.log2)
+    isfinite: _Function = staticmethod(np.isfinite)
+    fma: _Function = staticmethod(lambda a, b, c: a * b + c)
+    # Ends are never NaN, but corners such as 0 · inf are; the others then give the range.
+    smaller: _Function = staticmethod(np.fmin)
+    larger: _Function = staticmethod(np.fmax)
 
-    @abstractmethod
     def info(self, value: Array) -> np.finfo[Any]:
         """Return NumPy's description of the floating-point numbers of an array."""
+        return np.finfo(np.float64)
 
-    @abstractmethod
     def locate(self, x: Array, nodes: np.ndarray) -> TablePosition:
         """Return where in a table a number lies."""
+        passed = np.searchsorted(nodes, x, "right")
+        upper = np.clip(passed, 1, len(nodes) - 1)
+        low, high = nodes[upper - 1], nodes[upper]
+        width = high - low
+        inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
+        return TablePosition(passed, upper, np.where(width > 0, inside, np.where(x < high, 0, 1)))
 
-    @abstractmethod
     def data(self, column: np.ndarray, like: Array) -> Array:
         """Return a column of a table as numbers of the same type as some array."""
+        return column
 
-    @abstractmethod
     def gather(self, data: Array, index: Array, active: Array = True) -> Array:
         """Return entries of a column."""
+        return np.take(data, index, mode="clip")
 
-    @abstractmethod
     def two_blocks(self, start: Array, stop: Array, count: int) -> tuple[Array, Array, Array]:
-        """Return two indices into `extremes_of_blocks`, and where entries lie in between.
+        """Return two blocks of a table's entries that together are those from `start` to `stop`.
 
-        Together the two blocks contain the entries from `start` to `stop`.
+        Blocks of 2^k entries are numbered row by row, a row of `count` for each k. The last array
+        is false where there are no entries.
         """
+        level = np.log2(np.maximum(stop - start, 1)).astype(int)
+        return level * count + start, level * count + stop - (1 << level), start < stop
 
     def lowered(self, value: Array, loss: Any = ROUNDING) -> Array:
         """Return a lower limit of a number that was computed with an error of `loss` ε.
 
-        Parameters
-        ----------
-        value : array
-            As computed. The limit of a positive value is never negative. Zero may be an underflow
-            and infinity an overflow.
-        loss : float or array
-            In ε of the value.
+        That of a positive number is never negative. Zero may be an underflow, infinity an overflow.
         """
-        info = self.info(value)
-        # Dr.Jit's functions overflow a little below the largest number, and underflow just above
-        # the smallest normal number.
-        most = 2.0 ** (info.maxexp - 1)
-        capped = self.select(value > most, most, value)
-        moved = self.fma(self.abs(capped), -float(info.eps) * loss, capped) - 2 * float(info.tiny)
-        return self.select((value > 0) & (moved < 0), 0, moved)
+        # Kernels overflow a little below the largest number, and underflow just above the smallest
+        # normal number.
+        most, eps = 2.0**1023, float(np.finfo(np.float64).eps)
+        capped = np.minimum(value, most)
+        moved = capped - np.abs(capped) * (eps * loss) - 2 * _TINY
+        moved = np.where(moved < -most, -np.inf, moved)
+        return np.where((value > 0) & (moved < 0), 0, moved)
 
     def raised(self, value: Array, loss: Any = ROUNDING) -> Array:
         """Return an upper limit; see `lowered`."""
@@ -112,15 +107,15 @@ class Ends(ABC):
 
     def sums(self, low: tuple[Array, Array], high: tuple[Array, Array]) -> tuple[Array, Array]:
         """Return a lower limit of one sum and an upper limit of another."""
-        lo, hi = sum(low), sum(high)
-        # Only a sum of opposite numbers is zero without having been rounded to it.
-        lo = self.select(low[0] == -low[1], lo, self.lowered(lo))
-        return lo, self.select(high[0] == -high[1], hi, self.raised(hi))
+        return _outward(*_sum(*low), -np.inf), _outward(*_sum(*high), np.inf)
 
     def limits(self, operation: Operation, pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return limits of all products or quotients of some pairs."""
-        lo, hi = self.extremes([operation(x, y) for x, y in pairs])
-        return self.lowered(lo), self.raised(hi)
+        function = _product if operation is operator.mul else _quotient
+        results = [function(x, y) for x, y in pairs]
+        lo, _ = self.extremes(_outward(v, error, -np.inf) for v, error in results)
+        _, hi = self.extremes(_outward(v, error, np.inf) for v, error in results)
+        return lo, hi
 
     def extremes(self, values: Iterable[Array]) -> tuple[Array, Array]:
         """Return the smallest and the largest of some arrays."""
@@ -132,79 +127,20 @@ class Ends(ABC):
         return self.select(value < 0, 0, value)
 
 
-class _HostEnds(Ends):
-    select = staticmethod(np.where)
-    abs = staticmethod(np.abs)
-    floor = staticmethod(np.floor)
-    ceil = staticmethod(np.ceil)
-    log2 = staticmethod(np.log2)
-    isfinite = staticmethod(np.isfinite)
-    smaller = staticmethod(np.fmin)
-    larger = staticmethod(np.fmax)
-
-    def fma(self, a: Array, b: Array, c: Array) -> Array:
-        return a * b + c
-
-    def info(self, value: Array) -> np.finfo[Any]:
-        return np.finfo(np.float64)
-
-    def lowered(self, value: Array, loss: Any = ROUNDING) -> Array:
-        moved = super().lowered(value, loss)
-        return np.where(moved < -(2.0**1023), -np.inf, moved)  # where a kernel overflows
-
-    def sums(self, low: tuple[Array, Array], high: tuple[Array, Array]) -> tuple[Array, Array]:
-        return _outward(*_sum(*low), -np.inf), _outward(*_sum(*high), np.inf)
-
-    def limits(self, operation: Operation, pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-        # Corners such as 0 · inf are NaN; the others then give the range of the numbers.
-        function = _product if operation is operator.mul else _quotient
-        results = [function(x, y) for x, y in pairs]
-        lo = functools.reduce(np.fmin, (_outward(v, error, -np.inf) for v, error in results))
-        return lo, functools.reduce(np.fmax, (_outward(v, error, np.inf) for v, error in results))
-
-    def locate(self, x: Array, nodes: np.ndarray) -> TablePosition:
-        passed = np.searchsorted(nodes, x, "right")
-        upper = np.clip(passed, 1, len(nodes) - 1)
-        low, high = nodes[upper - 1], nodes[upper]
-        width = high - low
-        inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
-        return TablePosition(passed, upper, np.where(width > 0, inside, np.where(x < high, 0, 1)))
-
-    def data(self, column: np.ndarray, like: Array) -> Array:
-        return column
-
-    def gather(self, data: Array, index: Array, active: Array = True) -> Array:
-        return np.take(data, index, mode="clip")
-
-    def two_blocks(self, start: Array, stop: Array, count: int) -> tuple[Array, Array, Array]:
-        level = np.log2(np.maximum(stop - start, 1)).astype(int)
-        return level * count + start, level * count + stop - (1 << level), start < stop
-
-
 class Interval:
     """All numbers from `lo` to `hi`, element by element, infinities included.
 
-    Parameters
-    ----------
-    lo, hi : array_like
-        The ends, any shapes that broadcast. Where one is NaN, or `lo` is above `hi`, the value is
-        anything, or NaN.
-    nan : array_like of bool, optional
-        Where, besides, the value may be undefined (NaN).
-
-    Notes
-    -----
-    The same object twice is the same number twice: ``x * x`` is a square, ``x == x`` is true.
-
-    Ends below the smallest normal number are moved out to zero, because processors may flush the
-    numbers inside to zero.
+    Where an end is NaN, or `lo` is above `hi`, the value is anything, or NaN; where `nan` it may be
+    undefined besides. The same object twice is the same number twice: ``x * x`` is a square,
+    ``x == x`` is true. Ends below the smallest normal number are moved out to zero, because
+    processors may flush the numbers inside to zero.
     """
 
     __slots__ = ("hi", "lo", "nan")
     __hash__ = None  # type: ignore[assignment]
     __array_ufunc__ = None  # so that a NumPy number on the left leaves the operation to us
 
-    ends: ClassVar[Ends] = _HostEnds()
+    ends: ClassVar[Ends] = Ends()
     lo: Array
     hi: Array
     nan: Array
@@ -348,13 +284,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The possible results of a comparison, element by element: true, false, or either.
-
-    Attributes
-    ----------
-    true, false : array of bool
-        Where it can be true, and where it can be false.
-    """
+    """The possible results of a comparison, element by element: true, false, or either."""
 
     true: Array
     false: Array

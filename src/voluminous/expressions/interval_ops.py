@@ -246,15 +246,7 @@ def _meets(x: Interval, place: float, period: float) -> Array:
 
 
 def interpolate_ranges(x: Own, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Own]:
-    """Return enclosures of the columns interpolated anywhere in x: from both ends and all between.
-
-    Parameters
-    ----------
-    x : Interval
-        Places.
-    nodes, columns
-        As in `interpolation.interpolate`.
-    """
+    """Return enclosures of columns interpolated anywhere in x: from both ends and all between."""
     places = [x.ends.locate(end, nodes) for end in (x.lo, x.hi)]
     return [_enclosure(x, column, *places) for column in columns]
 

@@ -193,13 +193,8 @@ _KEYWORDS = {"and", "or", "not", "if", "else", "in", "is", "lambda", "a", "b", *
 def marked(text: str, fields: tuple[str, ...] = ()) -> str:
     """Return the text with ``0.2["km/s"]`` in place of ``0.2 km/s``.
 
-    Parameters
-    ----------
-    text : str
-        An expression.
-    fields : tuple of str
-        Names that are fields where they follow ``*`` or ``/``, even if they are units too:
-        in ``20 K/T`` T is the temperature if there is such a field, else the tesla.
+    `fields` are names that are fields where they follow ``*`` or ``/``, even if they are units too:
+    in ``20 K/T`` T is the temperature if there is such a field, else the tesla.
     """
     parts, place = [], 0
     for number in _NUMBER.finditer(text):

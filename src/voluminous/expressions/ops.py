@@ -131,11 +131,6 @@ class NumpyOps(Ops):
     All fields are promoted to one floating type: float32 if every field is float32, float16, bool
     or an integer of at most 16 bits, else float64. Constants get that type too, so that they never
     change it. An expression without fields is float64.
-
-    Parameters
-    ----------
-    dtype : numpy dtype, optional
-        The type of constants; `prepare` derives it from the fields.
     """
 
     atan2 = staticmethod(np.arctan2)

@@ -40,13 +40,7 @@ MAX_INTEGER_POWER = 8
 
 
 def table(places: Any, entries: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return places and entries as arrays that can be interpolated.
-
-    Parameters
-    ----------
-    places, entries : array_like, shape (n,)
-        At least two increasing places, and a number for each.
-    """
+    """Return increasing places and their entries as arrays that can be interpolated."""
     x, y = (_numbers(v) for v in (places, entries))
     if x.ndim != 1 or x.shape != y.shape or len(x) < 2:
         raise InputError(

@@ -29,14 +29,9 @@ _Steps: TypeAlias = dict[Node, int]
 
 
 class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
-    """An unknown number. The base class turns Python's operators into NumPy's functions.
+    """An unknown number: a field, a constant, or the number of the step that computes it.
 
-    Attributes
-    ----------
-    node : Node
-        A field, a constant, or the number of the step that computes it.
-    steps : dict
-        All steps of the function so far.
+    The base class turns Python's operators into NumPy's functions. `steps` are those so far.
     """
 
     __slots__ = ("node", "steps")
@@ -93,16 +88,9 @@ def apply(name: str, *values: Any) -> Any:
 def read(
     function: Callable[..., Any], inputs: Sequence[Expression], parameters: dict[str, float]
 ) -> tuple[Any, Callable[[Any], Expression]]:
-    """Return what a function returns for symbols, and what turns that into expressions.
+    """Return what ``function(*inputs, **parameters)`` returns for symbols, and how to convert that.
 
-    Parameters
-    ----------
-    function : callable
-        Called as ``function(*inputs, **parameters)``.
-    inputs : sequence of Expression
-        Its arguments.
-    parameters : dict of float
-        Numbers given to it by name.
+    The second result turns symbols into expressions.
     """
     steps: _Steps = {}
     names = tuple(dict.fromkeys(name for e in inputs for name in e.names))

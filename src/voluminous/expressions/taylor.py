@@ -23,15 +23,7 @@ Derivative: TypeAlias = TracedInterval | None
 
 
 class TracedJet(NamedTuple):
-    """Intervals of a value and of its derivatives.
-
-    Attributes
-    ----------
-    value : TracedInterval
-        All values.
-    first, second : TracedInterval or None
-        All values of the derivatives; (-∞, ∞) where nothing is known of them.
-    """
+    """Intervals of a value and of its derivatives; (-∞, ∞) where nothing is known of them."""
 
     value: TracedInterval
     first: Derivative = None
@@ -81,13 +73,6 @@ class TracedJetOps(Ops):
     Values are those of `TracedIntervalOps`. Derivatives are known of arithmetic, powers, roots,
     exponentials, logarithms, sines, hyperbolic tangents and angles; of the rest, and where a kink
     or jump may be, they may be anything.
-
-    Parameters
-    ----------
-    float_type : type
-        The Dr.Jit type of the ends.
-    constant : callable, optional
-        As in `DrjitOps`.
     """
 
     def __init__(

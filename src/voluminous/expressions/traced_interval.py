@@ -16,7 +16,7 @@ import numpy as np
 from ..backend import Float, Int, Mask, dr, from_host
 from .drjit_ops import DrjitOps
 from .interpolation import locate
-from .interval import Array, Ends, Interval, TablePosition
+from .interval import ROUNDING, Array, Ends, Interval, Operation, TablePosition
 from .interval_ops import IntervalOps, extreme_between
 from .ops import Ops, Value
 
@@ -29,16 +29,29 @@ class _TracedEnds(Ends):
     log2 = staticmethod(dr.log2)
     isfinite = staticmethod(dr.isfinite)
     fma = staticmethod(dr.fma)
+    # Without NaN; `dr.minimum` would look for them.
+    smaller = staticmethod(lambda left, right: dr.select(left < right, left, right))
+    larger = staticmethod(lambda left, right: dr.select(left > right, left, right))
 
     def info(self, value: Float) -> np.finfo[Any]:
         return float_info(type(value))
 
-    # Without NaN; `dr.minimum` would look for them.
-    def smaller(self, left: Float, right: Float) -> Float:
-        return dr.select(left < right, left, right)
+    def lowered(self, value: Float, loss: Float = ROUNDING) -> Float:
+        info = self.info(value)
+        most = 2.0 ** (info.maxexp - 1)
+        capped = dr.select(value > most, most, value)
+        moved = dr.fma(dr.abs(capped), -float(info.eps) * loss, capped) - 2 * float(info.tiny)
+        return dr.select((value > 0) & (moved < 0), 0, moved)
 
-    def larger(self, left: Float, right: Float) -> Float:
-        return dr.select(left > right, left, right)
+    def sums(self, low: tuple[Float, Float], high: tuple[Float, Float]) -> tuple[Float, Float]:
+        lo, hi = sum(low), sum(high)
+        # Only a sum of opposite numbers is zero without having been rounded to it.
+        lo = dr.select(low[0] == -low[1], lo, self.lowered(lo))
+        return lo, dr.select(high[0] == -high[1], hi, self.raised(hi))
+
+    def limits(self, operation: Operation, pairs: list[tuple[Float, Float]]) -> tuple[Float, Float]:
+        lo, hi = self.extremes([operation(x, y) for x, y in pairs])
+        return self.lowered(lo), self.raised(hi)
 
     def locate(self, x: Float, nodes: np.ndarray) -> TablePosition:
         return locate(x, self.data(nodes, x))
@@ -67,17 +80,8 @@ smaller, larger, extremes = _ENDS.smaller, _ENDS.larger, _ENDS.extremes
 
 
 class TracedInterval(Interval):
-    """All numbers from `lo` to `hi`, lane by lane, infinities included.
+    """All numbers from `lo` to `hi`, lane by lane, infinities included; see `Interval`.
 
-    Parameters
-    ----------
-    lo, hi : Dr.Jit float array
-        The ends. Where one is NaN, or `lo` is above `hi`, the value is anything, or NaN.
-    nan : Dr.Jit mask, optional
-        Where, besides, the value may be undefined (NaN).
-
-    Notes
-    -----
     A subclass of `Interval`, so that a medium works with both, and that Python leaves operations
     between both to this class.
     """
@@ -117,15 +121,7 @@ class TracedInterval(Interval):
 
 
 def traced(real: type[Float], value: Float) -> TracedInterval:
-    """Return a value as an interval for kernels.
-
-    Parameters
-    ----------
-    real : type
-        Dr.Jit float type of the ends.
-    value : TracedInterval, Interval, float or Dr.Jit array
-        A `TracedInterval` is returned as is.
-    """
+    """Return a value (interval, number or Dr.Jit array) as an interval of a Dr.Jit type."""
     if isinstance(value, TracedInterval):
         return value
     if isinstance(value, Interval):
@@ -151,13 +147,6 @@ class TracedIntervalOps(IntervalOps):
 
     The counterpart of `IntervalOps` inside kernels. The result contains every value of the
     expression, computed with real numbers or by `DrjitOps` in the same type, which constants have.
-
-    Parameters
-    ----------
-    float_type : type
-        The Dr.Jit type of the ends.
-    constant : callable, optional
-        As in `DrjitOps`.
     """
 
     # Dr.Jit's atan2 loses 7 ε.
@@ -199,19 +188,7 @@ def slopes_in_ranges(
 ) -> tuple[TracedInterval, Mask]:
     """Return an enclosure of the slopes of a table in x, and where x is within one of its pieces.
 
-    Parameters
-    ----------
-    x : TracedInterval
-        Places.
-    nodes, values : array, shape (n,)
-        Increasing places of the entries, at least two, and the entries.
-
-    Returns
-    -------
-    slope : TracedInterval
-        Beyond the ends of the table it is zero.
-    straight : Dr.Jit mask
-        Whether there is no node between the ends of x.
+    Beyond the ends of the table the slope is zero.
     """
     real = type(x.lo)
     rounded = nodes.astype(float_info(real).dtype).astype(np.float64)  # as the kernel has them

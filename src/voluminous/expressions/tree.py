@@ -121,16 +121,10 @@ class Earlier(Node):
 
 @dataclass(frozen=True, slots=True)
 class Call(Node):
-    """An operation on the values of other nodes.
+    """An operation, a method of `Ops`, on the values of other nodes.
 
-    Attributes
-    ----------
-    operation : str
-        A method of `Ops`.
-    arguments : tuple of Node
-    constants : tuple
-        Further arguments, which are no nodes: an exponent, a table, or the comparisons of a chain
-        such as ``1 < x <= 2``.
+    `constants` are further arguments, which are no nodes: an exponent, a table, or the comparisons
+    of a chain such as ``1 < x <= 2``.
     """
 
     operation: str

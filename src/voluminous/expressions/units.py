@@ -48,18 +48,8 @@ _ADVICE = (
 def resolve(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression, Unit]:
     """Return an expression in plain numbers of its fields' units, and its own unit.
 
-    Parameters
-    ----------
-    expression : Expression
-    units : tuple of astropy unit or None
-        Those of the fields in it, in the order of its `names`.
-
-    Returns
-    -------
-    Expression
-        The same if nothing has to be converted.
-    astropy unit or None
-        None if it is a plain number.
+    `units` are those of the fields in it, in the order of its `names`. The expression is the same
+    if nothing has to be converted; the unit is None if it is a plain number.
     """
     if not any(_counts(unit) for unit in units) and not has_units(expression):
         return expression, None

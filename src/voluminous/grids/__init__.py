@@ -2,8 +2,7 @@
 
 from .cartesian.grid import CartesianGrid
 from .curvilinear import refined as _refined  # noqa: F401 - tells the plain grids of it
-from .curvilinear.cylindrical import CylindricalGrid
-from .curvilinear.spherical import SphericalGrid
+from .curvilinear.grid import CylindricalGrid, SphericalGrid
 from .trees.octree import OctreeGrid
 from .trees.patches import PatchGrid
 

@@ -1,4 +1,4 @@
-"""What users give to make grids, checked: points, extents, arrays."""
+"""What users give to make grids, checked: points, walls, extents, arrays."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import plain
+from ..units import is_quantity, plain, space_unit, unit_of
 
 
 def plain_points(points: Any, unit: Any) -> np.ndarray:
@@ -21,6 +21,36 @@ def plain_points(points: Any, unit: Any) -> np.ndarray:
             + ("; transpose them" if array.ndim == 2 and array.shape[0] == 3 else "")
         )
     return array
+
+
+def length_unit(lengths: tuple[Any, ...], unit: Any) -> Any:
+    """Return the unit of the first lengths that have one, or the one given."""
+    own = next((own for own in map(unit_of, lengths) if own is not None), None)
+    return space_unit(unit) if own is None else own
+
+
+def cell_edges(values: Any, unit: Any, name: str) -> np.ndarray:
+    """Return the walls of cells along an axis, in a unit, as a new array of float64."""
+    if is_quantity(values) or unit_of(values) is not None:
+        values = plain(values, unit, f"{name} edges")
+    try:
+        edges = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} edges must be numbers, got {values!r}") from error
+    if edges.ndim != 1 or len(edges) < 2:
+        raise InputError(
+            f"{name} edges must be a 1-D array of at least two cell edges, got shape {edges.shape}"
+        )
+    if not np.all(np.isfinite(edges)):
+        bad = int(np.argmin(np.isfinite(edges)))
+        raise InputError(f"{name} edges must be finite; edge {bad} is {edges[bad]}")
+    if np.any(np.diff(edges) <= 0):
+        bad = int(np.argmax(np.diff(edges) <= 0))
+        raise InputError(
+            f"{name} edges must increase strictly; edge {bad} is {edges[bad]:g} and edge {bad + 1} "
+            f"is {edges[bad + 1]:g}. Flip the axis (and the fields) if they decrease"
+        )
+    return edges
 
 
 # Volumes, and volumes times densities, must be within 1e-308 to 1e308.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +13,11 @@ from ..errors import InputError, UnitsError
 from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
 
 if TYPE_CHECKING:
+    from astropy import units as u
     from astropy.wcs import WCS
 
 Array = NDArray[np.floating[Any]]
+Axis = NDArray[np.float64]
 
 # Names of the arrays that an image may hold beside intensities (properties and arguments).
 PLANES = ("transparency", "optical_depth", "error", "lower", "upper")
@@ -27,8 +28,7 @@ def intensity(values: Any, unit: Any) -> tuple[Array, str]:
     values = as_quantity(values)
     if is_quantity(values):
         unit = unit or values.unit
-        converted = values.value if values.unit == unit else plain(values, unit, "intensity")
-        return intensity(converted, str(unit))
+        values = values.value if values.unit == unit else plain(values, unit, "intensity")
     array = _floats(values, "intensity")
     array = array[..., None] if array.ndim == 2 else array
     if array.ndim != 3 or array.size == 0:
@@ -46,25 +46,13 @@ def plane(values: Any, shape: tuple[int, ...], what: str) -> Array | None:
     array = _floats(plain(values, None, what) if is_quantity(values) else values, what)
     array = array[..., None] if array.ndim == 2 else array
     grey = array.ndim == 0 or array.shape[-1] == 1
-    wanted = (*shape[:2], 1) if grey else shape
     try:
-        return np.broadcast_to(array, wanted)
+        return np.broadcast_to(array, (*shape[:2], 1) if grey else shape)
     except ValueError:
         raise InputError(
             f"{what} has shape {np.shape(values)}, expected one that broadcasts to {shape}, "
             f"or {shape[:2]}"
         ) from None
-
-
-def spread(array: Array | None, shape: tuple[int, ...]) -> Array | None:
-    """Return a read-only view broadcast to every channel."""
-    return None if array is None else np.broadcast_to(array, shape)
-
-
-def gathered(array: Array) -> Array:
-    """Undo `spread`: return one channel if all share the same memory (grey extinction)."""
-    shared = array.ndim == 3 and array.strides[-1] == 0
-    return array[..., :1] if shared else array
 
 
 def _floats(values: Any, what: str) -> Array:
@@ -97,23 +85,18 @@ def narrowed(values: Array, kind: type[np.floating[Any]], what: str) -> Array:
         return values.astype(kind)
 
 
-Axis = NDArray[np.float64]
+def known_unit(unit: Any) -> u.UnitBase | None:
+    """Return the unit of a picture; None if astropy cannot parse it."""
+    try:
+        known: u.UnitBase | None = parse_unit(unit)
+    except UnitsError:
+        return None
+    return known
 
 
 def length_unit(unit: Any, x: Any, y: Any) -> str:
     """Return the name of the unit of the image plane: `unit`, or else that of `x` or `y`."""
-    if unit:
-        return unit if isinstance(unit, str) else str(unit)
-    found = unit_of(x) or unit_of(y)
-    return "" if found is None else str(found)
-
-
-def known_unit(unit: Any) -> Any:
-    """Return the unit of a picture; None if astropy cannot parse it."""
-    try:
-        return parse_unit(unit)
-    except UnitsError:
-        return None
+    return str(unit or unit_of(x) or unit_of(y) or "")
 
 
 def axis(values: Any, count: int, unit: str, name: str) -> Axis:
@@ -137,38 +120,17 @@ def pixel_size(x: Axis, y: Axis, given: Any, unit: str) -> tuple[float, float]:
     Along an axis with a single pixel the size comes from `given`; without it the pixel is assumed
     square, and 1 by 1 if the image has only one pixel.
     """
-    if given is not None:
-        return _checked_size(given, unit)
-    width, height = _mean_step(x), _mean_step(y)
-    square = next((abs(step) for step in (width, height) if step is not None), 1.0)
-    return (square if width is None else width, square if height is None else height)
-
-
-def _checked_size(given: Any, unit: str) -> tuple[float, float]:
+    if given is None:
+        steps = [(a[-1] - a[0]) / (a.size - 1) if a.size > 1 else None for a in (x, y)]
+        square = next((abs(step) for step in steps if step is not None), 1.0)
+        given = [square if step is None else step for step in steps]
     size = np.asarray(plain(given, unit or None, "pixel_size"))
     if size.shape != (2,) or not np.isfinite(size).all() or (size == 0).any():
         raise InputError(f"pixel_size must be two finite lengths (width, height), got {given!r}")
     return float(size[0]), float(size[1])
 
 
-def _mean_step(centres: Axis) -> float | None:
-    if centres.size < 2:
-        return None
-    return float((centres[-1] - centres[0]) / (centres.size - 1))
-
-
-def extent(x: Axis, y: Axis, size: tuple[float, float]) -> tuple[float, float, float, float]:
-    """Return the outer edges of the outermost pixels: left, right, bottom, top."""
-    width, height = size
-    return (
-        float(x[0] - width / 2),
-        float(x[-1] + width / 2),
-        float(y[0] - height / 2),
-        float(y[-1] + height / 2),
-    )
-
-
-def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
+def as_wcs(value: WCS | str | None, shape: tuple[int, ...]) -> WCS | None:
     """Return the WCS of an image: an astropy WCS of two axes, or one as the text of a header.
 
     Parameters
@@ -180,31 +142,21 @@ def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
     """
     if value is None:
         return None
-    wcs = _from_text(value) if isinstance(value, str) else value
+    wcs: Any = value
+    if isinstance(value, str):
+        from astropy.io.fits import Header
+        from astropy.wcs import WCS
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            wcs = WCS(Header.fromstring(value), relax=True)
     if getattr(wcs, "pixel_n_dim", None) != 2 or not hasattr(wcs, "to_header"):
         raise InputError(f"wcs must be an astropy.wcs.WCS of two axes, got {value!r}")
-    if wcs.pixel_shape is None:
-        wcs.pixel_shape = (shape[1], shape[0])
-    if tuple(wcs.pixel_shape) != (shape[1], shape[0]):
-        raise InputError(
-            f"wcs is for {wcs.pixel_shape[0]} x {wcs.pixel_shape[1]} pixels, the image has "
-            f"{shape[1]} x {shape[0]}"
-        )
-    return wcs
-
-
-def text_of(wcs: WCS) -> str:
-    """Return a WCS as the text of a FITS header."""
-    return str(wcs.to_header_string(relax=True))
-
-
-def _from_text(text: str) -> Any:
-    from astropy.io.fits import Header
-    from astropy.wcs import WCS
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return WCS(Header.fromstring(text), relax=True)
+    nx, ny = wcs.pixel_shape = wcs.pixel_shape or (shape[1], shape[0])
+    if (ny, nx) != tuple(shape[:2]):
+        raise InputError(f"wcs is for {nx} x {ny} pixels, the image has {shape[1]} x {shape[0]}")
+    checked: WCS = wcs
+    return checked
 
 
 def json_value(value: Any, what: str) -> Any:
@@ -224,11 +176,3 @@ def _plain_number(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"{value!r} is a {type(value).__name__}")
-
-
-def refuse_renamed(options: Mapping[str, Any]) -> None:
-    """Raise the error for an unknown or renamed argument."""
-    for name in options:
-        if name == "position_angle":
-            raise InputError("position_angle is now posang, as that of cameras")
-        raise TypeError(f"unexpected argument {name!r}")

@@ -7,7 +7,7 @@ code handles lengths, angles, non-square pixels and pictures that are rotated on
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from ..errors import InputError, UnitsError
 from ..units import degrees, parse_unit, plain, unit_of
 
 if TYPE_CHECKING:
+    from astropy import units as u
+
     from .image import Image
 
 # Ratio of a Gaussian's standard deviation to its full width at half maximum.
@@ -25,53 +27,49 @@ _REACH = 5.5
 _WIDEST = 2.0
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
-# Keys of the beam in a convolved image's provenance.
-_TOLD = {"major", "minor", "pa", "unit"}
 # Minimum fraction of the kernel on valid pixels; below it a pixel is missing (rounding: 1e-16).
 _LEAST = 1e-6
+
+
+class Beam(NamedTuple):
+    """Full widths at half maximum, position angle in degrees, and the unit of the widths."""
+
+    major: float
+    minor: float
+    pa: float
+    unit: u.UnitBase | None
 
 
 def convolve(image: Image, beam: Any) -> Image:
     """Return the image convolved with a beam; see `Image.convolve`."""
     how = image.provenance or {}
-    _check_sums(how)
-    if "beam" in how:
-        raise InputError(f"the image was convolved before, with {how['beam']}")
-    beam = as_beam(beam)
-    covariance = _in_pixels(image, beam)
-    _check_width(covariance, image)
-    kernel = _kernel(covariance)
-    planes = {name: image.plane(name) for name in ("transparency", "error", "lower", "upper")}
-    seen = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
-    return image.replace(
-        intensity=_smoothed(image.intensity, kernel),
-        optical_depth=None,  # undefined: a mean over the beam has no optical depth
-        provenance={**how, "beam": _told(beam)},
-        **seen,
-    )
-
-
-def _check_sums(how: dict[str, Any]) -> None:
     kind = str(how.get("map", how.get("kind", "mean" if "weight" in how else "column")))
     if kind.split()[:1] != ["column"]:  # or "column of …"
         raise InputError(
             f"a map of the {kind} cannot be convolved: its numbers do not add up. Convolve "
             "columns, such as those of a weight and of what is weighted, and divide"
         )
-
-
-def _check_width(covariance: np.ndarray, image: Image) -> None:
-    ny, nx = image.shape[:2]
-    widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / _SIGMA / max(nx, ny)
+    if "beam" in how:
+        raise InputError(f"the image was convolved before, with {how['beam']}")
+    beam = as_beam(beam)
+    covariance = _in_pixels(image, beam)
+    widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / _SIGMA / max(image.shape[:2])
     if not widest <= _WIDEST:
         raise InputError(
             f"the beam is {widest:.3g} times as wide as the image, expected at most {_WIDEST:g}; "
             "check its unit, or make a picture of a wider frame"
         )
+    kernel = _kernel(covariance)
+    names = ("intensity", "transparency", "error", "lower", "upper")
+    planes = {name: image.plane(name) for name in names}
+    smooth = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
+    described = {**beam._asdict(), "unit": str(beam.unit or "")}
+    # A mean over the beam has no optical depth.
+    return image.replace(optical_depth=None, provenance={**how, "beam": described}, **smooth)
 
 
-def as_beam(beam: Any) -> tuple[float, float, float, Any]:
-    """Return full widths along the major and minor axis, position angle in degrees, and unit.
+def as_beam(beam: Any) -> Beam:
+    """Return a beam from what a user gave, or from its description in the provenance.
 
     Parameters
     ----------
@@ -79,26 +77,24 @@ def as_beam(beam: Any) -> tuple[float, float, float, Any]:
     """
     if hasattr(beam, "major") and hasattr(beam, "minor"):
         beam = (beam.major, beam.minor, beam.pa)
-    if isinstance(beam, dict) and set(beam) >= _TOLD:
-        unit = parse_unit(beam["unit"])
-        return beam["major"], beam["minor"], beam["pa"], unit
+    if isinstance(beam, dict) and set(beam) >= set(Beam._fields):
+        return Beam(**{**beam, "unit": parse_unit(beam["unit"])})
     parts = list(beam) if isinstance(beam, (tuple, list)) or np.ndim(beam) > 0 else [beam]
     if not 1 <= len(parts) <= 3 or any(np.ndim(part) > 0 for part in parts):
         raise InputError(f"beam must be a width or (major, minor, pa), got {beam!r}")
     unit = unit_of(parts[0])
-    widths = [float(plain(w, unit, "beam")) for w in parts[:2]]
-    widths = sorted(widths * (3 - len(widths)), reverse=True)[:2]
+    minor, *_, major = sorted(float(plain(w, unit, "beam")) for w in (parts[:2] * 2)[:2])
     angle = degrees(parts[2], "the beam's position angle") if len(parts) == 3 else 0.0
-    if not (all(math.isfinite(w) and w > 0 for w in widths) and math.isfinite(angle)):
+    if not (0.0 < minor <= major < math.inf and math.isfinite(angle)):
         raise InputError(f"the widths of a beam must be positive and finite, got {beam!r}")
-    return widths[0], widths[1], angle, unit
+    return Beam(major, minor, angle, unit)
 
 
-def beam_area(image: Image, beam: Any) -> float:
+def beam_area(image: Image, beam: Beam) -> float:
     """Return the solid angle of a beam on the sky in steradians: 2π σ₁ σ₂."""
-    major, minor, _, unit = beam
+    unit = beam.unit
     if unit is not None and unit.is_equivalent("rad"):
-        return float(2.0 * np.pi * (_SIGMA * unit.to("rad")) ** 2 * major * minor)
+        return float(2.0 * np.pi * (_SIGMA * unit.to("rad")) ** 2 * beam.major * beam.minor)
     to_sky = sky_matrix(image)
     if to_sky is None:
         raise UnitsError(
@@ -111,10 +107,10 @@ def beam_area(image: Image, beam: Any) -> float:
 
 def fits_beam(image: Image) -> tuple[float, float, float] | None:
     """Return BMAJ, BMIN and BPA in degrees of the beam of a convolved image on the sky."""
-    told, to_sky = (image.provenance or {}).get("beam"), sky_matrix(image)
-    if told is None or to_sky is None:
+    known, to_sky = (image.provenance or {}).get("beam"), sky_matrix(image)
+    if known is None or to_sky is None:
         return None
-    covariance = to_sky @ _in_pixels(image, as_beam(told)) @ to_sky.T
+    covariance = to_sky @ _in_pixels(image, as_beam(known)) @ to_sky.T
     (minor, major), axes = np.linalg.eigh(covariance)
     east, north = axes[:, 1]
     angle = np.rad2deg(np.arctan2(east, north)) % 180.0
@@ -128,36 +124,28 @@ def sky_matrix(image: Image) -> np.ndarray | None:
     return np.asarray(image.wcs.celestial.pixel_scale_matrix, dtype=np.float64)
 
 
-def _in_pixels(image: Image, beam: tuple[float, float, float, Any]) -> np.ndarray:
+def _in_pixels(image: Image, beam: Beam) -> np.ndarray:
     """Return the covariance of a beam in pixels along x and y.
 
     Position angles run from north to east on the sky, and from up to the left on a plane.
     """
-    major, minor, angle, unit = beam
-    to_plane, own = _frame(image, unit)
-    factor = _SIGMA if unit is None else _SIGMA * float(unit.to(own))
-    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    axes = np.array([[s, c], [c, -s]]).T * (factor * np.array([major, minor]))
-    from_plane = np.linalg.inv(to_plane) @ axes
-    return np.asarray(from_plane @ from_plane.T)
-
-
-def _frame(image: Image, unit: Any) -> tuple[np.ndarray, Any]:
-    """Return the matrix from pixels to the frame of the beam, and the unit of that frame."""
-    own, to_sky = parse_unit(image.unit), sky_matrix(image)
-    if unit is not None and unit.is_equivalent("rad") and to_sky is not None:
-        return to_sky, parse_unit("deg")
-    if unit is not None and (own is None or not unit.is_equivalent(own)):
+    own, to_sky, unit = parse_unit(image.unit), sky_matrix(image), beam.unit
+    is_angle = unit is not None and unit.is_equivalent("rad")
+    if is_angle and to_sky is not None:
+        to_plane, own = to_sky, parse_unit("deg")
+    elif unit is not None and (own is None or not unit.is_equivalent(own)):
+        advice = "; put the image on the sky first: image.on_sky(distance=, position=)"
         raise UnitsError(
             f"the beam is in {unit}, the image's plane in {image.unit or 'no unit'}"
-            + (
-                "; put the image on the sky first: image.on_sky(distance=, position=)"
-                if unit.is_equivalent("rad")
-                else ""
-            )
+            + advice * is_angle
         )
-    width, height = image.pixel_size
-    return np.diag([-width, height]), own
+    else:
+        to_plane = np.diag(np.array(image.pixel_size) * [-1.0, 1.0])
+    factor = _SIGMA if unit is None else _SIGMA * float(unit.to(own))
+    c, s = math.cos(math.radians(beam.pa)), math.sin(math.radians(beam.pa))
+    axes = np.array([[s, c], [c, -s]]).T * (factor * np.array([beam.major, beam.minor]))
+    from_plane = np.linalg.inv(to_plane) @ axes
+    return np.asarray(from_plane @ from_plane.T)
 
 
 def _kernel(covariance: np.ndarray) -> Any:
@@ -180,19 +168,10 @@ def _smoothed(planes: np.ndarray, kernel: Any) -> np.ndarray:
     """
     from astropy.convolution import convolve_fft
 
-    if planes.ndim == 2:
-        return _smoothed(planes[..., None], kernel)[..., 0]
     # astropy treats NaN as missing and renormalises the rest of the kernel there.
-    found = [
-        convolve_fft(planes[..., k], kernel, boundary="fill", allow_huge=True, min_wt=_LEAST)
-        for k in range(planes.shape[-1])
-    ]
-    smooth = np.stack(found, axis=-1)
+    options = {"boundary": "fill", "allow_huge": True, "min_wt": _LEAST}
+    channels = np.moveaxis(np.atleast_3d(planes), -1, 0)
+    smooth = np.stack([convolve_fft(plane, kernel, **options) for plane in channels], axis=-1)
     if not np.any(planes < 0.0):
         np.maximum(smooth, 0.0, out=smooth)  # rounding of the FFT can make values negative
-    return smooth.astype(planes.dtype)
-
-
-def _told(beam: tuple[float, float, float, Any]) -> dict[str, Any]:
-    major, minor, angle, unit = beam
-    return {"major": major, "minor": minor, "pa": angle, "unit": "" if unit is None else str(unit)}
+    return smooth.reshape(planes.shape).astype(planes.dtype)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import immutable
 from ..packages import room
-from . import arguments
-from .arguments import json_value
+from . import arguments, tone
+from .arguments import Array, json_value
 
 if TYPE_CHECKING:
     from astropy.io.fits import PrimaryHDU
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
 
     from ..units import UnitLike
-
-Array = NDArray[np.floating[Any]]
 
 
 class Image:
@@ -150,7 +148,7 @@ class Image:
     @property
     def transparency(self) -> Array | None:
         """Transmitted fraction of the light from behind, (ny, nx, channel); None if unknown."""
-        return arguments.spread(self._planes["transparency"], self.shape)
+        return _spread(self._planes["transparency"], self.shape)
 
     @property
     def optical_depth(self) -> Array | None:
@@ -159,7 +157,7 @@ class Image:
             depth = arguments.plane(self._pending(), self.shape, "optical_depth")
             self._planes["optical_depth"] = depth
             vars(self)["_pending"] = None
-        return arguments.spread(self._planes["optical_depth"], self.shape)
+        return _spread(self._planes["optical_depth"], self.shape)
 
     @property
     def waits_for_depth(self) -> bool:
@@ -175,17 +173,19 @@ class Image:
     @property
     def lower(self) -> Array | None:
         """Guaranteed lower bound of the intensity, (ny, nx, channel); None if not requested."""
-        return arguments.spread(self._planes["lower"], self.shape)
+        return _spread(self._planes["lower"], self.shape)
 
     @property
     def upper(self) -> Array | None:
         """Guaranteed upper bound of the intensity, (ny, nx, channel); None if not requested."""
-        return arguments.spread(self._planes["upper"], self.shape)
+        return _spread(self._planes["upper"], self.shape)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Outer edges of the picture (left, right, bottom, top), as matplotlib's imshow takes."""
-        return arguments.extent(self.x, self.y, self.pixel_size)
+        width, height = (0.5 * side for side in self.pixel_size)
+        left, right = self.x[0] - width, self.x[-1] + width
+        return float(left), float(right), float(self.y[0] - height), float(self.y[-1] + height)
 
     @property
     def pixel_area(self) -> float:
@@ -198,7 +198,7 @@ class Image:
 
         Pass it to other frames (`to_rgb`, `save`, `plot`, …) to show equal intensities alike.
         """
-        return room("image.tone").exposure_of(self.intensity)
+        return tone.exposure_of(self.intensity)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the picture: display values of `to_rgb`, (ny, nx, 3), with its top row first.
@@ -281,7 +281,6 @@ class Image:
         of both signs, such as a map of velocities, is shown from blue through white (zero) to
         red, unless an option chooses otherwise.
         """
-        tone = room("image.tone")
         options: dict[str, Any] = {
             "exposure": exposure,
             "stretch": stretch,
@@ -295,11 +294,7 @@ class Image:
             "background": background,
             "softening": softening,
         }
-        shown = tone.with_colormap(
-            self.intensity,
-            tone.plain_options(options, self.intensity_unit),
-            tone.is_projection(self),
-        )
+        shown = tone.with_colormap(self, options)
         return tone.display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
@@ -347,7 +342,8 @@ class Image:
         """
         from ..files import as_path
 
-        return room("image.formats").load(as_path(path), cls)
+        image: Image = room("image.formats").load(as_path(path), cls)
+        return image
 
     def plot(
         self,
@@ -382,10 +378,12 @@ class Image:
         matplotlib Axes
         """
         shown = self if unit is None else self.to(unit)
-        return room("image.plot").plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
+        draw = room("image.plot").plot
+        axes: Axes = draw(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
+        return axes
 
     def to_hdu(
-        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0, **old: Any
+        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0
     ) -> PrimaryHDU:
         """Return the intensities as an astropy HDU with units, world coordinates and the camera.
 
@@ -401,12 +399,10 @@ class Image:
             Shape (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")``
             also writes the other arrays and metadata.
         """
-        arguments.refuse_renamed(old)
-        return room("image.hdu").to_hdu(self, distance, position, posang)
+        hdu: PrimaryHDU = room("image.hdu").to_hdu(self, distance, position, posang)
+        return hdu
 
-    def on_sky(
-        self, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
-    ) -> Image:
+    def on_sky(self, *, distance: Any = None, position: Any, posang: Any = 0.0) -> Image:
         """Return the image with celestial world coordinates.
 
         Parameters
@@ -429,8 +425,8 @@ class Image:
         East is on the left where north is up. A plane at a distance is a gnomonic projection (TAN)
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
-        arguments.refuse_renamed(old)
-        return room("image.sky").on_sky(self, distance, position, posang)
+        image: Image = room("image.sky").on_sky(self, distance, position, posang)
+        return image
 
     def convolve(self, beam: Any) -> Image:
         """Return the image convolved with a telescope's beam, an elliptical Gaussian.
@@ -456,7 +452,8 @@ class Image:
         UnitsError
             If the beam's unit is not the plane's.
         """
-        return room("image.beam").convolve(self, beam)
+        image: Image = room("image.beam").convolve(self, beam)
+        return image
 
     def to(self, unit: UnitLike, *, beam: Any = None) -> Image:
         """Return the image with its plane (`unit`) or its intensities in another unit.
@@ -480,7 +477,8 @@ class Image:
         UnitsError
             If the image has no unit, the unit cannot be converted, or a solid angle is missing.
         """
-        return room("image.conversion").to_unit(self, unit, beam)
+        image: Image = room("image.conversion").to_unit(self, unit, beam)
+        return image
 
     def annotate(self, **options: Any) -> Any:
         """Return the picture with a scale bar, axes, colour bars …; its pixels stay unchanged.
@@ -544,22 +542,23 @@ class Image:
 
         Arrays are shared. None drops an array other than the intensity.
         """
-        names = ("intensity", "x", "y", "unit", "intensity_unit", "pixel_size", "wcs")
-        kept = {name: getattr(self, name) for name in (*names, "camera", "provenance")}
-        beside = [name for name in arguments.PLANES if name not in changes]
-        if self.waits_for_depth and "optical_depth" in beside:  # computing it needs another render
-            beside.remove("optical_depth")
-            kept["optical_depth"] = lambda: self.plane("optical_depth")
-        kept |= {name: self.plane(name) for name in beside}
-        return type(self)(**{**kept, **changes})
+        same = {k: v for k, v in vars(self).items() if not k.startswith("_")}
+        if self.waits_for_depth:  # computing it needs another render
+            same["optical_depth"] = lambda: self.plane("optical_depth")
+        for name in arguments.PLANES:
+            if name not in same and name not in changes:
+                same[name] = self.plane(name)
+        return type(self)(**{**same, **changes})
 
     def plane(self, name: str) -> Array | None:
         """Return an array such as the transparency, with one channel if all channels are equal."""
-        values = getattr(self, name)
-        return None if values is None else arguments.gathered(values)
+        values: Array | None = getattr(self, name)
+        grey = values is not None and values.ndim == 3 and values.strides[-1] == 0
+        return values[..., :1] if values is not None and grey else values
 
     def _repr_png_(self) -> bytes:
-        return room("image.formats.png").encode(self)
+        content: bytes = room("image.formats.png").encode(self)
+        return content
 
     def __repr__(self) -> str:
         ny, nx, count = self.shape
@@ -581,6 +580,11 @@ immutable(
 
 
 def _read_only(values: Array) -> Array:
-    view = values.view()
+    view: Array = values.view()
     view.flags.writeable = False  # ``image.intensity *= 2`` changed it and then raised
     return view
+
+
+def _spread(array: Array | None, shape: tuple[int, ...]) -> Array | None:
+    """Return a read-only view broadcast to every channel."""
+    return None if array is None else np.broadcast_to(array, shape)

@@ -7,44 +7,23 @@ from typing import Any
 
 from .arguments import known_unit
 
-# A length is written in the last of these units in which it reaches the minimum value.
+# Units, their names, and the least number of them: a size is written in the last that it reaches.
 _LENGTHS = (
-    ("nm", "nm", 0.0),
-    ("um", "µm", 1.0),
-    ("mm", "mm", 1.0),
-    ("cm", "cm", 1.0),
-    ("m", "m", 1.0),
-    ("km", "km", 1.0),
+    *((name, name, 1.0) for name in ("nm", "um", "mm", "cm", "m", "km")),
     ("R_sun", r"R$_\odot$", 1.0),
-    ("au", "au", 0.1),
-    ("pc", "pc", 0.1),
-    ("kpc", "kpc", 1.0),
-    ("Mpc", "Mpc", 1.0),
-    ("Gpc", "Gpc", 1.0),
+    *(("au", "au", 0.1), ("pc", "pc", 0.1)),
+    *((name, name, 1.0) for name in ("kpc", "Mpc", "Gpc")),
 )
-
-
 _ANGLES = (
-    ("uas", "µas", 0.0),
+    ("uas", "µas", 1.0),
     ("mas", "mas", 1.0),
     ("arcsec", "″", 1.0),
     ("arcmin", "′", 1.0),
     ("deg", "°", 1.0),
 )
-
-
-_TIMES = (
-    ("s", "s", 0.0),
-    ("min", "min", 1.0),
-    ("h", "h", 1.0),
-    ("d", "d", 1.0),
-    ("yr", "yr", 1.0),
-    ("kyr", "kyr", 1.0),
-    ("Myr", "Myr", 1.0),
-    ("Gyr", "Gyr", 1.0),
-)
-
-
+_TIMES = tuple((name, name, 1.0) for name in ("s", "min", "h", "d", "yr", "kyr", "Myr", "Gyr"))
+# Symbols that follow a number without a space.
+_SIGNS = ("°", "′", "″")
 # Range of numbers that keep their unit.
 _HANDY = (0.1, 1000.0)
 
@@ -65,28 +44,27 @@ def readable(size: float, unit: Any) -> tuple[float, str]:
     >>> round(3e15 * factor), name
     (201, 'au')
     """
-    own = known_unit(unit)
-    if own is None or not math.isfinite(size) or size == 0:
-        return 1.0, str(unit or "")
-    for ladder in (_LENGTHS, _ANGLES, _TIMES):
-        if own.is_equivalent(ladder[0][0]):
-            return _on(ladder, abs(size), own)
-    return 1.0, str(unit)
-
-
-def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
     from astropy import units as u
 
-    names = {u.Unit(name): text for name, text, _ in ladder}
+    own, size = known_unit(unit), abs(size)
+    ladders = (_LENGTHS, _ANGLES, _TIMES)
+    ladder = next((a for a in ladders if own is not None and own.is_equivalent(a[0][0])), None)
+    if own is None or ladder is None or not math.isfinite(size) or size == 0:
+        return 1.0, str(unit or "")
+    names = {u.Unit(name): text.replace("um", "µm") for name, text, _ in ladder}
     if _HANDY[0] <= size < _HANDY[1] and (own in names or own.si.scale != 1.0):
-        return 1.0, next((text for unit, text in names.items() if unit == own), str(own))
-    # Rounding must not turn 1 of one unit into 999.9999 of the previous one.
-    fits = (size * own.to(name) >= least * (1.0 - 1e-9) for name, _, least in ladder)
-    last = max(k for k, does in enumerate(fits) if does or k == 0)
-    return float(own.to(ladder[last][0])), ladder[last][1]
+        return 1.0, next((text for known, text in names.items() if known == own), str(own))
+    chosen = ladder[0]
+    for rung in ladder:
+        # Rounding must not turn 1 of one unit into 999.9999 of the previous one.
+        if size * own.to(rung[0]) >= rung[2] * (1.0 - 1e-9):
+            chosen = rung
+    return float(own.to(chosen[0])), names[u.Unit(chosen[0])]
 
 
-def bar_length(longest: float, unit: str, shown: tuple[float, str] | None = None) -> Any:
+def bar_length(
+    longest: float, unit: str, shown: tuple[float, str] | None = None
+) -> tuple[float, str]:
     """Return a round length that is at most `longest`, in `unit`, and its text.
 
     `shown` is the result of `readable`; by default a unit that suits the length.
@@ -106,21 +84,13 @@ def with_unit(number: float, name: str) -> str:
     return f"{number_text(number)}{'' if name in _SIGNS else ' '}{name}".strip()
 
 
-_SIGNS = ("°", "′", "″")
-
-
 def number_text(number: float) -> str:
     """Return a number with a few digits, as a power of ten if it is far from one."""
     if number == 0 or 1e-3 <= abs(number) < 1e6:
         return f"{number:.4g}" if abs(number) < 1e4 else f"{number:.0f}"
-    mantissa, power = f"{number:.3g}".split("e") if "e" in f"{number:.3g}" else _parts(number)
-    times = "" if float(mantissa) == 1 else rf"{mantissa}\times "
-    return rf"${times}10^{{{int(power)}}}$"
-
-
-def _parts(number: float) -> tuple[str, str]:
     mantissa, power = f"{number:.2e}".split("e")
-    return f"{float(mantissa):g}", power
+    times = "" if float(mantissa) == 1 else rf"{float(mantissa):g}\times "
+    return rf"${times}10^{{{int(power)}}}$"
 
 
 def labelled(name: str, unit: str) -> str:

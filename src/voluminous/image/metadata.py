@@ -6,7 +6,6 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError
-from .arguments import text_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -30,8 +29,13 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
         # Python's decimal representation of floats restores the same bits.
         entries |= {"x": image.x.tolist(), "y": image.y.tolist()}
     if image.wcs is not None:
-        entries["wcs"] = text_of(image.wcs)
+        entries["wcs"] = str(image.wcs.to_header_string(relax=True))
     return json.dumps(entries)
+
+
+def texts(image: Image) -> dict[str, str]:
+    """Return the texts that a PNG carries, by keyword."""
+    return {"Software": KEY, KEY: dumps(image)}
 
 
 def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
@@ -50,9 +54,7 @@ def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
         raise FileFormatError(
             "the description of the image was written by a newer voluminous; install that version"
         )
-    fits = (len(entries.get("y", ())), len(entries.get("x", ()))) == tuple(shape[:2])
-    return entries if fits or "x" not in entries else _without_coordinates(entries)
-
-
-def _without_coordinates(entries: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in entries.items() if k not in ("x", "y", "unit", "pixel_size", "wcs")}
+    if "x" in entries and (len(entries["y"]), len(entries["x"])) != tuple(shape[:2]):
+        for name in ("x", "y", "unit", "pixel_size", "wcs"):
+            entries.pop(name, None)
+    return dict(entries)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..units import UnitLike
+    from .annotate.scales import Scale
 
 _PANEL = 4.0  # inches
 # Options that define the norm of one channel.
@@ -79,26 +80,39 @@ def plot_row(
     shown = _in_one_unit(list(images), unit)
     check_options("display option", options, OPTIONS)
     options = plain_options(options, shown[0].intensity_unit)
-    grey = shows_one_channel(shown[0], options)
-    common = (_common_norm if grey else _common_exposure)(shown, options)
+    pixels = [image.intensity.reshape(-1, 1, image.channels) for image in shown]
+    together = Image(np.concatenate(pixels), intensity_unit=shown[0].intensity_unit)
+    one = shows_one_channel(shown[0], options)
+    common = dict(options)
+    if one:
+        drawn = one_channel(together, **options)
+        common = {name: value for name, value in options.items() if name not in _OF_NORM}
+        common |= {"channels": options.get("channels"), "norm": drawn["norm"]}
+        common["colormap"] = drawn["cmap"]
+    elif options.get("exposure") is None and options.get("vmax") is None:
+        channels, mix = options.get("channels"), options.get("mix")
+        _, brightest = mixed_channels(together.intensity, channels, mix)
+        common["exposure"] = automatic_exposure(brightest)
     axes = _axes(shown, ax)
     names = list(titles) or [""] * len(shown)
     if len(names) != len(shown):
         raise InputError(f"titles must be one for each of {len(shown)} images, got {len(names)}")
-    bars = [scales_of(image, options) for image in shown] if colorbar and not grey else []
+    scales = [scales_of(image, options) for image in shown] if colorbar and not one else [[]]
+    own = any(_differ(scales[0], others) for others in scales)
     alike = all(np.allclose(image.extent, shown[0].extent) for image in shown)
-    own = any(_differ(bars[0], others) for others in bars)
     for image, place, title in zip(shown, axes, names, strict=True):
         image.plot(place, scale_bar=scale_bar, colorbar=own, **common)
         place.set_title(title)
         if alike:
             place.label_outer()
     if colorbar and not own:
-        add_bars(_room(axes), shown[0], common, axes[0].images[0], own=False)
+        rows = {round(float(a.get_position(original=True).y0), 6) for a in axes}
+        beside = axes[-1] if len(rows) == 1 else list(axes)
+        add_bars(beside, shown[0], common, axes[0].images[0], own=False)
     return axes
 
 
-def _in_one_unit(images: list[Any], unit: UnitLike) -> list[Image]:
+def _in_one_unit(images: list[Image], unit: UnitLike) -> list[Image]:
     if not images or not all(isinstance(image, Image) for image in images):
         raise InputError("plot_row needs a list of images, such as vm.plot_row([first, second])")
     shown = [image if unit is None else image.to(unit) for image in images]
@@ -112,39 +126,19 @@ def _in_one_unit(images: list[Any], unit: UnitLike) -> list[Image]:
     return shown
 
 
-def _stacked(images: list[Image]) -> Image:
-    pixels = [image.intensity.reshape(-1, 1, image.channels) for image in images]
-    return Image(np.concatenate(pixels), intensity_unit=images[0].intensity_unit)
-
-
-def _common_norm(images: list[Image], options: dict[str, Any]) -> dict[str, Any]:
-    drawn = one_channel(_stacked(images), **options)
-    rest = {name: value for name, value in options.items() if name not in _OF_NORM}
-    return {**rest, "channels": options.get("channels"), "norm": drawn["norm"]} | {
-        "colormap": drawn["cmap"]
-    }
-
-
-def _common_exposure(images: list[Image], options: dict[str, Any]) -> dict[str, Any]:
-    if options.get("exposure") is not None or options.get("vmax") is not None:
-        return options
-    chosen = options.get("channels"), options.get("mix")
-    _, brightest = mixed_channels(_stacked(images).intensity, *chosen)
-    return {**options, "exposure": automatic_exposure(brightest)}
-
-
 def _axes(images: list[Image], given: Any) -> NDArray[Any]:
+    count = len(images)
     if given is None:
-        figure, count = new_figure(), len(images)
+        figure = new_figure()
         figure.set_size_inches(_PANEL * count + 0.8, _PANEL)
         given = [new_axes(image, figure, 1, count, k + 1) for k, image in enumerate(images)]
     axes = np.array(given, dtype=object).ravel()
-    if len(axes) != len(images):
-        raise InputError(f"ax must be one axes for each of {len(images)} images, got {len(axes)}")
+    if len(axes) != count:
+        raise InputError(f"ax must be one axes for each of {count} images, got {len(axes)}")
     return axes
 
 
-def _differ(scales: list[Any], others: list[Any]) -> bool:
+def _differ(scales: list[Scale], others: list[Scale]) -> bool:
     if [s.label for s in scales] != [s.label for s in others]:
         return True
     places = np.linspace(0.0, 1.0, 64)
@@ -153,8 +147,3 @@ def _differ(scales: list[Any], others: list[Any]) -> bool:
         or not np.array_equal(a.colormap(places), b.colormap(places))
         for a, b in zip(scales, others, strict=True)
     )
-
-
-def _room(axes: NDArray[Any]) -> Any:
-    rows = {round(float(place.get_position(original=True).y0), 6) for place in axes}
-    return axes[-1] if len(rows) == 1 else list(axes)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, UnitsError
-from ..units import as_quantity, degrees, is_quantity, parse_unit
+from ..units import degrees, parse_unit, plain
 
 if TYPE_CHECKING:
+    from astropy.coordinates import SkyCoord
     from astropy.io.fits import Header
     from astropy.wcs import WCS
     from matplotlib.axes import Axes
@@ -65,12 +66,12 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
     """Return the tables of `tables_of` as HDUs."""
     from astropy.io import fits
 
-    made = []
+    hdus = []
     for (name, title), values in tables.items():
         n = len(values)
         column = fits.Column(title, f"{n}D", dim=f"(1,{n})", array=np.reshape(values, (1, n, 1)))
-        made.append(fits.BinTableHDU.from_columns([column], name=name))
-    return made
+        hdus.append(fits.BinTableHDU.from_columns([column], name=name))
+    return hdus
 
 
 def wcs_of_header(header: Header) -> Any:
@@ -122,22 +123,30 @@ def is_sky_axes(axes: Axes) -> bool:
 
 def label_axes(axes: Any, wcs: WCS) -> None:
     """Name both coordinates, and choose their units."""
-    for number in (0, 1):
-        coordinate = axes.coords[number]
-        coordinate.set_axislabel(_label(wcs, number))
-        unit = _unit(wcs, number)
+    (left, right, bottom, top), labels = plain_axes(wcs)
+    for number, (low, high) in enumerate(((left, right), (bottom, top))):
+        coordinate, unit = axes.coords[number], _unit(wcs, number)
+        coordinate.set_axislabel(labels[number])
         if coordinate.coord_type == "scalar" and unit is not None:
             coordinate.set_format_unit(unit)
             # By default astropy takes the decimals from the unit of the WCS. A format like "%.0f"
             # makes it drop the common prefix of labels: it shows -1000 and -500 as -1000 and 500.
             # Its "x.x" format, with matplotlib's minus sign, avoids both.
-            coordinate.set_major_formatter(f"x.{'x' * _decimals(wcs, number)}".removesuffix("."))
+            decimals = max(0, -math.floor(math.log10(abs(high - low) / _TICKS)))
+            coordinate.set_major_formatter(f"x.{'x' * decimals}".removesuffix("."))
 
 
 def plain_axes(wcs: WCS) -> tuple[tuple[float, float, float, float], list[str]]:
     """Return edges (left, right, bottom, top) and labels of linear coordinates."""
-    (left, right), (bottom, top) = (_ends(wcs, number) for number in (0, 1))
-    return (left, right, bottom, top), [_label(wcs, number) for number in (0, 1)]
+    corners = np.array([[-0.5, -0.5], np.array(wcs.pixel_shape) - 0.5])
+    ends, labels = wcs.wcs_pix2world(corners, 0).T, []
+    for number in (0, 1):
+        unit, kind = _unit(wcs, number), str(wcs.wcs.ctype[number])
+        name = _NAMES.get(kind.split("-")[0], kind.lower())
+        labels.append(name if unit is None or wcs.has_celestial else f"{name} [{unit}]")
+        ends[number] *= 1.0 if unit is None else float(wcs.wcs.cunit[number].to(unit))
+    (left, right), (bottom, top) = ends.tolist()
+    return (left, right, bottom, top), labels
 
 
 def is_linear(wcs: WCS) -> bool:
@@ -151,34 +160,12 @@ def has_lengths(wcs: WCS) -> bool:
     return bool(wcs.has_celestial or wcs.wcs.ctype[0] == "OFFSET")
 
 
-def _label(wcs: WCS, number: int) -> str:
-    kind = str(wcs.wcs.ctype[number])
-    name = _NAMES.get(kind.split("-")[0], kind.lower())
-    unit = None if wcs.has_celestial else _unit(wcs, number)
-    return name if unit is None else f"{name} [{unit}]"
-
-
-def _ends(wcs: WCS, number: int) -> tuple[float, float]:
-    """Return a coordinate at the outer edges of the picture, in the displayed unit."""
-    corners = np.array([[-0.5, -0.5], np.array(wcs.pixel_shape) - 0.5])
-    found = wcs.wcs_pix2world(corners, 0)[:, number]
-    unit = _unit(wcs, number)
-    factor = 1.0 if unit is None else float(wcs.wcs.cunit[number].to(unit))
-    return float(found[0]) * factor, float(found[1]) * factor
-
-
-def _decimals(wcs: WCS, number: int) -> int:
-    low, high = _ends(wcs, number)
-    return max(0, -math.floor(math.log10(abs(high - low) / _TICKS)))
-
-
 def _unit(wcs: WCS, number: int) -> Any:
     unit = parse_unit(wcs.wcs.cunit[number])
-    if unit is None:
-        return None
+    if unit is None or unit.si.scale != 1:  # a unit outside the SI is a deliberate choice
+        return unit
     known = (parse_unit(name) for name in _READ)
-    # A unit outside the SI is a deliberate choice; keep it.
-    return next((u for u in known if unit.is_equivalent(u) and unit.si.scale == 1), unit)
+    return next((u for u in known if unit.is_equivalent(u)), unit)
 
 
 # Tolerance for uniform pixel spacing, in pixels: a header stores only one pixel size.
@@ -187,18 +174,29 @@ _EVEN_TO = 1e-6
 
 def on_sky(image: Image, distance: Any, position: Any, posang: Any) -> Image:
     """Return the image with celestial world coordinates; see `Image.on_sky`."""
+    from astropy.wcs.utils import celestial_frame_to_wcs
+
     scale, projection = _plane(image, distance)
     steps = np.array(image.pixel_size) * scale
-    reference = [
-        _zero(c, step) for c, step in zip((image.x, image.y), image.pixel_size, strict=True)
-    ]
+    reference = []
+    for centres, step in zip((image.x, image.y), image.pixel_size, strict=True):
+        even = centres[0] + step * np.arange(centres.size)
+        if np.abs(even - centres).max() > _EVEN_TO * abs(step):
+            raise InputError("the pixels of this picture are not evenly spaced, as FITS needs them")
+        reference.append(1.0 - centres[0] / step)
     center = as_position(position)
-    wcs = _frame_wcs(center, projection)
-    angle = np.deg2rad(_finite(degrees(posang, "posang"), "posang"))
+    try:
+        wcs = celestial_frame_to_wcs(center.frame, projection=projection)
+    except ValueError:  # FITS has no name for this frame
+        center = center.icrs
+        wcs = celestial_frame_to_wcs(center.frame, projection=projection)
+    sphere = center.spherical
+    wcs.wcs.crval = [sphere.lon.wrap_at("360d").deg, sphere.lat.deg]
     wcs.wcs.crpix = reference
     # East is on the left: right ascension increases towards negative x.
     wcs.wcs.cdelt = np.rad2deg([-steps[0], steps[1]])
     # Up is north rotated towards east. The angle applies to lengths: pixels may not be square.
+    angle = np.deg2rad(_finite(degrees(posang, "posang"), "posang"))
     c, s, ratio = np.cos(angle), np.sin(angle), steps[1] / steps[0]
     wcs.wcs.pc = [[c, -s * ratio], [s / ratio, c]]
     wcs.pixel_shape = (image.shape[1], image.shape[0])
@@ -225,28 +223,19 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
         raise InputError(
             "a picture on the sky needs distance=, such as 140 * u.pc, and position= of its origin"
         )
-    return 1.0 / _length(distance, image.unit), "TAN"
-
-
-def _length(distance: Any, unit: str) -> float:
-    from astropy import units as u
-
-    distance = as_quantity(distance)
     try:
-        given = u.Quantity(distance) if is_quantity(distance) or isinstance(distance, str) else None
-        own = u.Unit(unit or "")
-        value = float(distance) if given is None else given.to_value(own)
-    except (u.UnitConversionError, TypeError, ValueError) as error:
+        length = plain(distance, unit, "distance")
+    except UnitsError as error:
         raise UnitsError(
             f"distance must be a length such as 140 * u.pc, got {distance!r}; the picture's plane "
-            f"is in {unit or 'no unit'}"
+            f"is in {image.unit or 'no unit'}"
         ) from error
-    if not np.isfinite(value) or value <= 0:
+    if not np.isfinite(length) or length <= 0:
         raise InputError(f"distance must be positive and finite, got {distance!r}")
-    return float(value)
+    return 1.0 / length, "TAN"
 
 
-def as_position(position: Any) -> Any:
+def as_position(position: Any) -> SkyCoord:
     """Return a position on the sky as a scalar SkyCoord.
 
     Parameters
@@ -261,9 +250,7 @@ def as_position(position: Any) -> Any:
             "a picture on the sky needs position= of its origin: a SkyCoord or (ra, dec) in degrees"
         )
     try:
-        if isinstance(position, SkyCoord):
-            found = position
-        elif isinstance(position, str):
+        if isinstance(position, (SkyCoord, str)):
             found = SkyCoord(position)
         else:
             ra, dec = (_finite(degrees(angle, "position"), "position") for angle in position)
@@ -284,23 +271,3 @@ def _finite(angle: float, what: str) -> float:
     if not np.isfinite(angle):
         raise InputError(f"{what} must be finite, got {angle} degrees")
     return angle
-
-
-def _frame_wcs(center: Any, projection: str) -> Any:
-    from astropy.wcs.utils import celestial_frame_to_wcs
-
-    try:
-        wcs = celestial_frame_to_wcs(center.frame, projection=projection)
-    except ValueError:  # FITS has no name for this frame
-        center = center.icrs
-        wcs = celestial_frame_to_wcs(center.frame, projection=projection)
-    sphere = center.spherical
-    wcs.wcs.crval = [sphere.lon.wrap_at("360d").deg, sphere.lat.deg]
-    return wcs
-
-
-def _zero(centres: np.ndarray, step: float) -> float:
-    even = centres[0] + step * np.arange(centres.size)
-    if np.abs(even - centres).max() > _EVEN_TO * abs(step):
-        raise InputError("the pixels of this picture are not evenly spaced, as FITS needs them")
-    return float(1.0 - centres[0] / step)

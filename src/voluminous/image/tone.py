@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import operator
 from collections.abc import Callable, Collection, Iterable
+from copy import copy
 from functools import reduce
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,12 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colormaps import get_color, get_colormap, opaque_color, without_alpha
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name, unknown_name
 from ..units import as_quantity, is_quantity, plain
-from .image import Image
 
 if TYPE_CHECKING:
     from matplotlib.colors import Normalize
+
+    from .image import Image
+
+Pixels = NDArray[np.float32]
+
+GAMUTS = ("hue", "clip")
+GAMMA = 2.2  # the usual approximation of the display encoding
+# The smallest value of a logarithmic scale, in units of the largest.
+_DECADES = 1e-6
+# Replace infinity before and after scaling, so that ratios of colours stay finite.
+_LARGE, _HUGE = 1e150, 1e30
+_FAINTEST = float(np.finfo(np.float64).tiny)
+_PERCENT_BELOW_WHITE = 99.9
+# Astronomers' convention for velocities: blue approaches, red recedes, white is at rest.
+_SIGNED = "RdBu_r"
+# Minimum ratio of the negative to the positive range; below it, negative values are rounding.
+_SHARE = 0.1
+# Percentiles of a projection's values that are shown as black and white.
+_WINDOW = (0.5, 99.8)
+# Orange and blue for two channels: distinguishable with any kind of colour vision, and their sum
+# is nearly white.
+_TWO = ((1.0, 0.6, 0.2), (0.1, 0.4, 1.0))
+_NOT_BOTH = "give {} or {}, not both: they set the same thing"
 
 
 class Curve(NamedTuple):
@@ -42,12 +65,7 @@ def _log(softening: float) -> Curve:
 
 
 LINEAR = Curve(lambda v: v, lambda w: w)
-GAMMA = 2.2  # the usual approximation of the display encoding
-_FIXED = {
-    "linear": LINEAR,
-    "sqrt": Curve(np.sqrt, np.square),
-    "gamma": _power(GAMMA),
-}
+_FIXED = {"linear": LINEAR, "sqrt": Curve(np.sqrt, np.square), "gamma": _power(GAMMA)}
 _SOFT = {"asinh": (_asinh, 0.1), "log": (_log, 0.01)}
 STRETCHES = (*_FIXED, *_SOFT)
 
@@ -66,10 +84,9 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
         raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
     if not isinstance(stretch, str):
         return _power(positive(stretch, "stretch"))
+    check_name("stretch", stretch, STRETCHES)
     if stretch in _FIXED:
         return _FIXED[stretch]
-    if stretch not in _SOFT:
-        raise unknown_name("stretch", stretch, STRETCHES)
     make, default = _SOFT[stretch]
     return make(default if softening is None else positive(softening, "softening"))
 
@@ -93,7 +110,13 @@ def finite(value: Any, what: str) -> float:
     return number
 
 
-_DECADES = 1e-6
+def _top(exposure: Any, vmax: Any) -> float | None:
+    """Return the intensity shown as white or as the end of the colormap, if it is given."""
+    if exposure is not None and vmax is not None:
+        raise InputError(_NOT_BOTH.format("exposure", "vmax"))
+    if exposure is not None:
+        return 1.0 / positive(exposure, "exposure")
+    return None if vmax is None else finite(vmax, "vmax")
 
 
 def scale(
@@ -112,34 +135,33 @@ def scale(
     exposure, vmin, vmax : float or None
         Limits; `exposure` means vmax = 1 / exposure.
     """
-    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.colors import FuncNorm, LogNorm, Normalize
 
     if norm is not None and bend is not LINEAR:
-        raise InputError("give norm or stretch, not both: they set the same thing")
-    vmax = _highest(exposure, vmax)
+        raise InputError(_NOT_BOTH.format("norm", "stretch"))
+    top = _top(exposure, vmax)
     if isinstance(norm, Normalize):
-        return _filled(norm, values, vmin, vmax)
+        if vmin is not None or top is not None:
+            raise InputError("vmin, vmax and exposure belong inside the norm that was given")
+        own: Normalize = copy(norm)  # do not change the caller's object
+        own.autoscale_None(values[np.isfinite(values)])
+        return own
     if norm not in (None, "linear", "log"):
         raise InputError(f"norm must be 'linear', 'log' or a matplotlib Normalize, got {norm!r}")
-    low, high = _limits(values, vmin, vmax, logarithmic=norm == "log")
-    if norm == "log":
+    log = norm == "log"
+    shown = values[np.isfinite(values) & (values > 0 if log else True)]
+    high = top if top is not None else float(shown.max()) if shown.size else 1.0
+    if vmin is not None:
+        low = finite(vmin, "vmin")
+    else:
+        low = float(shown.min()) if shown.size else 0.0
+        low = max(low, _DECADES * high) if log else low
+    if low > high or (log and low <= 0):
+        raise InputError(f"vmin ({low:g}) must be {'positive and ' * log}less than vmax ({high:g})")
+    if log:
         return LogNorm(low, high, clip=True)
     if bend is LINEAR or low == high:
         return Normalize(low, high)
-    return _bent(bend, low, high)
-
-
-def _highest(exposure: Any, vmax: Any) -> Any:
-    if exposure is None:
-        return vmax
-    if vmax is not None:
-        raise InputError("give exposure or vmax, not both: they set the same thing")
-    return 1.0 / positive(exposure, "exposure")
-
-
-def _bent(bend: Curve, low: float, high: float) -> Normalize:
-    from matplotlib.colors import FuncNorm
-
     span = high - low
 
     def forward(values: Any) -> Any:
@@ -149,54 +171,6 @@ def _bent(bend: Curve, low: float, high: float) -> Normalize:
         return low + span * bend.inverse(np.asarray(shown))
 
     return FuncNorm((forward, inverse), low, high)
-
-
-def _filled(norm: Normalize, values: NDArray[Any], vmin: Any, vmax: Any) -> Normalize:
-    from copy import copy
-
-    if vmin is not None or vmax is not None:
-        raise InputError("vmin, vmax and exposure belong inside the norm that was given")
-    own = copy(norm)  # do not change the caller's object
-    own.autoscale_None(values[np.isfinite(values)])
-    return own
-
-
-def _limits(
-    values: NDArray[Any], vmin: Any, vmax: Any, *, logarithmic: bool
-) -> tuple[float, float]:
-    shown = values[np.isfinite(values) & (values > 0 if logarithmic else True)]
-    high = finite(vmax, "vmax") if vmax is not None else float(shown.max()) if shown.size else 1.0
-    if vmin is not None:
-        low = finite(vmin, "vmin")
-    else:
-        low = float(shown.min()) if shown.size else high * (_DECADES if logarithmic else 0)
-        low = max(low, _DECADES * high) if logarithmic else low
-    if low > high or (logarithmic and low <= 0):
-        raise InputError(
-            f"vmin ({low:g}) must be {'positive and ' * logarithmic}less than vmax ({high:g})"
-        )
-    return low, high
-
-
-def mapped(values: NDArray[Any], colormap: Any, norm: Normalize) -> NDArray[np.float32]:
-    """Return the colours of a channel, shape (ny, nx, 3); transparent ones over black."""
-    table = get_colormap(colormap)
-    assert norm.vmin is not None
-    assert norm.vmax is not None
-    # Norms mask infinities; clipping them to the ends of the scale keeps them visible.
-    # In double precision, differences of numbers near the limit of float32 stay finite.
-    wide = values.astype(np.float64)
-    ends = np.nan_to_num(wide, copy=False, nan=np.nan, posinf=norm.vmax, neginf=norm.vmin)
-    rgba = table(norm(ends))
-    return (rgba[..., :3] * rgba[..., 3:]).astype(np.float32)
-
-
-# Replace infinity before and after scaling, so that ratios of colours stay finite.
-_LARGE = 1e150
-_HUGE = 1e30
-_PERCENT_BELOW_WHITE = 99.9
-_FAINTEST = float(np.finfo(np.float64).tiny)
-GAMUTS = ("hue", "clip")
 
 
 def display(
@@ -214,7 +188,7 @@ def display(
     vmax: float | None = None,
     background: Any = None,
     softening: float | None = None,
-) -> NDArray[np.float32]:
+) -> Pixels:
     """Return display values from 0 to 1, shape (ny, nx, 3); see `Image.to_rgb`."""
     bend = curve(stretch, softening)
     if colormap is None:
@@ -223,30 +197,31 @@ def display(
                 "norm belongs to a colormap, which shows one channel: give channels=0 or another, "
                 "or use stretch"
             )
-        linear = _exposed(intensity, channels, mix, exposure, vmin, vmax)
-        rgb = fit(linear, bend, gamut)
+        mixed, brightest = mixed_channels(intensity, channels, mix)
+        black = 0.0 if vmin is None else finite(vmin, "vmin")
+        mixed -= black
+        mixed /= white_level(brightest, exposure, black, vmax) - black
+        rgb = _in_gamut(np.clip(mixed, 0.0, _HUGE).astype(np.float32), bend, gamut)
     else:
         if mix is not None:
             raise InputError("a colormap shows one channel, so it cannot be used together with mix")
-        values = intensity[..., single(channels, intensity.shape[-1], "a colormap")]
-        rgb = mapped(values, colormap, scale(values, bend, norm, exposure, vmin, vmax))
-    return rgb if background is None else _in_front(rgb, transparency, background)
+        values = intensity[..., _single(channels, intensity.shape[-1])].astype(np.float64)
+        limits = scale(values, bend, norm, exposure, vmin, vmax)
+        # Norms mask infinities; clipping them to the ends of the scale keeps them visible.
+        ends = np.nan_to_num(values, nan=np.nan, posinf=limits.vmax, neginf=limits.vmin)
+        rgba = get_colormap(colormap)(limits(ends))
+        rgb = (rgba[..., :3] * rgba[..., 3:]).astype(np.float32)  # transparent ones over black
+    if background is None:
+        return rgb
+    if transparency is None:
+        raise InputError("background needs an image whose transparency is known")
+    color = np.array(opaque_color(background, "background"), dtype=np.float32)
+    through = np.nan_to_num(transparency.mean(axis=-1, keepdims=True, dtype=np.float64))
+    in_front: Pixels = np.minimum(rgb + through.astype(np.float32) * color, 1)
+    return in_front
 
 
 OPTIONS = frozenset(inspect.signature(display).parameters) - {"intensity", "transparency"}
-
-
-def _exposed(
-    intensity: NDArray[Any], channels: Any, mix: Any, exposure: Any, vmin: Any, vmax: Any
-) -> NDArray[np.float32]:
-    """Mix the channels and scale black to 0 and white to 1, without clipping to the gamut."""
-    mixed, brightest = mixed_channels(intensity, channels, mix)
-    black = 0.0 if vmin is None else finite(vmin, "vmin")
-    white = white_level(brightest, exposure, black, vmax)
-    mixed -= black
-    mixed /= white - black
-    np.clip(mixed, 0.0, _HUGE, out=mixed)
-    return mixed.astype(np.float32)
 
 
 def mixed_channels(
@@ -254,7 +229,7 @@ def mixed_channels(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return RGB (ny, nx, 3) and the maximum over the colours of each finite pixel (n,)."""
     indices = chosen(channels, intensity.shape[-1])
-    colors = matrix(mix, len(indices))
+    colors = _matrix(mix, len(indices))
     shown = intensity if channels is None else intensity[..., indices]
     mixed = shown.astype(np.float64)
     # Infinity times a zero matrix element is NaN; a large number times zero is zero.
@@ -264,19 +239,17 @@ def mixed_channels(
     return mixed, _brightest(mixed)[np.isfinite(_brightest(shown))]
 
 
-def _brightest(colors: NDArray[Any]) -> NDArray[Any]:
+def _brightest(colors: NDArray[Any]) -> Any:
     # Many times faster than max(axis=-1), which loops over the channels of each pixel.
     return reduce(np.maximum, np.moveaxis(colors, -1, 0))
 
 
 def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any) -> float:
     """Return the intensity shown as white: `vmax`, 1 / `exposure`, or the automatic level."""
-    if exposure is not None and vmax is not None:
-        raise InputError("give exposure or vmax, not both: they set the same thing")
-    if exposure is None and vmax is None:
+    white = _top(exposure, vmax)
+    if white is None:
         white = 1.0 / automatic_exposure(brightest)
         return white if white > black else black + 1.0
-    white = finite(vmax, "vmax") if exposure is None else 1.0 / positive(exposure, "exposure")
     if white <= black:
         raise InputError(f"white (vmax or 1 / exposure: {white:g}) must be above vmin ({black:g})")
     return white
@@ -300,85 +273,57 @@ def automatic_exposure(brightest: NDArray[Any]) -> float:
     return 1.0 / min(max(white, _FAINTEST), 1.0 / _FAINTEST)
 
 
-def fit(linear: NDArray[np.float32], bend: Curve, gamut: str) -> NDArray[np.float32]:
+def _in_gamut(linear: Pixels, bend: Curve, gamut: str) -> Pixels:
     """Stretch non-negative linear colours and map them into the gamut 0 … 1."""
+    check_name("gamut", gamut, GAMUTS)
     if gamut == "clip":
-        return bend.forward(np.minimum(linear, 1))
-    if gamut != "hue":
-        raise unknown_name("gamut", str(gamut), GAMUTS)
+        clipped: Pixels = bend.forward(np.minimum(linear, 1))
+        return clipped
     brightest = _brightest(linear)[..., None]
     divisor = np.where(brightest > 0, brightest, 1)
     # Dividing first avoids overflow for numbers near the limits of float32.
-    return np.minimum(linear / divisor * bend.forward(np.minimum(brightest, 1)), 1)
+    rgb: Pixels = np.minimum(linear / divisor * bend.forward(np.minimum(brightest, 1)), 1)
+    return rgb
 
 
-def _in_front(
-    rgb: NDArray[np.float32], transparency: NDArray[Any] | None, background: Any
-) -> NDArray[np.float32]:
-    if transparency is None:
-        raise InputError("background needs an image whose transparency is known")
-    color = np.array(opaque_color(background, "background"), dtype=np.float32)
-    through = np.nan_to_num(transparency.mean(axis=-1, keepdims=True, dtype=np.float64))
-    return np.minimum(rgb + through.astype(np.float32) * color, 1)
-
-
-# Astronomers' convention for velocities: blue approaches, red recedes, white is at rest.
-_SIGNED = "RdBu_r"
-# Minimum ratio of the negative to the positive range; below it, negative values are rounding.
-_SHARE = 0.1
-# Percentiles of a projection's values that are shown as black and white.
-_WINDOW = (0.5, 99.8)
-# Options that count as an explicit choice of the display.
-_DECIDING = ("background", "vmin", "vmax", "softening")
-
-
-def with_colormap(
-    intensity: NDArray[Any], options: dict[str, Any], projection: bool = False
-) -> dict[str, Any]:
-    """Return display options, with a default colormap if one channel needs one.
+def with_colormap(image: Image, options: dict[str, Any]) -> dict[str, Any]:
+    """Return display options as plain numbers, with a colormap if one channel needs one.
 
     A norm without a colormap uses grey. One channel of both signs, without explicit options, gets
     a diverging colormap around zero, because grey would show all negative values (half of a map
     of velocities) as black. A channel without positive values, such as depths in front of the
-    middle, gets a grey colormap, because it would be entirely black otherwise.
-
-    Parameters
-    ----------
-    intensity : array, shape (ny, nx, channels)
-    options : dict
-        Of `Image.to_rgb`; explicit choices are left unchanged.
-    projection : bool
-        The values are those of a field, such as its maximum; signed ones are grey as in radiology.
+    middle, gets a grey colormap, because it would be entirely black otherwise; so do signed values
+    of a field, such as its maximum, as in radiology.
     """
-    if options.get("colormap") is not None or options.get("mix") is not None:
+    options = plain_options(options, image.intensity_unit)
+    given = {name for name, value in options.items() if value is not None}
+    shown = chosen(options.get("channels"), image.channels)
+    if given & {"colormap", "mix"} or len(shown) != 1:
         return options
-    shown = chosen(options.get("channels"), intensity.shape[-1])
-    if len(shown) != 1:
-        return options
-    if options.get("norm") is not None:
+    if "norm" in given:
         return {**options, "colormap": "gray"}
-    if (options.get("stretch", "linear"), options.get("gamut", "hue")) != ("linear", "hue"):
+    look = options.get("stretch", "linear"), options.get("gamut", "hue")
+    if look != ("linear", "hue") or given & {"background", "vmin", "vmax", "softening"}:
         return options
-    if any(options.get(name) is not None for name in _DECIDING):
-        return options
-    if options.get("exposure") is None:
-        window = _window(intensity[..., shown[0]], projection)
+    values = image.intensity[..., shown[0]]
+    if "exposure" not in given:
+        is_projection = (image.provenance or {}).get("how") in ("max", "min", "mean")
+        window = _window(values, is_projection)
         if window is not None:
             return {**options, "colormap": "gray", "vmin": window[0], "vmax": window[1]}
-    automatic = signed_exposure(intensity[..., shown[0]])
+    automatic = signed_exposure(values)
     if automatic is None:
         return options
-    given = options.get("exposure")
-    reach = 1.0 / (automatic if given is None else positive(given, "exposure"))
+    reach = _top(options.get("exposure"), None) or 1.0 / automatic
     # Limits symmetric around zero.
     return {**options, "colormap": _SIGNED, "exposure": None, "vmin": -reach, "vmax": reach}
 
 
 def exposure_of(intensity: NDArray[Any]) -> float:
     """Return the automatic exposure of a picture; see `Image.exposure`."""
-    found = signed_exposure(intensity) if intensity.shape[-1] == 1 else None
-    if found is not None:
-        return found
+    signed = signed_exposure(intensity) if intensity.shape[-1] == 1 else None
+    if signed is not None:
+        return signed
     return automatic_exposure(mixed_channels(intensity, None, None)[1])
 
 
@@ -404,17 +349,6 @@ def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | Non
     return None
 
 
-def is_projection(image: Any) -> bool:
-    """Return True if an image shows values of a field; see `voluminous.project`."""
-    return (image.provenance or {}).get("how") in ("max", "min", "mean")
-
-
-# Orange and blue for two channels: distinguishable with any kind of colour vision, and their sum
-# is nearly white.
-_TWO = ((1.0, 0.6, 0.2), (0.1, 0.4, 1.0))
-_WHITE = (1.0, 1.0, 1.0)
-
-
 def chosen(channels: Any, count: int) -> list[int]:
     """Return the indices of the channels to show, out of `count`."""
     if channels is None:
@@ -431,27 +365,25 @@ def chosen(channels: Any, count: int) -> list[int]:
     return indices
 
 
-def single(channels: Any, count: int, why: str) -> int:
+def _single(channels: Any, count: int) -> int:
     """Return the index of the one channel to show."""
-    indices = chosen(channels, count)
-    if len(indices) != 1:
+    index, *others = chosen(channels, count)
+    if others:
         raise InputError(
-            f"{why} shows one channel, not {len(indices)}: choose one with channels=0 … {count - 1}"
+            f"a colormap shows one channel, not {1 + len(others)}: choose one with channels=0 … "
+            f"{count - 1}"
         )
-    return indices[0]
+    return index
 
 
-def matrix(mix: Any, count: int) -> NDArray[np.float64]:
-    """Return the RGB weights of `count` channels, shape (count, 3).
-
-    Parameters
-    ----------
-    mix : array_like or None
-        Numbers or colour names; None for the default: one channel grey, two orange and
-        blue, three red, green and blue, and every further one white.
-    """
+def _matrix(mix: Any, count: int) -> NDArray[np.float64]:
+    """Return the RGB weights of `count` channels, shape (count, 3)."""
     if mix is None:
-        return _default(count)
+        if count == 2:
+            return np.array(_TWO)
+        # One channel is grey, three are red, green and blue, and every further one is white.
+        primary = np.eye(3)[: 3 * (count > 2)]
+        return np.vstack([primary, np.ones((count - len(primary), 3))])
     if isinstance(mix, (list, tuple, np.ndarray)):
         mix = [get_color(c) if isinstance(c, str) else without_alpha(c, "mix") for c in mix]
     try:
@@ -466,14 +398,6 @@ def matrix(mix: Any, count: int) -> NDArray[np.float64]:
     return colors
 
 
-def _default(count: int) -> NDArray[np.float64]:
-    if count == 1:
-        return np.array([_WHITE])
-    if count == 2:
-        return np.array(_TWO)
-    return np.array([*np.eye(3), *[_WHITE] * (count - 3)])
-
-
 def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
     """Raise for the first option whose name is not in `known`."""
     for name in given:
@@ -481,83 +405,74 @@ def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> No
             raise unknown_name(kind, name, known)
 
 
-# Options that change the mapping from intensities to display values.
-_CHANGING = ("stretch", "softening", "colormap", "norm", "vmin", "vmax")
-
-
-def plain_options(options: dict[str, Any], unit: Any) -> dict[str, Any]:
+def plain_options(options: dict[str, Any], unit: str) -> dict[str, Any]:
     """Return display options with exposure and limits as plain numbers, in the displayed unit."""
-    if isinstance(options.get("exposure"), str):
-        options = options | _as_they_are(options)
-    given = {name: options.get(name) for name in ("vmin", "vmax")}
+    exposure = options.get("exposure")
+    if isinstance(exposure, str):
+        if exposure != "rgb":
+            raise InputError(
+                f"exposure must be a number, or 'rgb' for intensities as they are, got {exposure!r}"
+            )
+        changing = ("stretch", "softening", "colormap", "norm", "vmin", "vmax")
+        if others := [n for n in changing if options.get(n) not in (None, "linear")]:
+            raise InputError(
+                f"exposure='rgb' shows intensities as they are; leave out {' and '.join(others)}, "
+                "or give exposure=1"
+            )
+        options = options | {"exposure": 1.0, "gamut": "clip"}
+    limits = {name: options.get(name) for name in ("vmin", "vmax")}
     return options | {
         name: float(plain(value, unit or None, name))
-        for name, value in given.items()
+        for name, value in limits.items()
         if is_quantity(as_quantity(value))
     }
 
 
-def _as_they_are(options: dict[str, Any]) -> dict[str, Any]:
-    if options["exposure"] != "rgb":
-        raise InputError(
-            f"exposure must be a number, or 'rgb' for intensities as they are, got "
-            f"{options['exposure']!r}"
-        )
-    others = [n for n in _CHANGING if options.get(n) not in (None, "linear")]
-    if others:
-        raise InputError(
-            f"exposure='rgb' shows intensities as they are; leave out {' and '.join(others)}, or "
-            "give exposure=1"
-        )
-    return {"exposure": 1.0, "gamut": "clip"}
+def display_values(image: Image, transparent: bool, options: dict[str, Any], bits: int) -> Any:
+    """Return display values as whole numbers of 8 or 16 bits, (ny, nx, 3), or 4 with alpha.
+
+    Alpha is straight (not premultiplied): the picture looks as before in front of black.
+    """
+    rgb = image.to_rgb(**options)
+    if transparent:
+        if image.transparency is None:
+            raise InputError("transparent=True needs an image whose transparency is known")
+        through = np.clip(np.nan_to_num(image.transparency.mean(axis=-1, keepdims=True)), 0, 1)
+        alpha = np.maximum(1 - through, rgb.max(axis=-1, keepdims=True))
+        rgb = np.concatenate([rgb / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
+    return np.rint(rgb * np.float32(2**bits - 1)).astype(f"uint{bits}")
 
 
-def display_values(image: Image, transparent: bool, display: dict[str, Any]) -> NDArray[Any]:
-    """Return display values from 0 to 1, shape (ny, nx, 3), or (ny, nx, 4) with alpha."""
-    shown = image.to_rgb(**display)
-    return _with_alpha(shown, image.transparency) if transparent else shown
+def over_black(samples: NDArray[Any], *, multiplied: bool = False) -> dict[str, NDArray[Any]]:
+    """Return intensity and transparency of samples whose last one is alpha.
 
-
-def _with_alpha(rgb: NDArray[np.float32], transparency: NDArray[Any] | None) -> NDArray[Any]:
-    """Return straight (not premultiplied) RGBA that looks like `rgb` in front of black."""
-    if transparency is None:
-        raise InputError("transparent=True needs an image whose transparency is known")
-    through = np.clip(np.nan_to_num(transparency.mean(axis=-1, keepdims=True)), 0, 1)
-    alpha = np.maximum(1 - through, rgb.max(axis=-1, keepdims=True))
-    return np.concatenate([rgb / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
+    `multiplied` says that the colours are multiplied with alpha already.
+    """
+    full = np.iinfo(samples.dtype).max if samples.dtype.kind in "iu" else 1.0
+    colors, alpha = samples[..., :-1], samples[..., -1:] / full
+    return {"intensity": colors if multiplied else colors * alpha, "transparency": 1 - alpha}
 
 
 def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
     """Return True if display options show one channel, in grey or through a colormap."""
     if options.get("mix") is not None or options.get("background") is not None:
         return False
-    if options.get("colormap") is not None:
-        return True
-    shown = chosen(options.get("channels"), image.channels)
-    return len(shown) == 1
+    return options.get("colormap") is not None or (
+        len(chosen(options.get("channels"), image.channels)) == 1
+    )
 
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return the arguments of imshow for one channel, so that a colour bar can be added."""
-    options = with_colormap(
-        image.intensity, plain_options(options, image.intensity_unit), is_projection(image)
-    )
-    index = single(options.get("channels"), image.channels, "a colormap")
-    values = image.intensity[..., index]
+    options = with_colormap(image, options)
+    values = image.intensity[..., _single(options.get("channels"), image.channels)]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))
-    limits = [options.get(name) for name in ("exposure", "vmin", "vmax")]
-    colormap = options.get("colormap")
-    if colormap is None:
-        limits = _grey_limits(values, *limits)
-    norm = scale(values, bend, options.get("norm"), *limits)
-    return {
-        "X": values,
-        "norm": norm,
-        "cmap": get_colormap("gray" if colormap is None else colormap),
-    }
-
-
-def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> list[Any]:
-    """Return the limits that `to_rgb` uses without a colormap: from 0 to white."""
-    black = 0.0 if vmin is None else finite(vmin, "vmin")
-    return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]
+    exposure, vmin, vmax, colormap = (
+        options.get(name) for name in ("exposure", "vmin", "vmax", "colormap")
+    )
+    if colormap is None:  # the limits of `to_rgb`: from 0 to white
+        vmin = 0.0 if vmin is None else finite(vmin, "vmin")
+        vmax = white_level(values[np.isfinite(values)], exposure, vmin, vmax)
+        exposure, colormap = None, "gray"
+    norm = scale(values, bend, options.get("norm"), exposure, vmin, vmax)
+    return {"X": values, "norm": norm, "cmap": get_colormap(colormap)}

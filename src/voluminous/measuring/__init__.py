@@ -1,8 +1,9 @@
-"""Measurements: what the same integral along rays says of mass, momentum, energy and columns."""
+"""Measurements: columns, projections, moments, totals, surfaces of optical depth, and `probe`."""
 
 from ..errors import immutable
 from .columns import column
-from .probing import Probe, probe
+from .probe_result import Probe
+from .probing import probe
 from .projections import project
 from .surface import TauSurface, tau_surface
 from .totals import Measurement, measure

@@ -1,8 +1,8 @@
-"""Which part of each cell is measured: where a condition holds, and inside of a region."""
+"""Values of expressions in cells, and the part of each cell that is measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -18,46 +18,44 @@ from ..rendering.cache import VolumeStatistics
 from .quantity import CellQuantity
 
 if TYPE_CHECKING:
-    from ..grids.contract import Grid
     from ..volume import Volume
 
-# Cells looked at at once.
+# Cells evaluated at once.
 _CHUNK = 1 << 20
+# The parts of a cell that is entirely inside add up to one only to this.
+_ROUNDING = 1e-12
 
 
-def with_known(volume: Volume, expressions: Sequence[Expression]) -> tuple[Any, list[Expression]]:
-    """Return a volume, and expressions of its fields that have a value wherever these have one.
+def undefined_as_missing(
+    volume: Volume, expressions: Sequence[Expression]
+) -> tuple[Volume, list[Expression]]:
+    """Return a volume and expressions of it, undefined values of which are missing.
 
-    An expression that has none in some cells, such as ``log10(a)`` where a is negative, becomes a
-    field that lacks it there: what is missing in fields counts nothing along rays.
+    An expression that is undefined in some cells, such as ``log10(a)`` where a is negative, becomes
+    a field with missing values: along rays these count nothing.
     """
     arrays: dict[str, np.ndarray] = {}
-    found = []
+    results = []
     for expression in expressions:
-        values = None if _defined(volume, expression) else _lacking(volume, expression)
-        if values is None:
-            found.append(expression)
+        values = None if _is_finite(volume, expression) else _values(volume, expression)
+        if values is None or not np.isnan(values).any():
+            results.append(expression)
             continue
-        name = _free_name(volume, len(arrays))
+        name = f"quantity_{len(arrays)}"
+        while name in volume:
+            name += "_"
         arrays[name] = values
-        found.append(Expression(name))
-    return (_with_fields(volume, arrays) if arrays else volume), found
+        results.append(Expression(name))
+    if not arrays:
+        return volume, results
+    other = volume.with_arrays(arrays)
+    for name in arrays:
+        other.set_unit(name, None)
+    return other, results
 
 
-def check_finite(values: np.ndarray, expression: Expression, first: int, grid: Grid) -> None:
-    """Refuse a quantity that is infinite in one of consecutive cells."""
-    infinite = np.flatnonzero(np.isinf(values))
-    if infinite.size:
-        place = np.unravel_index(first + int(infinite[0]), grid.shape)
-        raise InputError(
-            f"{expression.text!r} is infinite in cells, the first of which is "
-            f"{tuple(int(i) for i in place)}: leave them out, where(…, …, 0), or have them missing "
-            "(NaN)"
-        )
-
-
-def _defined(volume: Volume, expression: Expression) -> bool:
-    """Return whether the ranges of the fields alone say that it is finite everywhere."""
+def _is_finite(volume: Volume, expression: Expression) -> bool:
+    """Return whether the ranges of the fields suffice to know that it is finite everywhere."""
     if not expression.partial:
         return True
     with np.errstate(all="ignore"):
@@ -68,56 +66,31 @@ def _defined(volume: Volume, expression: Expression) -> bool:
     return bool(np.isfinite(range_.lo) & np.isfinite(range_.hi))
 
 
-def _lacking(volume: Volume, expression: Expression) -> np.ndarray | None:
-    values = np.concatenate(list(_pieces(volume, expression)))
-    unknown = np.isnan(values)
-    if unknown.all():
+def _values(volume: Volume, expression: Expression) -> np.ndarray:
+    grid, values = volume.grid, np.empty(volume.grid.size)
+    for first in range(0, grid.size, _CHUNK):
+        last = min(first + _CHUNK, grid.size)
+        values[first:last] = volume.evaluate_cells(expression, first, last, double=True)
+        check_finite(volume, values[first:last], expression, first)
+    if np.isnan(values).all():
         raise InputError(f"{expression.text!r} has no value in any cell")
-    return values.reshape(volume.grid.shape) if unknown.any() else None
+    return values.reshape(grid.shape)
 
 
-def _pieces(volume: Volume, expression: Expression) -> Iterator[np.ndarray]:
-    size = volume.grid.size
-    for first in range(0, size, _CHUNK):
-        last = min(first + _CHUNK, size)
-        values = volume.evaluate_cells(expression, first, last, double=True)
-        check_finite(values, expression, first, volume.grid)
-        yield np.asarray(values, np.float64)
-
-
-def _free_name(volume: Volume, number: int) -> str:
-    name = f"quantity_{number}"
-    while name in volume:
-        name += "_"
-    return name
-
-
-def _with_fields(volume: Volume, arrays: dict[str, np.ndarray]) -> Any:
-    other = volume.with_arrays(arrays)
-    for name in arrays:
-        other.set_unit(name, None)
-    return other
-
-
-def condition(volume: Volume, text: Any, what: str = "where") -> CellQuantity:
-    """Return a condition, an expression that is zero where it does not hold."""
-    return CellQuantity.of(volume, text, what)
-
-
-def holds(volume: Volume, what: CellQuantity, first: int, last: int) -> Any:
-    """Return in which cells a condition holds; not where it has no value."""
-    values = volume.evaluate_cells(what.expression, first, last)
-    return (values != 0) & (values == values)
-
-
-# Cells looked at at once.
-CHUNK = 1 << 18
-# Of a cell that is inside entirely the parts need not add up to one.
-_ROUNDING = 1e-12
+def check_finite(volume: Volume, values: np.ndarray, expression: Expression, first: int) -> None:
+    """Refuse a quantity that is infinite in one of consecutive cells."""
+    infinite = np.flatnonzero(np.isinf(values))
+    if infinite.size:
+        place = np.unravel_index(first + int(infinite[0]), volume.grid.shape)
+        raise InputError(
+            f"{expression.text!r} is infinite in cells, the first of which is "
+            f"{tuple(int(i) for i in place)}: leave them out, where(…, …, 0), or have them missing "
+            "(NaN)"
+        )
 
 
 class CellParts:
-    """The part of each cell that is measured."""
+    """The part of each cell that is measured: where a condition holds, and inside a region."""
 
     def __init__(self, volume: Volume, where: Any, region: Region | None, samples: Any) -> None:
         if not isinstance(samples, Integral) or samples < 1:
@@ -128,77 +101,56 @@ class CellParts:
                 "where= with coordinates, or volume.resample(grid) first"
             )
         self.volume, self.region, self.samples = volume, region, int(samples)
-        self.where = None if where is None else condition(volume, where)
-
-    @property
-    def everything(self) -> bool:
-        """True if nothing is left out."""
-        return self.where is None and self.region is None
+        self.where = None if where is None else CellQuantity.of(volume, where, "where").expression
 
     def of(self, first: int, last: int) -> np.ndarray:
         """Return the parts of consecutive cells, from 0 to 1."""
         part = np.ones(last - first)
         if self.where is not None:
-            part *= holds(self.volume, self.where, first, last)
+            values = self.volume.evaluate_cells(self.where, first, last)
+            part *= (values != 0) & (values == values)  # not where it has no value
         if self.region is not None:
-            part *= self._inside(first, last)
+            part *= self._inside(self.region, first, last)
         return part
 
-    def whole(self) -> np.ndarray:
-        """Return the parts of all cells, of the grid's shape."""
-        grid = self.volume.grid
-        found = [self.of(a, min(a + CHUNK, grid.size)) for a in range(0, grid.size, CHUNK)]
-        return np.concatenate(found).reshape(grid.shape)
-
-    def _inside(self, first: int, last: int) -> np.ndarray:
-        assert self.region is not None
-        corners = self._tally(first, last, np.arange(last - first), [np.linspace(0, 1, 3)] * 3)
+    def _inside(self, region: Region, first: int, last: int) -> np.ndarray:
+        corners = self._fraction(
+            region, first, last, np.arange(last - first), [np.arange(3) / 2] * 3
+        )
         part = np.round(corners)  # all points inside, or none
-        divided = np.flatnonzero(((corners > 0) & (corners < 1)) | self._cut(first, last))
+        cut = ((corners > 0) & (corners < 1)) | self._may_be_cut(region, first, last)
+        divided = np.flatnonzero(cut)
         if divided.size:
             counts = points_along(self.volume.grid, self.samples)
             steps = [(np.arange(n) + 0.5) / n for n in counts]
-            part[divided] = self._tally(first, last, divided, steps)
+            part[divided] = self._fraction(region, first, last, divided, steps)
         return part
 
-    def _cut(self, first: int, last: int) -> np.ndarray:
+    def _may_be_cut(self, region: Region, first: int, last: int) -> np.ndarray:
         """Return which cells the region's surface may pass through, between their corners."""
-        assert self.region is not None
         grid = self.volume.grid
-        centers, reach = np.asarray(grid.cell_centers(first, last)), _reach(grid, first, last)
-        found = np.zeros(last - first, dtype=bool)
-        for image in mirror_images(grid):
-            away = self.region.beyond(centers * image[:, None], grid.unit)
-            found |= np.asarray(np.abs(away) < reach)
-        return found
+        centers = np.asarray(grid.cell_centers(first, last))
+        half = 0.5 * np.asarray(grid.cell_sizes(first, last))
+        # Any point can be reached along the coordinates one after another, the angles first.
+        cartesian = tuple(grid.coordinates) == CARTESIAN
+        reach = np.linalg.norm(half, axis=0) if cartesian else half.sum(axis=0)
+        distances = (
+            region.beyond(centers * image[:, None], grid.unit) for image in mirror_images(grid)
+        )
+        return np.any([np.abs(distance) < reach for distance in distances], axis=0)
 
-    def _tally(
-        self, first: int, last: int, cells: np.ndarray, steps: list[np.ndarray]
+    def _fraction(
+        self, region: Region, first: int, last: int, cells: np.ndarray, steps: list[np.ndarray]
     ) -> np.ndarray:
-        """Return the part that is inside, of points at fractions of cells along each axis."""
-        assert self.region is not None
+        """Return the fraction inside, of points of cells given by fractions along each axis."""
         grid, system = self.volume.grid, tuple(self.volume.grid.coordinates)
         inside, total, images = np.zeros(len(cells)), np.zeros(len(cells)), mirror_images(grid)
-        low, size = (a[:, cells] for a in _native_boxes(grid, first, last))
+        low, high = (ends[:, cells] for ends in grid.spans(first, last))
         for place in np.array(np.meshgrid(*steps)).reshape(3, -1).T:
-            native = low + place[:, None] * size
+            native = low + place[:, None] * (high - low)
             points = position(system, native)
             weight = np.abs(np.prod(metric(system, native), axis=0)) + 1e-300
             total += weight
             for image in images:
-                found = self.region.inside(points * image[:, None], grid.unit)
-                inside += weight * found / len(images)
+                inside += weight * region.inside(points * image[:, None], grid.unit) / len(images)
         return np.where(inside > (1 - _ROUNDING) * total, 1.0, inside / total)
-
-
-def _reach(grid: Grid, first: int, last: int) -> np.ndarray:
-    half = 0.5 * np.asarray(grid.cell_sizes(first, last))
-    if tuple(grid.coordinates) == CARTESIAN:
-        return np.asarray(np.linalg.norm(half, axis=0))
-    # To any point there is a way along the coordinates one after another, the angles first.
-    return np.asarray(half.sum(axis=0))
-
-
-def _native_boxes(grid: Grid, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-    low, high = grid.spans(first, last)
-    return low, high - low

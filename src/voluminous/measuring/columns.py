@@ -15,17 +15,19 @@ from ..errors import InputError, unknown_name
 from ..expressions import product
 from ..image import Image
 from ..media import Coefficients
+from ..packages import VERSION
 from ..progress import Progress, reported_range, with_progress
 from ..rendering import image_wcs, render
 from ..schemes.base import Scheme, Solution, Source
-from ..units import unit_name
-from .cells import check_finite, with_known
+from ..units import Unit, UnitLike, unit_name
+from .cells import CellParts, check_finite, undefined_as_missing
 from .exact_projection import Screen, project_cells
-from .quantity import CellQuantity, check_volume, column_unit, converted
+from .quantity import CellQuantity, check_volume, converted, integral_unit
 
 if TYPE_CHECKING:
     from ..backend.types import Float
-    from ..cameras import Camera, Frame
+    from ..cameras import Camera
+    from ..expressions import Expression
     from ..grids.contract import Grid, Segment
     from ..volume import Volume
 
@@ -33,8 +35,8 @@ if TYPE_CHECKING:
 class Thin(Scheme):
     """Nothing is absorbed: b = j s. Quantities may be negative.
 
-    Exact, up to rounding, for what is constant in cells. A third faster than first order with an
-    extinction of zero.
+    Exact, up to rounding, for quantities that are constant in cells. A third faster than first
+    order with an extinction of zero.
     """
 
     name = "column"
@@ -43,62 +45,40 @@ class Thin(Scheme):
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
-        found, none = source.at(segment)
+        emissivity, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
-        return Solution(
-            [q * segment.length for q in found], [one for _ in none], [zero for _ in none]
-        ), carried
+        columns = [q * segment.length for q in emissivity]
+        return Solution(columns, [one for _ in none], [zero for _ in none]), carried
 
 
 METHODS = ("rays", "exact")
-# Cells whose shadows are made at once: bounds the memory for their places.
+# Cells projected at once, which limits the memory for their places.
 _CHUNK = 1 << 21
 
 
 def integrals(
-    volume: Volume,
-    expressions: Sequence[Any],
-    camera: Camera,
-    *,
-    method: str = "rays",
-    samples: int = 1,
-    precision: str = "single",
-    device: str = "auto",
-    progress: Progress = None,
+    volume: Volume, expressions: Sequence[Expression], camera: Camera, method: str, **options: Any
 ) -> np.ndarray:
-    """Return ∫ q ds for each expression q: plain numbers, lengths in the volume's unit.
+    """Return ∫ q ds for each expression q, float64 of shape (k, ny, nx).
 
-    Cells where one of them has no value count nothing for all: means are of what is known.
-
-    Returns
-    -------
-    float64 array, shape (k, ny, nx)
+    They are plain numbers, with lengths in the volume's unit. Cells where one of them has no value
+    count nothing for all: means are over known values.
     """
     check_camera(camera, "a map")  # of None `render` would make one
     if method == "exact":
         check_exact(volume.grid, camera)
+        device = options["device"]
         return exact_maps(volume.seen_by(camera), expressions, camera, device, together=True)
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
-    seen, known = with_known(volume.seen_by(camera), expressions)
+    seen, known = undefined_as_missing(volume.seen_by(camera), expressions)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
-        image = render(
-            seen,
-            Coefficients(known, 0),
-            camera,
-            scheme=Thin(),
-            cutoff=0.0,
-            samples=samples,
-            precision=precision,
-            device=device,
-            progress=progress,
-        )
+        image = render(seen, Coefficients(known, 0), camera, scheme=Thin(), cutoff=0.0, **options)
     if not image.intensity.any():
-        told = " and ".join(q.text for q in expressions if q is not None)
         warnings.warn(
-            f"{told}: zero along every ray of this camera, which looks elsewhere, or whose pixels "
-            "meet nothing of what is small",
+            f"{' and '.join(q.text for q in expressions)}: zero along every ray of this camera, "
+            "which looks elsewhere, or whose pixels meet nothing of what is small",
             stacklevel=4,
         )
     return np.moveaxis(image.intensity, -1, 0).astype(np.float64)
@@ -106,34 +86,32 @@ def integrals(
 
 def exact_maps(
     volume: Volume,
-    expressions: Sequence[Any],
+    expressions: Sequence[Expression | None],
     camera: Camera,
     device: str,
-    parts: Any = None,
+    parts: CellParts | None = None,
     together: bool = False,
 ) -> np.ndarray:
-    """Return the pixels' mean columns: cells' shadows, clipped against the pixels."""
+    """Return the mean columns of pixels, by projecting all cells; None stands for one everywhere.
+
+    `parts` is the part of each cell that counts. With `together`, cells in which any of the
+    expressions has no value are left out.
+    """
     grid, frame = volume.grid, camera.frame(volume.grid)
-    backend, screen = get_backend(device, "double"), screen_of(frame)
+    backend, screen = get_backend(device, "double"), Screen.of(frame)
     total = np.zeros((len(expressions), *frame.pixels[::-1]))
     for first in reported_range(grid.size, _CHUNK):
         last = min(first + _CHUNK, grid.size)
         sizes = np.asarray(grid.cell_sizes(first, last))
         # In units of the scale: products of three lengths and a density may be too large, or small.
-        share = np.prod(sizes / grid.scale, axis=0) * (
-            1.0 if parts is None else parts.of(first, last)
-        )
-        values = np.array(
-            [
-                np.ones(last - first)
-                if e is None
-                else volume.evaluate_cells(e, first, last, double=True)
-                for e in expressions
-            ]
-        )
-        for e, own in zip(expressions, values, strict=True):
-            if e is not None:
-                check_finite(np.where(share == 0, 0.0, own), e, first, grid)
+        share = np.prod(sizes / grid.scale, axis=0)
+        if parts is not None:
+            share = share * parts.of(first, last)
+        values = np.ones((len(expressions), last - first))
+        for own, expression in zip(values, expressions, strict=True):
+            if expression is not None:
+                own[:] = volume.evaluate_cells(expression, first, last, double=True)
+                check_finite(volume, np.where(share == 0, 0.0, own), expression, first)
         unknown = np.isnan(values)
         if together:
             unknown = np.any(unknown, axis=0)
@@ -144,7 +122,7 @@ def exact_maps(
 
 
 def check_exact(grid: Grid, camera: Camera) -> None:
-    """Refuse what cells' shadows are not known for."""
+    """Refuse cameras and grids that exact maps do not support."""
     if not isinstance(camera, Orthographic):
         raise InputError(
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "
@@ -157,32 +135,13 @@ def check_exact(grid: Grid, camera: Camera) -> None:
         )
 
 
-def screen_of(frame: Frame) -> Screen:
-    """Return the pixels of an orthographic camera."""
-    center, right, up = frame.vectors[:3]
-    pixel = np.asarray(frame.pixel)
-    axes = np.stack([right, up]) / pixel[:, None]
-    middle = 0.5 * np.asarray(frame.pixels) - np.asarray(frame.shift) / pixel
-    return Screen(axes, middle - axes @ center, frame.pixels)
-
-
 def as_map(
-    values: np.ndarray, unit: Any, volume: Volume, camera: Camera, told: dict[str, Any]
+    values: np.ndarray, unit: Unit, volume: Volume, camera: Camera, provenance: dict[str, Any]
 ) -> Image:
-    """Return an image of some numbers per pixel.
-
-    Parameters
-    ----------
-    values : array, shape (ny, nx) or (ny, nx, k)
-    unit : astropy unit or None
-    told : dict
-        What was measured, and how: for the image's provenance. Its ``map`` says what the values
-        are, in a colour bar too.
-    """
-    from ..packages import VERSION
-
+    """Return an image of numbers per pixel; its colour bar is labelled ``provenance["map"]``."""
     frame = camera.frame(volume.grid)
     x, y = frame.coordinates()
+    common = {"software": f"voluminous {VERSION}", "volume": volume.describe()}
     return Image(
         values,
         x=x,
@@ -192,33 +151,27 @@ def as_map(
         intensity_unit=unit_name(unit),
         camera=camera.describe(),
         wcs=image_wcs(volume, camera, frame),
-        provenance={"software": f"voluminous {VERSION}", "volume": volume.describe(), **told},
+        provenance={**common, **provenance},
     )
-
-
-def depth_map(values: np.ndarray, volume: Volume, camera: Camera, told: dict[str, Any]) -> Image:
-    """Return an image of distances along the lines of sight."""
-    return as_map(values, volume.unit, volume, camera, {**told, "map": "depth"})
 
 
 @with_progress
 def column(
     volume: Volume,
-    quantity: Any,
+    quantity: str | Expression,
     camera: Camera,
     *,
-    weight: Any = None,
+    weight: str | Expression | float | None = None,
     method: str = "rays",
     samples: int = 1,
-    unit: Any = None,
+    unit: UnitLike = None,
     precision: str = "single",
     device: str = "auto",
     progress: Progress = None,
 ) -> Image:
     """Return a map of ∫ q ds, or of ∫ q w ds / ∫ w ds, along the lines of sight.
 
-    A quantity is constant in a cell. Where it is missing (NaN), or an expression has no value, it
-    counts nothing.
+    A quantity is constant in a cell. Where it is missing (NaN) or undefined, it counts nothing.
 
     Parameters
     ----------
@@ -233,14 +186,14 @@ def column(
         Return the mean of the quantity with this weight; NaN where the weight is zero.
     method : {"rays", "exact"}
         Rays through the pixels' centres (or parts of them, see `samples`); or the mean over the
-        area of each pixel, from the shadows of all cells in closed form: the sum of all pixels
-        times their area is that of the cells times their volumes to rounding, from any direction
-        and with pixels of any size. Exact maps take an orthographic camera, and cells that are
-        boxes.
+        area of each pixel, from the shadows of all cells in closed form. Then the sum over all
+        pixels times their area equals that over cells times their volumes to rounding, from any
+        direction and with pixels of any size. Exact maps need an orthographic camera, and cells
+        that are boxes.
     samples : int
         For rays: n for n × n rays per pixel, which converge to the exact mean.
     unit : str or unit, optional
-        Of the map; by default that of the quantity times the length unit it is made of: g / cm2 for
+        Of the map; by default that of the quantity times the unit of length in it: g / cm2 for
         g / cm3, whatever the unit of the volume's lengths.
     precision, device, progress
         As for `render`; for rays.
@@ -259,30 +212,26 @@ def column(
     UnitsError
         If the map is not of the unit.
     """
-    how: dict[str, Any] = {
-        "method": method,
-        "samples": samples,
-        "precision": precision,
-        "device": device,
-        "progress": progress,
-    }
+    how: dict[str, Any] = {"method": method, "samples": samples}
+    options = {**how, "precision": precision, "device": device, "progress": progress}
     check_volume(volume)
-    what = CellQuantity.of(volume.seen_by(camera), quantity)
-    told = {"quantity": what.text, "method": method, "samples": samples}
-    told["map"] = f"{'column' if weight is None else 'mean'} of {what.text}"
+    seen = volume.seen_by(camera)
+    what = CellQuantity.of(seen, quantity)
+    provenance = {"quantity": what.text, **how}
     if weight is None:
-        own, factor = column_unit(what.unit, volume.unit)
-        values = integrals(volume, [what.number], camera, **how)[0]
+        provenance["map"] = f"column of {what.text}"
+        own, factor = integral_unit(what.unit, volume.unit)
+        values = integrals(volume, [what.number], camera, **options)[0]
     else:
-        by = CellQuantity.of(volume.seen_by(camera), weight, "weight")
-        told["weight"] = by.text
+        by = CellQuantity.of(seen, weight, "weight")
+        provenance |= {"weight": by.text, "map": f"mean of {what.text}"}
         own, factor = what.unit, 1.0
-        weighed = product(what.number, by.number)
-        total, weights = integrals(volume, [weighed, by.number], camera, **how)
+        weighted = product(what.number, by.number)
+        total, weights = integrals(volume, [weighted, by.number], camera, **options)
         with np.errstate(invalid="ignore", divide="ignore"):
             values = np.where(weights != 0, total / weights, np.nan)
     target, more = converted(own, unit, f"the column of {what.text!r}")
-    return as_map(factor * more * values, target, volume, camera, told)
+    return as_map(factor * more * values, target, volume, camera, provenance)
 
 
 def lines_of_sight(camera: Camera, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
@@ -297,7 +246,7 @@ def lines_of_sight(camera: Camera, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     ray = camera.rays(frame.traced_vectors(backend), *places)
     nx, ny = frame.pixels
 
-    def stacked(parts: Any) -> np.ndarray:
+    def stacked(parts: Sequence[Float]) -> np.ndarray:
         rows = [np.broadcast_to(np.asarray(p), u.shape) for p in parts]
         return np.stack(rows, axis=-1).reshape(ny, nx, 3)
 

@@ -1,8 +1,8 @@
-"""What rays find on their way, in place of what they gather: a place, the largest value."""
+"""Projections along rays: the largest or smallest value, or the first place of a condition."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,51 +16,45 @@ from ..rendering.march import MarchState
 from ..rendering.tracer import RayTracer
 from ..schemes.base import Position, Scheme, Source
 from ..schemes.path import Path
-from .cells import condition as converted_condition
-from .cells import with_known
-from .columns import as_map, column, depth_map
+from .cells import undefined_as_missing
+from .columns import as_map, column
 from .quantity import CellQuantity, check_volume, converted
 
 if TYPE_CHECKING:
     from ..backend.types import Float
     from ..cameras import Camera
+    from ..expressions import Expression
     from ..grids.contract import Ray, Segment, Track
     from ..image import Image
     from ..media import Medium
+    from ..units import UnitLike
     from ..volume import Volume
 
 
 class Scanner(Scheme):
-    """A scheme that gathers nothing: what it carries is what it has found.
-
-    Attributes
-    ----------
-    recorded : int
-        How many of the numbers that it carries are to be known in the end: those that come first.
-    """
+    """A scheme that integrates nothing: its results are the first numbers that it carries."""
 
     complete = True
-    recorded = 1
 
-    def count(self, numbers: Any) -> int:
-        """Return `recorded`, where it depends on what is integrated."""
-        return self.recorded
+    def count(self, extinctions: int) -> int:
+        """Return how many of the carried numbers are results."""
+        return 1
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
-        """Go on as before: nothing is found in cells without values."""
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         return carried
 
 
 NOTHING = Path([], [], [])
 
 
-class Scan(RayTracer):
-    """Rays that tell what their scheme, a `Scanner`, carries in the end."""
+class _Scan(RayTracer):
+    """Rays whose results are what a `Scanner` carries in the end."""
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        scanner: Any = self.job.scheme
-        return scanner.count(self.source.numbers), 0, 0
+        scanner = self.job.scheme
+        assert isinstance(scanner, Scanner)
+        return scanner.count(self.source.numbers.extinctions), 0, 0
 
     def nothing(self) -> Path:
         return NOTHING
@@ -70,34 +64,23 @@ class Scan(RayTracer):
         return replace(state, path=Path(state.carried[: self.counts[0]], [], []))
 
 
-@dataclass
-class Scanned:
-    """What the rays through the pixels' centres have found.
+def scan(
+    volume: Volume, medium: Medium, camera: Camera, scheme: Scanner, **options: Any
+) -> tuple[np.ndarray, float]:
+    """Return the results of rays through the centres of pixels, and the unit of coefficients.
 
-    Attributes
-    ----------
-    values : float64 array, shape (recorded, ny, nx)
-    unit, length : float
-        What tabulated coefficients are multiplied by, to be those of the medium, and distances, to
-        be in the volume's unit: single precision may not hold them.
+    Results are of shape (k, ny, nx) and type float64. Coefficients are in this unit, and distances
+    in that of the grid's scale: single precision may not hold them in units of the volume.
     """
-
-    values: np.ndarray
-    unit: float
-    length: float
-
-
-def scan(volume: Volume, medium: Medium, camera: Camera, scheme: Scheme, **options: Any) -> Scanned:
-    """Follow the rays through the pixels' centres."""
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels
     source = job.source()
-    paths, numbers = Scan(job, source, 0.0).frame(), source.numbers
-    values = np.stack(paths.emission).astype(np.float64).reshape(-1, ny, nx)
-    return Scanned(values, numbers.unit / volume.grid.scale, volume.grid.scale)
+    results = _Scan(job, source, 0.0).frame().emission
+    values = np.stack(results).astype(np.float64).reshape(-1, ny, nx)
+    return values, source.numbers.unit / volume.grid.scale
 
 
-def distance(track: Track, t: Any) -> Any:
+def distance(track: Track, t: Float) -> Float:
     """Return how far a point of a ray is from its origin, in units of the scale (traced)."""
     return type(t)(track.entry + t)
 
@@ -109,16 +92,16 @@ HOW = ("max", "min", "first", "integral", "mean")
 @with_progress
 def project(
     volume: Volume,
-    quantity: Any,
+    quantity: str | Expression,
     camera: Camera,
     how: str = "max",
     *,
     depth: bool = False,
-    unit: Any = None,
+    unit: UnitLike = None,
     precision: str = "single",
     device: str = "auto",
     progress: Progress = None,
-) -> Any:
+) -> Image | tuple[Image, Image]:
     """Return a projection of a quantity along the lines of sight, such as its maximum.
 
     A quantity is constant in a cell. Cells without a value (NaN) are left out.
@@ -173,50 +156,43 @@ def project(
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
     if how in ("integral", "mean"):
-        total = column(
-            volume, quantity, camera, weight=1 if how == "mean" else None, unit=unit, **options
-        )
+        weight = 1 if how == "mean" else None
+        total = column(volume, quantity, camera, weight=weight, unit=unit, **options)
         return total.replace(provenance={**(total.provenance or {}), "how": how})
-    if how == "first":
-        return _first(volume, quantity, camera, unit, options)
-    what = CellQuantity.of(volume.seen_by(camera), quantity)
-    found = _scanned(volume, what, camera, _Largest(_SIGNS[how]), **options)
-    kind = f"{how}imum"
-    told = {"quantity": what.text, "how": how, "map": f"{kind} of {what.text}"}
-    target, factor = converted(what.unit, unit, f"the {kind} of {what.text!r}")
-    values = as_map(factor * found.unit * found.values[0], target, volume, camera, told)
+    first = how == "first"
+    named = "condition" if first else "quantity"
+    seen = volume.seen_by(camera)
+    what = CellQuantity.of(seen, quantity, named)
+    seen, (known,) = undefined_as_missing(seen, [what.expression])
+    scheme = _First() if first else _Largest(_SIGNS[how])
+    (best, *places), own = scan(seen, Coefficients(known, 0), camera, scheme, **options)
+    scale = volume.grid.scale
+    provenance = {named: what.text, "how": how}
+    kind = "distance" if first else f"{how}imum of {what.text!r}"
+    target, factor = converted(volume.unit if first else what.unit, unit, f"the {kind}")
+    label = "depth" if first else f"{how}imum of {what.text}"
+    size = factor * (scale if first else own)
+    image = as_map(size * best, target, volume, camera, {**provenance, "map": label})
     if not depth:
-        return values
-    return values, depth_map(found.length * found.values[1], volume, camera, told)
-
-
-def _first(volume: Volume, condition: Any, camera: Camera, unit: Any, options: Any) -> Image:
-    what = converted_condition(volume.seen_by(camera), condition, "condition")
-    found = _scanned(volume, what, camera, _First(), **options)
-    told = {"condition": what.text, "how": "first"}
-    target, factor = converted(volume.unit, unit, "the distance")
-    told["map"] = "depth"
-    return as_map(factor * found.length * found.values[0], target, volume, camera, told)
-
-
-def _scanned(
-    volume: Volume, what: CellQuantity, camera: Camera, scheme: Scanner, **options: Any
-) -> Scanned:
-    seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
-    return scan(seen, Coefficients(known, 0), camera, scheme, **options)
+        return image
+    return image, as_map(
+        scale * places[0], volume.unit, volume, camera, {**provenance, "map": "depth"}
+    )
 
 
 class _Largest(Scanner):
     """Carry the largest value, times a sign, and where it is."""
 
     name = "extreme"
-    recorded = 2
     everywhere = True
 
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def start(self, position: Position, source: Source) -> list[Any]:
+    def count(self, extinctions: int) -> int:
+        return 2
+
+    def start(self, position: Position, source: Source) -> list[Float]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
     def solve(
@@ -235,7 +211,7 @@ class _First(Scanner):
 
     name = "first hit"
 
-    def start(self, position: Position, source: Source) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Float]:
         return [source.backend.Float(np.nan)]
 
     def solve(

@@ -1,41 +1,40 @@
-"""What is measured: an expression of fields, and the unit of its integrals."""
+"""Measured quantities: expressions of fields, and the units of their integrals."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..expressions import Expression, components, is_dex, without_unit
-from ..units import parse_unit, unit_name
+from ..units import Unit, UnitLike, parse_unit, unit_name
 
 if TYPE_CHECKING:
     from ..volume import Volume
 
 
-@dataclass(frozen=True)
-class CellQuantity:
+class CellQuantity(NamedTuple):
     """An expression in plain numbers of a volume's fields, and its unit (None: a plain number)."""
 
     expression: Expression
-    unit: Any
+    unit: Unit
     text: str
 
     @classmethod
     def of(cls, volume: Volume, expression: Any, what: str = "quantity") -> CellQuantity:
-        """Return what a user asks for."""
+        """Return the quantity of a user's expression; `what` names it in errors."""
         if not isinstance(expression, (str, Expression, int, float)):
+            advice = "an array; put it into the volume, volume['name'] = array, and give the name"
+            got = advice if isinstance(expression, np.ndarray) else repr(expression)
             raise InputError(
-                f"{what} must be a field or an expression such as 'density', "
-                f"got {_told(expression)}"
+                f"{what} must be a field or an expression such as 'density', got {got}"
             )
-        parts = components(expression)
-        if len(parts) != 1:
+        first, *others = components(expression)
+        if others:
             raise InputError(f"{what} must be one number per cell, got the vector {expression!r}")
-        plain, unit = volume.resolved(parts[0])
-        return cls(plain, unit, parts[0].text)
+        plain, unit = volume.resolved(first)
+        return cls(plain, unit, first.text)
 
     @property
     def number(self) -> Expression:
@@ -43,33 +42,12 @@ class CellQuantity:
         return without_unit(self.expression, self.unit, self.text)
 
 
-def _told(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return "an array; put it into the volume, volume['name'] = array, and give the name"
-    return repr(value)
+def integral_unit(unit: Unit, length: Unit, power: int = 1) -> tuple[Unit, float]:
+    """Return a unit times a power of a length, and the factor that numbers are multiplied by.
 
-
-def check_volume(volume: Volume) -> None:
-    """Refuse what cannot be measured at all."""
-    if not hasattr(volume, "seen_by"):
-        raise InputError(f"measurements need a Volume first, got {type(volume).__name__}")
-
-
-def column_unit(unit: Any, length: Any) -> tuple[Any, float]:
-    """Return the unit of a quantity times a length, and what plain numbers are multiplied by.
-
-    The length is taken in the unit of length that the quantity itself is made of: g / cm3 along
-    parsecs gives g / cm2.
+    The length is in the unit of length that the first unit contains: g / cm3 along parsecs gives
+    g / cm2.
     """
-    return _times_lengths(unit, length, 1)
-
-
-def total_unit(unit: Any, length: Any) -> tuple[Any, float]:
-    """Return the unit of a quantity times a volume, in the same way as `column_unit`."""
-    return _times_lengths(unit, length, 3)
-
-
-def _times_lengths(unit: Any, length: Any, power: int) -> tuple[Any, float]:
     if is_dex(unit):
         raise UnitsError(
             f"numbers in {unit_name(unit)} depend on the unit of what the logarithm is taken of, "
@@ -84,16 +62,21 @@ def _times_lengths(unit: Any, length: Any, power: int) -> tuple[Any, float]:
     return parse_unit(unit * own**power), float(length.to(own)) ** power
 
 
-def converted(unit: Any, wanted: Any, what: str) -> tuple[Any, float]:
-    """Return the unit a user wants, and what numbers are multiplied by."""
+def check_volume(volume: Any) -> None:
+    """Refuse anything but a volume."""
+    if not hasattr(volume, "seen_by"):
+        raise InputError(f"measurements need a Volume first, got {type(volume).__name__}")
+
+
+def converted(unit: Unit, wanted: UnitLike, what: str) -> tuple[Unit, float]:
+    """Return the unit a user wants, and the factor that converts to it."""
     from astropy import units as u
 
     if wanted is None:
         return unit, 1.0
-    target = parse_unit(wanted)
-    own = unit if unit is not None else u.dimensionless_unscaled
+    own, target = (u.dimensionless_unscaled if x is None else x for x in (unit, parse_unit(wanted)))
     try:
-        return target, float(own.to(target if target is not None else u.dimensionless_unscaled))
+        return parse_unit(target), float(own.to(target))
     except u.UnitConversionError as error:
         raise UnitsError(
             f"{what} is in {unit_name(own) or 'no unit'}, which is not {wanted}"

@@ -16,14 +16,14 @@ import numpy as np
 from ..cameras import Frame
 from ..errors import InputError, VoluminousError, unknown_name
 from ..regions import Box, Cylinder, DoubleCone, Region, Sphere
-from ..units import plain
+from ..units import Unit, plain
 
 _LONGEST, _SHOWN = 10_000, 80
-# What looks like a unit, and numbers with one; of a point, all numbers have the unit behind it.
+# A name that may be a unit, and a number with one; the unit after a point is that of its numbers.
 _UNIT = r"\s*\*?\s*(?!(?:and|or|not|if|else)\b|e[-+]?\d)([^\W\d]\w*)"
 _NUMBER = re.compile(r"(?<![\w.'\"])(-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)" + _UNIT, re.IGNORECASE)
-_UNREADABLE = (SyntaxError, ValueError, TypeError, RecursionError, MemoryError)
 _POINT = re.compile(r"\(([^()]*)\)" + _UNIT)
+_UNREADABLE = (SyntaxError, ValueError, TypeError, RecursionError, MemoryError, VoluminousError)
 
 
 def _read(text: str, what: str, shapes: Mapping[str, Callable[..., Any]]) -> Any:
@@ -55,26 +55,22 @@ def _read(text: str, what: str, shapes: Mapping[str, Callable[..., Any]]) -> Any
                 return make(*map(_value, args), **{str(k.arg): _value(k.value) for k in keywords})
         raise ValueError("expected shapes, combined by &, | and ~")
 
+    def with_unit(point: re.Match[str]) -> str:
+        return f"({','.join(f'{number} {point[2]}' for number in point[1].split(','))})"
+
     try:
         if len(text) > _LONGEST:
             raise ValueError(f"it has {len(text)} characters, expected {_LONGEST} at most")
+        quoted = _NUMBER.sub(r"'\1 \2'", _POINT.sub(with_unit, " ".join(text.split())))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # errors say what is wrong
-            single = _POINT.sub(
-                lambda m: f"({','.join(f'{part} {m[2]}' for part in m[1].split(','))})",
-                " ".join(text.split()),
-            )
-            return shape(ast.parse(_NUMBER.sub(r"'\1 \2'", single), mode="eval").body)
-    except (
-        VoluminousError,
-        SyntaxError,
-        ValueError,
-        TypeError,
-        RecursionError,
-        MemoryError,
-    ) as error:
+            warnings.simplefilter("ignore", SyntaxWarning)  # the error suffices
+            return shape(ast.parse(quoted, mode="eval").body)
+    except _UNREADABLE as error:
         shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
-        known = ", ".join(f"{name}{_arguments(make)}" for name, make in shapes.items())
+        known = ", ".join(
+            f"{name}({', '.join(inspect.signature(make).parameters)})"
+            for name, make in shapes.items()
+        )
         kind = type(error) if isinstance(error, VoluminousError) else InputError
         raise kind(
             f"{what} {shown!r}: {error or 'too long'}; points are in parentheses: (0, 0, 0); "
@@ -87,72 +83,8 @@ def _value(node: ast.expr) -> Any:
     return node.id if isinstance(node, ast.Name) else ast.literal_eval(node)
 
 
-def _arguments(make: Callable[..., Any]) -> str:
-    return f"({', '.join(map(str, inspect.signature(make).parameters))})"
-
-
-def region_of(text: str) -> Region:
-    """Return the region that a text describes; numbers without a unit are in the volume's.
-
-    Such as ``"sphere((0, 0, 0), 100 AU) & ~box((-1, -1, 0), (1, 1, 2 pc))"``: the classes of
-    `voluminous.regions` in small letters, and ``cone``, one half of a double cone.
-    """
-    return _read(text, "region", _REGIONS)
-
-
-def polygon_of(text: str, unit: Any) -> np.ndarray:
-    """Return the polygon, shape (n, 2), on the image plane that a text describes.
-
-    ``circle(center, radius)``, ``rectangle(low, high)`` or ``polygon(point, point, …)``, such as
-    ``"circle((0, 0), 0.5 pc)"``; in `unit`, which numbers without one are in.
-    """
-    points: Callable[[Any], np.ndarray] = _read(text, "aperture", _APERTURES)
-    return points(unit)
-
-
 def _cone(apex: Any, axis: Any, opening: Any, height: Any = None) -> DoubleCone:
     return DoubleCone(apex, axis, opening, height, side="up")
-
-
-# Corners of the polygon that a circle is drawn as, which has its area; the radius is true to 1e-4.
-_CORNERS = 180
-
-
-def _circle(center: Any, radius: Any) -> Callable[[Any], np.ndarray]:
-    def points(unit: Any) -> np.ndarray:
-        size = plain(radius, unit, "radius")
-        if np.ndim(size) or not 0 < size < np.inf:
-            raise InputError(f"radius of a circle must be positive, got {radius}")
-        step = 2 * np.pi / _CORNERS
-        angle = step * np.arange(_CORNERS)
-        corner = size * np.sqrt(step / np.sin(step))
-        around = corner * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return np.asarray(_plane(center, unit) + around)
-
-    return points
-
-
-def _rectangle(low: Any, high: Any) -> Callable[[Any], np.ndarray]:
-    def points(unit: Any) -> np.ndarray:
-        (x0, y0), (x1, y1) = _plane(low, unit), _plane(high, unit)
-        if not (x0 < x1 and y0 < y1):
-            raise InputError(f"low must be below high along both axes, got {low} and {high}")
-        return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-
-    return points
-
-
-def _polygon(*points: Any) -> Callable[[Any], np.ndarray]:
-    if len(points) < 3:
-        raise InputError(f"a polygon has three points or more, got {points}")
-    return lambda unit: np.array([_plane(point, unit) for point in points])
-
-
-def _plane(point: Any, unit: Any) -> np.ndarray:
-    array = np.asarray(plain(point, unit, "point"))
-    if array.shape != (2,) or not np.all(np.isfinite(array)):
-        raise InputError(f"a point on the image plane is two numbers, got {point}")
-    return array
 
 
 _REGIONS: dict[str, Callable[..., Region]] = {
@@ -162,7 +94,59 @@ _REGIONS: dict[str, Callable[..., Region]] = {
     "cone": _cone,
     "doublecone": DoubleCone,
 }
-_APERTURES = {"circle": _circle, "rectangle": _rectangle, "polygon": _polygon}
+
+
+def region_of(text: str) -> Region:
+    """Return the region that a text describes; numbers without a unit are in the volume's.
+
+    Such as ``"sphere((0, 0, 0), 100 AU) & ~box((-1, -1, 0), (1, 1, 2 pc))"``: the classes of
+    `voluminous.regions` in small letters, and ``cone``, one half of a double cone.
+    """
+    region: Region = _read(text, "region", _REGIONS)
+    return region
+
+
+# Corners of the polygon that represents a circle, of equal area; its radius is accurate to 1e-4.
+_CORNERS = 180
+
+
+def polygon_of(text: str, unit: Unit) -> np.ndarray:
+    """Return the polygon, shape (n, 2), on the image plane that a text describes.
+
+    ``circle(center, radius)``, ``rectangle(low, high)`` or ``polygon(point, point, …)``, such as
+    ``"circle((0, 0), 0.5 pc)"``; in `unit`, which numbers without one are in.
+    """
+
+    def plane(point: Any) -> np.ndarray:
+        array = np.asarray(plain(point, unit, "point"))
+        if array.shape != (2,) or not np.all(np.isfinite(array)):
+            raise InputError(f"a point on the image plane is two numbers, got {point}")
+        return array
+
+    def circle(center: Any, radius: Any) -> np.ndarray:
+        size = plain(radius, unit, "radius")
+        if np.ndim(size) or not 0 < size < np.inf:
+            raise InputError(f"radius of a circle must be positive, got {radius}")
+        step = 2 * np.pi / _CORNERS
+        angle = step * np.arange(_CORNERS)
+        corner = size * np.sqrt(step / np.sin(step))
+        around: np.ndarray = corner * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return plane(center) + around
+
+    def rectangle(low: Any, high: Any) -> np.ndarray:
+        (x0, y0), (x1, y1) = plane(low), plane(high)
+        if not (x0 < x1 and y0 < y1):
+            raise InputError(f"low must be below high along both axes, got {low} and {high}")
+        return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+
+    def polygon(*points: Any) -> np.ndarray:
+        if len(points) < 3:
+            raise InputError(f"a polygon has three points or more, got {points}")
+        return np.array(list(map(plane, points)))
+
+    shapes = {"circle": circle, "rectangle": rectangle, "polygon": polygon}
+    corners: np.ndarray = _read(text, "aperture", shapes)
+    return corners
 
 
 # A pixel that a polygon cuts is sampled at so many places along each axis.
@@ -171,55 +155,36 @@ _FINE = 16
 _SLACK = 1e-6
 
 
-class Aperture:
-    """What counts of an image: all of it (None), a polygon or its text, or a number per pixel."""
+def aperture_weights(aperture: Any, frame: Frame, unit: Unit) -> np.ndarray:
+    """Return what counts of each pixel, shape (ny, nx): from all of it to a polygon or its text."""
+    shape = frame.pixels[::-1]
+    if aperture is None:
+        return np.ones(shape)
+    if isinstance(aperture, str):
+        aperture = polygon_of(aperture, unit)
+    array = np.asarray(plain(aperture, unit, "aperture"))
+    if array.shape == shape:
+        if not np.all((array >= 0) & (array <= 1)):  # nor NaN
+            raise InputError("aperture counts from 0 to 1 of each pixel, or is true or false")
+        return array
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) < 3:
+        raise InputError(
+            "aperture must be a polygon, shape (n, 2) with n > 2, or have the image's shape "
+            f"{shape}, got shape {array.shape}"
+        )
+    if not np.all(np.isfinite(array)):
+        raise InputError("the corners of an aperture must be finite numbers")
+    from matplotlib.path import Path
 
-    def __init__(self, aperture: Any, frame: Frame, unit: Any) -> None:
-        self.frame = frame
-        shape = frame.pixels[::-1]
-        self.polygon: np.ndarray | None = None
-        self.counts: np.ndarray | None = None
-        if aperture is None:
-            return
-        if isinstance(aperture, str):
-            aperture = polygon_of(aperture, unit)
-        array = np.asarray(plain(aperture, unit, "aperture"))
-        if array.shape == shape:
-            if not np.all((array >= 0) & (array <= 1)):  # nor NaN
-                raise InputError("aperture counts from 0 to 1 of each pixel, or is true or false")
-            self.counts = array
-        elif array.ndim == 2 and array.shape[1] == 2 and len(array) > 2:
-            if not np.all(np.isfinite(array)):
-                raise InputError("the corners of an aperture must be finite numbers")
-            self.polygon = array
-        else:
-            raise InputError(
-                "aperture must be a polygon, shape (n, 2) with n > 2, or have the image's shape "
-                f"{shape}, got shape {array.shape}"
-            )
-
-    def weights(self) -> np.ndarray:
-        """Return what counts of each pixel, shape (ny, nx)."""
-        if self.counts is not None:
-            return self.counts
-        if self.polygon is None:
-            return np.ones(self.frame.pixels[::-1])
-        return self._covered(self.polygon)
-
-    def _covered(self, polygon: np.ndarray) -> np.ndarray:
-        from matplotlib.path import Path
-
-        x, y = np.meshgrid(*self.frame.coordinates())
-        outline, size = Path(polygon), np.array(self.frame.pixel)
-        centers = np.stack([x, y], axis=-1)
-        parts = outline.contains_points(centers.reshape(-1, 2)).reshape(x.shape).astype(float)
-        cut = _cut((polygon - centers[0, 0]) / size + 0.5, self.frame.pixels)
-        steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
-        within = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * size
-        points = centers[cut][:, None] + within
-        inside = outline.contains_points(points.reshape(-1, 2))
-        parts[cut] = inside.reshape(-1, _FINE**2).mean(axis=1)
-        return parts
+    outline, size = Path(array), np.array(frame.pixel)
+    centers = np.stack(np.meshgrid(*frame.coordinates()), axis=-1)
+    weights = outline.contains_points(centers.reshape(-1, 2)).reshape(shape).astype(float)
+    cut = _cut((array - centers[0, 0]) / size + 0.5, frame.pixels)
+    steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    within = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * size
+    points = centers[cut][:, None] + within
+    weights[cut] = outline.contains_points(points.reshape(-1, 2)).reshape(-1, _FINE**2).mean(axis=1)
+    return weights
 
 
 def _cut(polygon: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
@@ -229,11 +194,10 @@ def _cut(polygon: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
     row = np.arange(ny)
     # Where a side enters and leaves a row of pixels; a level one is there from end to end.
     low, high = np.minimum(ay, by), np.maximum(ay, by)
-    ends = [np.clip(row + side, low, high) for side in (0, 1)]
     rise = np.where(ay == by, 1.0, by - ay)
     place = [
-        np.where(ay == by, level, ax + (y - ay) / rise * (bx - ax))
-        for level, y in zip((ax, bx), ends, strict=True)
+        np.where(ay == by, level, ax + (np.clip(row + side, low, high) - ay) / rise * (bx - ax))
+        for level, side in ((ax, 0), (bx, 1))
     ]
     there = (low <= row + 1 + _SLACK) & (high >= row - _SLACK)
     first = np.clip(np.floor(np.minimum(*place) - _SLACK), 0, nx).astype(int)

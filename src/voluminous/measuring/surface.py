@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..progress import Progress, with_progress
 from ..rendering.options import refuse_unusable
 from ..schemes import get_scheme
-from .columns import depth_map, lines_of_sight
+from .columns import as_map, lines_of_sight
 from .projections import NOTHING, Scanner, distance, scan
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def tau_surface(
     camera: Camera,
     tau: float = 1.0,
     *,
-    scheme: Any = "first-order",
+    scheme: str | Scheme = "first-order",
     precision: str = "double",
     device: str = "auto",
     progress: Progress = None,
@@ -70,7 +70,7 @@ def tau_surface(
     tau : float
         Positive.
     scheme : str
-        What makes the optical depths of segments; see `render`.
+        Computes the optical depths of segments; see `render`.
     precision, device, progress
         As for `render`.
 
@@ -82,73 +82,64 @@ def tau_surface(
     Raises
     ------
     InputError
-        If `tau` is not positive, or something cannot be rendered: where coefficients are not finite
-        or extinctions negative.
+        If `tau` is not positive, coefficients are not finite, or extinctions negative.
     """
     if not isinstance(tau, Real) or not 0 < tau < np.inf:
         raise InputError(f"tau must be a positive number, got {tau!r}")
-    inner = get_scheme(scheme, controlled=False)
-    options = {"precision": precision, "device": device, "progress": progress}
-    found = scan(volume, medium, camera, Surface(inner, float(tau)), **options)
-    told = {"tau": float(tau), "scheme": inner.name}
-    places, depths = np.split(found.values, 2)
+    surface = _Surface(get_scheme(scheme, controlled=False), float(tau))
+    options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
+    results, _ = scan(volume, medium, camera, surface, **options)
+    places, depths = np.split(results, 2)
     if np.isnan(depths).any():  # else it would seem that the surface is not reached
         refuse_unusable(precision)
-    distances = found.length * np.moveaxis(places, 0, -1)
-    image = depth_map(distances, volume, camera, told)
-    return TauSurface(image, _points(volume, camera, image.intensity), float(tau))
+    provenance = {"tau": float(tau), "scheme": surface.scheme.name, "map": "depth"}
+    distances = volume.grid.scale * np.moveaxis(places, 0, -1)
+    depth = as_map(distances, volume.unit, volume, camera, provenance)
+    origin, direction = (a[:, :, None] for a in lines_of_sight(camera, volume.grid))
+    points = origin + depth.intensity[..., None] * direction
+    return TauSurface(depth, np.asarray(points), float(tau))
 
 
-def _points(volume: Volume, camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """Return the points at distances (ny, nx, channel) from the origins of rays."""
-    origin, direction = lines_of_sight(camera, volume.grid)
-    return np.asarray(origin[:, :, None] + depth[..., None] * direction[:, :, None])
-
-
-class Surface(Scanner):
-    """Carry where an optical depth is reached, the depths so far, and what a scheme carries."""
+class _Surface(Scanner):
+    """Carry where an optical depth is reached, the depths so far, and a scheme's own numbers."""
 
     def __init__(self, scheme: Scheme, tau: float) -> None:
         self.scheme, self.tau = scheme, tau
         self.name = f"{scheme.name} surface"
         self.coefficients_at = scheme.coefficients_at
 
-    def count(self, numbers: Any) -> int:
-        return 2 * int(numbers.extinctions)
+    def count(self, extinctions: int) -> int:
+        return 2 * extinctions
 
-    def start(self, position: Position, source: Source) -> list[Any]:
-        """Carry nothing yet."""
-        self.recorded, Float = self.count(source.numbers), source.backend.Float
+    def start(self, position: Position, source: Source) -> list[Float]:
+        self.own, Float = self.count(source.numbers.extinctions), source.backend.Float
         self.limit = source.backend.opaque(self.tau)
-        places = [Float(np.nan) for _ in range(self.recorded // 2)]
+        places = [Float(np.nan) for _ in range(self.own // 2)]
         depths = [Float(0) for _ in places]
         return [*places, *depths, *self.scheme.start(position, source)]
 
     def after_skip(
         self, position: Position, source: Source, carried: list[Float], moved: Mask
-    ) -> list[Any]:
-        own = self.recorded
-        inner = self.scheme.after_skip(position, source, carried[own:], moved)
-        return [*carried[:own], *inner]
+    ) -> list[Float]:
+        inner = self.scheme.after_skip(position, source, carried[self.own :], moved)
+        return [*carried[: self.own], *inner]
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
-        own = self.recorded
-        return [*carried[:own], *self.scheme.after_hidden(carried[own:], onward[own:])]
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+        inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
+        return [*carried[: self.own], *inner]
 
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
-        """Solve one segment, and see if the depth is reached in it."""
-        count = self.recorded // 2
-        places, depths, inner = carried[:count], carried[count : 2 * count], carried[2 * count :]
-        found, inner = self.scheme.solve(segment, source, inner)
-        after = [d + more for d, more in zip(depths, found.depth, strict=True)]
-        parts = zip(places, depths, after, found.depth, strict=True)
-        reached = [self._reached(segment, *part) for part in parts]
-        return NOTHING, [*reached, *after, *inner]
+        count = self.own // 2
+        places, depths, inner = carried[:count], carried[count : self.own], carried[self.own :]
+        solution, inner = self.scheme.solve(segment, source, inner)
+        after = [d + more for d, more in zip(depths, solution.depth, strict=True)]
 
-    def _reached(self, segment: Segment, place: Any, before: Any, after: Any, more: Any) -> Any:
-        hit = dr.isnan(place) & (after >= self.limit) & segment.active
-        part = (self.limit - before) / dr.select(hit, more, 1.0)
-        here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)
-        return dr.select(hit, distance(segment.track, here), place)
+        def reached(place: Float, before: Float, after: Float, more: Float) -> Float:
+            hit = dr.isnan(place) & (after >= self.limit) & segment.active
+            part = (self.limit - before) / dr.select(hit, more, 1.0)
+            here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)
+            return dr.select(hit, distance(segment.track, here), place)
+
+        return NOTHING, [*map(reached, places, depths, after, solution.depth), *after, *inner]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -13,23 +13,31 @@ from ..errors import InputError, UnknownNameError, unknown_name
 from ..notebook import page, table
 from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
-from ..units import parse_unit
-from .cells import CHUNK, CellParts
+from ..units import Unit, parse_unit
+from .cells import CellParts
 from .columns import as_map, check_exact, exact_maps
-from .quantity import CellQuantity, check_volume, column_unit, total_unit
-from .shapes import Aperture, region_of
+from .quantity import CellQuantity, check_volume, integral_unit
+from .shapes import aperture_weights, region_of
 
 if TYPE_CHECKING:
+    from astropy.table import QTable
+    from astropy.units import Quantity
+
+    from ..expressions import Expression
     from ..image import Image
     from ..volume import Volume
 
-# What people ask for by the name of the total, and what adds up to it.
+    Quantities: TypeAlias = str | Expression | Sequence[str] | Mapping[str, str | Expression]
+
+# Names of totals, and the quantities that add up to them.
 _TOTALS = {
     "mass": "density",
     "momentum": "density * los('velocity')",
     "energy": "0.5 * density * norm('velocity')**2",
     "kinetic_energy": "0.5 * density * norm('velocity')**2",
 }
+# Cells evaluated at once.
+_CHUNK = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -39,19 +47,19 @@ class Measurement(Mapping[str, Any]):
     Attributes
     ----------
     totals : dict
-        ∫ q dV of all quantities, over what is measured.
+        ∫ q dV of all quantities, over the measured cells.
     volume : float or Quantity
-        How much space that is.
+        The measured volume.
     cells : int
-        In how many cells, at least in part.
+        The number of cells measured, at least in part.
     missing : dict of str to int
         In how many of these cells a quantity has no value: they count nothing.
     maps : dict of str to Image
         Columns ∫ q ds per pixel, if asked for.
     """
 
-    totals: dict[str, Any]
-    volume: Volume
+    totals: dict[str, float | Quantity]
+    volume: float | Quantity
     cells: int
     missing: dict[str, int] = field(default_factory=dict)
     maps: dict[str, Image] = field(default_factory=dict)
@@ -59,7 +67,7 @@ class Measurement(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         return self.totals[name]
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[str]:
         return iter(self.totals)
 
     def __len__(self) -> int:
@@ -80,8 +88,8 @@ class Measurement(Mapping[str, Any]):
 @with_progress
 def measure(
     volume: Volume,
-    quantities: Any = None,
-    where: Any = None,
+    quantities: Quantities | None = None,
+    where: str | Expression | None = None,
     camera: Camera | Sequence[Camera] | None = None,
     *,
     region: Region | str | None = None,
@@ -90,7 +98,7 @@ def measure(
     samples: int = 4,
     device: str = "auto",
     progress: Progress = None,
-) -> Any:
+) -> Measurement | QTable:
     """Return totals over cells, ∫ q dV = Σ q V: the mass of a density, the energy of its density.
 
     Parameters
@@ -144,58 +152,55 @@ def measure(
     of an outflow as optical depths; here they follow from the cells themselves, without rays.
     """
     check_volume(volume)
-    asked = _asked(quantities, volume)
+    named = _named(quantities, volume)
     if isinstance(region, str):
         region = region_of(region)
     if region is not None and not isinstance(region, Region):
         raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
     if camera is not None and not isinstance(camera, Camera):
-        options = {"region": region, "aperture": aperture, "maps": maps}
+        if not isinstance(camera, Sequence) or isinstance(camera, str) or not camera:
+            raise InputError(f"camera must be a camera, or a list of them, got {camera!r}")
+        for number, one in enumerate(camera):
+            if not isinstance(one, Camera):
+                raise InputError(f"camera must be a list of cameras; number {number} is {one!r}")
+        options: dict[str, Any] = {"region": region, "aperture": aperture, "maps": maps}
         options |= {"samples": samples, "device": device, "progress": progress}
-        return _table(volume, quantities, where, camera, options)
+        rows = [measure(volume, quantities, where, one, **options) for one in camera]
+        return _table(camera, rows, where)
     volume.refresh()  # derivatives of fields that were changed in place
     seen = volume if camera is None else volume.seen_by(camera)
-    what = {name: CellQuantity.of(seen, text, name) for name, text in asked.items()}
+    what = {name: CellQuantity.of(seen, text, name) for name, text in named.items()}
     parts = CellParts(seen, where, region, samples)
-    if aperture is not None or maps:
-        return _in_pixels(seen, what, parts, camera, aperture, maps, device)
-    return _in_cells(seen, what, parts)
+    if aperture is None and not maps:
+        return _in_cells(seen, what, parts)
+    if camera is None:
+        raise InputError("aperture and maps need to know the pixels: give a camera")
+    check_exact(seen.grid, camera)
+    return _in_pixels(seen, what, parts, camera, aperture, maps, device)
 
 
-def _asked(quantities: Any, volume: Volume) -> dict[str, Any]:
-    """Return name → expression; an expression without a name is called what it is."""
+def _named(quantities: Any, volume: Volume) -> dict[str, Any]:
+    """Return name → expression; an expression without a name is named after itself."""
     if quantities is None or (isinstance(quantities, (list, tuple, Mapping)) and not quantities):
         known = ", ".join(volume.fields) or "(none)"
-        raise InputError(
-            f"say what to measure, such as quantities={_as_dict('mass')}; fields: {known}"
-        )
+        example = {"mass": _TOTALS["mass"]}
+        raise InputError(f"say what to measure, such as quantities={example}; fields: {known}")
     if not isinstance(quantities, Mapping):
         listed = quantities if isinstance(quantities, (list, tuple)) else [quantities]
         quantities = {str(quantity): quantity for quantity in listed}
-    _refuse_totals(quantities.values(), volume)
-    return dict(quantities)
-
-
-def _refuse_totals(listed: Iterable[Any], volume: Volume) -> None:
-    """Refuse names of totals in place of what adds up to them: a mass is the sum of a density."""
-    for name in listed:
+    for name in quantities.values():  # a mass is the sum of a density
         if isinstance(name, str) and name in _TOTALS and name not in volume.fields:
-            error = unknown_name("field", name, volume.fields)
-            raise UnknownNameError(
-                f"{error}. For a total give name and what adds up: {_as_dict(name)}"
-            )
-
-
-def _as_dict(name: str) -> str:
-    return repr({name: _TOTALS[name]})
+            error, example = unknown_name("field", name, volume.fields), {name: _TOTALS[name]}
+            raise UnknownNameError(f"{error}. For a total give name and what adds up: {example}")
+    return dict(quantities)
 
 
 def _in_cells(volume: Volume, what: dict[str, CellQuantity], parts: CellParts) -> Measurement:
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
-    space, cells, grid = 0.0, 0, volume.grid
-    volumes = np.asarray(grid.cell_volumes).reshape(-1)
-    for first in reported_range(grid.size, CHUNK):
-        last = min(first + CHUNK, grid.size)
+    space, cells, size = 0.0, 0, volume.grid.size
+    volumes = np.asarray(volume.grid.cell_volumes).reshape(-1)
+    for first in reported_range(size, _CHUNK):
+        last = min(first + _CHUNK, size)
         share = parts.of(first, last) * volumes[first:last]
         space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
         for name, quantity in what.items():
@@ -203,7 +208,7 @@ def _in_cells(volume: Volume, what: dict[str, CellQuantity], parts: CellParts) -
             unknown = np.isnan(values) & (share > 0)
             missing[name] += int(np.count_nonzero(unknown))
             sums[name] += float(np.sum(np.where(unknown | (share == 0), 0.0, values) * share))
-    totals = {n: _with_unit(volume, sums[n], q.unit) for n, q in what.items()}
+    totals = {name: _with_unit(volume, sums[name], q.unit) for name, q in what.items()}
     lacking = {name: count for name, count in missing.items() if count}
     return Measurement(totals, _with_unit(volume, space, None), cells, lacking)
 
@@ -212,65 +217,48 @@ def _in_pixels(
     volume: Volume,
     what: dict[str, CellQuantity],
     parts: CellParts,
-    camera: Camera | None,
+    camera: Camera,
     aperture: Any,
     maps: bool,
     device: str,
 ) -> Measurement:
-    if camera is None:
-        raise InputError("aperture and maps need to know the pixels: give a camera")
-    check_exact(volume.grid, camera)
     frame = camera.frame(volume.grid)
-    counts = Aperture(aperture, frame, volume.unit).weights()
+    weights = aperture_weights(aperture, frame, volume.unit)
     every = [*(q.expression for q in what.values()), None]
-    columns = exact_maps(volume, every, camera, device, None if parts.everything else parts)
-    area = float(np.prod(frame.pixel))
-    sums = (columns * counts).sum(axis=(1, 2)) * area
-    totals = {
-        name: _with_unit(volume, total, q.unit)
-        for (name, q), total in zip(what.items(), sums, strict=False)
-    }
+    columns = exact_maps(volume, every, camera, device, parts) * weights
+    *sums, space = columns.sum(axis=(1, 2)) * float(np.prod(frame.pixel))
+    totals, images = {}, {}
+    for (name, q), total, column in zip(what.items(), sums, columns[:-1], strict=True):
+        totals[name] = _with_unit(volume, total, q.unit)
+        unit, factor = integral_unit(q.unit, volume.unit)
+        how = {"quantity": q.text, "method": "exact", "map": f"column of {q.text}"}
+        images[name] = as_map(factor * column, unit, volume, camera, how)
     plain = _in_cells(volume, what, parts)
-    images = {}
-    for (name, q), column in zip(what.items(), columns, strict=False):
-        unit, factor = column_unit(q.unit, volume.unit)
-        text = q.text
-        told = {"quantity": text, "method": "exact", "map": f"column of {text}"}
-        images[name] = as_map(factor * column * counts, unit, volume, camera, told)
-    space = _with_unit(volume, sums[-1], None)
+    space = _with_unit(volume, space, None)
     return Measurement(totals, space, plain.cells, plain.missing, images if maps else {})
 
 
-def _with_unit(volume: Volume, total: float, unit: Any) -> Any:
-    """Return ∫ q dV as a Quantity, lengths taken in the unit that q is made of."""
-    own, factor = total_unit(unit, volume.unit)
+def _with_unit(volume: Volume, total: float, unit: Unit) -> Any:
+    """Return ∫ q dV as a Quantity, with lengths in the unit that q contains."""
+    own, factor = integral_unit(unit, volume.unit, 3)
     own = parse_unit(own)
     return float(total * factor) if own is None else float(total * factor) * own
 
 
-def _table(
-    volume: Volume, quantities: Any, where: Any, cameras: Any, options: Mapping[str, Any]
-) -> Any:
+def _table(cameras: Sequence[Camera], rows: list[Measurement], where: Any) -> QTable:
     from astropy import units as u
     from astropy.table import QTable
 
-    if not isinstance(cameras, Sequence) or isinstance(cameras, str) or not cameras:
-        raise InputError(f"camera must be a camera, or a list of them, got {cameras!r}")
-    for number, camera in enumerate(cameras):
-        if not isinstance(camera, Camera):
-            raise InputError(f"camera must be a list of cameras; number {number} is {camera!r}")
-    found = [measure(volume, quantities, where, camera, **options) for camera in cameras]
     table = QTable()
     for name in ("incl", "phi"):
         if all(hasattr(camera, name) for camera in cameras):
             table[name] = [getattr(camera, name) for camera in cameras] * u.deg
-    for name in found[0]:
-        table[name] = u.Quantity([row[name] for row in found])
-    table["volume"] = u.Quantity([row.volume for row in found])
-    table["cells"] = [row.cells for row in found]
+    for name in rows[0]:
+        table[name] = u.Quantity([row[name] for row in rows])
+    table["volume"] = u.Quantity([row.volume for row in rows])
+    table["cells"] = [row.cells for row in rows]
     table.meta["where"] = "" if where is None else str(where)
-    if any(row.missing for row in found):
-        table.meta["missing"] = [row.missing for row in found]
-    if options["maps"]:
-        table.meta["maps"] = [row.maps for row in found]
+    for name in ("missing", "maps"):
+        if any(getattr(row, name) for row in rows):
+            table.meta[name] = [getattr(row, name) for row in rows]
     return table

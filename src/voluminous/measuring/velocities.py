@@ -1,8 +1,9 @@
-"""Moments along the lines of sight: how much there is, how fast it moves, and how evenly."""
+"""Moments along the lines of sight: column, mean velocity and velocity dispersion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
@@ -13,11 +14,13 @@ from ..errors import InputError
 from ..expressions import product, shifted
 from ..progress import Progress, with_progress
 from .columns import as_map, integrals
-from .quantity import CellQuantity, check_volume, column_unit
+from .quantity import CellQuantity, check_volume, integral_unit
 
 if TYPE_CHECKING:
     from ..cameras import Camera
+    from ..expressions import Expression
     from ..image import Image
+    from ..units import Unit
     from ..volume import Volume
 
 
@@ -53,9 +56,9 @@ class Moments:
 @with_progress
 def moments(
     volume: Volume,
-    quantity: Any,
+    quantity: str | Expression,
     camera: Camera,
-    velocity: Any = "velocity",
+    velocity: str | Expression = "velocity",
     n: int = 2,
     *,
     method: str = "rays",
@@ -92,64 +95,43 @@ def moments(
         raise InputError(f"n, the highest moment, must be from 0 to {_MOST}, got {n!r}")
     check_volume(volume)
     seen = volume.seen_by(camera)
-    weight, speed = CellQuantity.of(seen, quantity), _along(seen, velocity)
+    if isinstance(velocity, str) and velocity not in seen and f"los({velocity!r})" in seen:
+        velocity = f"los({velocity!r})"
+    weight, speed = CellQuantity.of(seen, quantity), CellQuantity.of(seen, velocity, "velocity")
     middle = _typical(seen, weight, speed)
-    w, v = weight.number, shifted(speed.number, -middle)
-    sums = integrals(
-        volume,
-        [product(w, *[v] * k) for k in range(n + 1)],
-        camera,
-        method=method,
-        samples=samples,
-        precision=precision,
-        device=device,
-        progress=progress,
-    )
-    unit, factor = column_unit(weight.unit, volume.unit)
-    told = {
-        "quantity": weight.text,
-        "velocity": speed.text,
-        "method": method,
-        "samples": samples,
-    }
+    v = shifted(speed.number, -middle)
+    powers = [product(weight.number, *[v] * k) for k in range(n + 1)]
+    how: dict[str, Any] = {"method": method, "samples": samples}
+    options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
+    sums = integrals(volume, powers, camera, **how, **options)
 
-    def image(values: np.ndarray, unit: Any, what: str) -> Image:
-        return as_map(values, unit, volume, camera, {**told, "map": what})
+    def image(values: np.ndarray, unit: Unit, what: str) -> Image:
+        provenance = {"quantity": weight.text, "velocity": speed.text, **how, "map": what}
+        return as_map(values, unit, volume, camera, provenance)
 
+    unit, factor = integral_unit(weight.unit, volume.unit)
     column = image(factor * sums[0], unit, "column")
     with np.errstate(invalid="ignore", divide="ignore"):
         raw = [np.where(sums[0] != 0, s / sums[0], np.nan) for s in sums]
-    return Moments(column, *_images_of_speed(raw, middle, speed.unit, image))
-
-
-def _images_of_speed(
-    raw: list[np.ndarray], middle: float, unit: Any, image: Callable[..., Image]
-) -> Iterator[Any]:
-    """Yield mean, dispersion and central moments, as far as means of powers are known."""
-    if len(raw) > 1:
-        yield image(middle + raw[1], unit, "mean velocity")
-    if len(raw) > 2:
-        central = _central(raw)
-        yield image(np.sqrt(np.maximum(central[0], 0.0)), unit, "dispersion")
-        yield tuple(
-            image(moment, None if unit is None else unit**k, f"central moment {k}")
-            for k, moment in enumerate(central, 2)
-        )
-
-
-def _along(volume: Volume, velocity: Any) -> CellQuantity:
-    """Return a vector's component along the line of sight, or the expression itself."""
-    is_vector = isinstance(velocity, str) and velocity not in volume
-    if is_vector and f"los({velocity!r})" in volume:
-        return CellQuantity.of(volume, f"los({velocity!r})", "velocity")
-    return CellQuantity.of(volume, velocity, "velocity")
+    if n == 0:
+        return Moments(column)
+    mean = image(middle + raw[1], speed.unit, "mean velocity")
+    if n == 1:
+        return Moments(column, mean)
+    central = [_central(raw, k) for k in range(2, n + 1)]
+    dispersion = image(np.sqrt(np.maximum(central[0], 0.0)), speed.unit, "dispersion")
+    images = tuple(
+        image(moment, None if speed.unit is None else speed.unit**k, f"central moment {k}")
+        for k, moment in enumerate(central, 2)
+    )
+    return Moments(column, mean, dispersion, images)
 
 
 def _typical(volume: Volume, weight: CellQuantity, speed: CellQuantity) -> float:
-    """Return a velocity that is subtracted from all, so that squares of small ones differ.
+    """Return a velocity to subtract from all, so that squares of small differences keep digits.
 
-    The mean of some cells will do: it is added again. Weights of both signs count alike, or their
-    sum might be next to nothing, and the quotient beyond all velocities.
+    The mean of some cells will do, since it is added again. Absolute weights are taken: those of
+    both signs could add up to nearly zero, and the quotient exceed all velocities.
     """
     last = min(volume.grid.size, 1 << 16)
     w, v = (volume.evaluate_cells(q.expression, 0, last) for q in (weight, speed))
@@ -160,12 +142,8 @@ def _typical(volume: Volume, weight: CellQuantity, speed: CellQuantity) -> float
     return mean if np.isfinite(mean) else 0.0
 
 
-def _central(raw: list[np.ndarray]) -> list[np.ndarray]:
-    """Return central moments from the second on, from those around another point."""
-    m = raw[1]
-    found = [raw[2] - m**2]
-    if len(raw) > 3:
-        found.append(raw[3] - 3 * m * raw[2] + 2 * m**3)
-    if len(raw) > 4:
-        found.append(raw[4] - 4 * m * raw[3] + 6 * m**2 * raw[2] - 3 * m**4)
-    return found
+def _central(raw: list[np.ndarray], k: int) -> np.ndarray:
+    """Return ⟨(v - m)ᵏ⟩, with m = raw[1], from the moments about another point."""
+    terms = [math.comb(k, i) * (-raw[1]) ** (k - i) * raw[i] for i in range(2, k + 1)]
+    # The terms of i = 0 and 1 are (-m)ᵏ and -k (-m)ᵏ.
+    return sum(terms, (1 - k) * (-raw[1]) ** k)

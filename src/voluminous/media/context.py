@@ -10,7 +10,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.types import Float
-from ..expressions import DrjitOps, Expression, Margin, Ops
+from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.interpolation import interpolate
 from ..units import Unit
 
@@ -124,7 +124,7 @@ class Context:
         kind = type(self.narrow(number))
         return number if isinstance(number, kind) else dr.opaque(kind, value)
 
-    def evaluate(self, expression: Expression | Margin, fields: dict[str, Float]) -> Float:
+    def evaluate(self, expression: Expression, fields: dict[str, Float]) -> Float:
         """Return the value of an expression of the fields."""
         return self.real(expression.evaluate(self.ops, fields))
 

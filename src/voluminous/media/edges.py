@@ -21,7 +21,7 @@ from .context import completed
 from .stretch import may_turn
 
 if TYPE_CHECKING:
-    from ..expressions import Expression, Margin
+    from ..expressions import Expression
     from .stretch import Cubic, Stretch
 
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 NOISE = {"single": 2e-6, "double": 1e-14}
 
 
-def passes(stretch: Stretch, expr: Expression | Margin, level: Int) -> tuple[Float, Float]:
+def passes(stretch: Stretch, expr: Expression, level: Int) -> tuple[Float, Float]:
     """Return the possible number of crossings of a level on a stretch, and the number at nodes.
 
     The first is larger by one where the expression may have an extremum: smaller panels decide.
@@ -102,7 +102,7 @@ def on_chord(stretch: Stretch, expr: Expression, level: Int) -> Float:
     return _root(*(stretch.scalar(expr, s) - level for s in (0.0, 1.0)))
 
 
-def passing(stretch: Stretch, expr: Expression | Margin, level: Int) -> Float:
+def passing(stretch: Stretch, expr: Expression, level: Int) -> Float:
     """Return the place s of the crossing of a level, in the first half that shows one.
 
     An arbitrary place from 0 to 1 if neither half shows one.
@@ -115,7 +115,7 @@ def passing(stretch: Stretch, expr: Expression | Margin, level: Int) -> Float:
     return dr.select(inside, onward, end.here)
 
 
-def slope_at(stretch: Stretch, expr: Expression | Margin, place: Float) -> Float:
+def slope_at(stretch: Stretch, expr: Expression, place: Float) -> Float:
     """Return the derivative of an expression by s at one place.
 
     At kinks and jumps it is the slope of the chord.
@@ -125,7 +125,7 @@ def slope_at(stretch: Stretch, expr: Expression | Margin, place: Float) -> Float
     return dr.select(dr.isfinite(slope) & (slope != 0.0), slope, chord)
 
 
-def _searched(stretch: Stretch, expr: Expression | Margin, level: Int) -> _Search:
+def _searched(stretch: Stretch, expr: Expression, level: Int) -> _Search:
     """Return the final state of the search for a crossing, near an initial place.
 
     Secant steps; the value at an end that stays is reduced as the other end approaches the root
@@ -194,7 +194,7 @@ def _root(first: Float, last: Float) -> Float:
     return dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0)
 
 
-def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Float) -> tuple[Float, Float]:
+def _with_slope(stretch: Stretch, expr: Expression, place: Float) -> tuple[Float, Float]:
     """Return an expression and its derivative by s, where it exists."""
     context = stretch.context
     ops = TracedJetOps(context.real, context.kept_number)
@@ -221,7 +221,7 @@ SENSITIVITY = 10.0
 class Level:
     """A level of an expression, a kernel constant, at which the medium jumps or has a surface."""
 
-    expr: Expression | Margin
+    expr: Expression
     level: Any
 
 

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from ..backend import dr
 from ..backend.functions import horner
 from ..backend.types import Float, Mask
-from ..expressions import Expression, Margin
+from ..expressions import Expression
 from ..expressions.analysis import Monotonicity
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, larger, smaller
@@ -48,28 +48,28 @@ class Turning:
     bend: Float
 
 
-def may_turn(expr: Expression | Margin, context: Context) -> bool:
+def may_turn(expr: Expression, context: Context) -> bool:
     """Return whether the values at the fields' control points do not enclose an expression."""
     return _kind(expr, context) == Monotonicity.ANY
 
 
-def enclosed(stretch: Stretch, expr: Expression | Margin) -> Turning:
+def enclosed(stretch: Stretch, expr: Expression) -> Turning:
     """Return an enclosure of an expression on a stretch."""
     if not may_turn(expr, stretch.context):
         return _by_controls(stretch, expr)
     return _by_ranges(stretch, expr) if stretch.rough else _by_derivatives(stretch, expr)
 
 
-def is_cubic(expr: Expression | Margin, context: Context) -> bool:
+def is_cubic(expr: Expression, context: Context) -> bool:
     """Return whether an expression is a cubic along a stretch, as fields are."""
     return _kind(expr, context) <= Monotonicity.SUM
 
 
-def _kind(expr: Expression | Margin, context: Context) -> Monotonicity:
+def _kind(expr: Expression, context: Context) -> Monotonicity:
     return expr.kind(("r", *context.coordinates))
 
 
-def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
+def _by_controls(stretch: Stretch, expr: Expression) -> Turning:
     controls = stretch.controls(expr)
     low, high = without_nan(controls)
     apart = stretch.length * 0.0
@@ -88,7 +88,7 @@ def _partly(missing: list[Float]) -> Mask:
     return some & ~every
 
 
-def _by_ranges(stretch: Stretch, expr: Expression | Margin) -> Turning:
+def _by_ranges(stretch: Stretch, expr: Expression) -> Turning:
     """Return an enclosure from the ranges of the fields alone: a third of the work.
 
     The derivatives of smooth expressions are estimated by those of a cubic through their values.
@@ -116,7 +116,7 @@ def _of_cubic(controls: list[Float]) -> tuple[Float, Float]:
     return dr.fma(bend, 0.5, dr.abs(b3 - b0)), bend
 
 
-def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
+def _by_derivatives(stretch: Stretch, expr: Expression) -> Turning:
     """Return an enclosure from intervals of the value and its derivatives."""
     found = _derived(stretch, expr)
     first, last = stretch.scalar(expr, 0.0), stretch.scalar(expr, 1.0)
@@ -146,14 +146,14 @@ def spread(stretch: Stretch, expr: Expression) -> tuple[Any, Any, Any]:
     return found.value.hi - found.value.lo, slope, bow
 
 
-def _derived(stretch: Stretch, expr: Expression | Margin) -> TracedJet:
+def _derived(stretch: Stretch, expr: Expression) -> TracedJet:
     context = stretch.context
     ops = TracedJetOps(context.real, context.kept_number)
     jets = {name: _jet(stretch.field_points(name)) for name in stretch.cubics}
     return ops.number(expr.evaluate(ops, completed(ops, jets, context)))
 
 
-def within(stretch: Stretch, expr: Expression | Margin) -> TracedInterval:
+def within(stretch: Stretch, expr: Expression) -> TracedInterval:
     """Return an expression's interval while the fields are between their control points.
 
     Wider than `enclosed`, in a third of the time.
@@ -162,7 +162,7 @@ def within(stretch: Stretch, expr: Expression | Margin) -> TracedInterval:
     return _in_box(stretch, expr, ranges)
 
 
-def at_places(stretch: Stretch, expr: Expression | Margin) -> list[TracedInterval]:
+def at_places(stretch: Stretch, expr: Expression) -> list[TracedInterval]:
     """Return the expression's intervals at both ends and in the middle."""
     return [
         _in_box(stretch, expr, {name: TracedInterval(value) for name, value in place.items()})
@@ -170,7 +170,7 @@ def at_places(stretch: Stretch, expr: Expression | Margin) -> list[TracedInterva
     ]
 
 
-def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any]) -> TracedInterval:
+def _in_box(stretch: Stretch, expr: Expression, fields: dict[str, Any]) -> TracedInterval:
     """Return an expression's interval while the fields are in theirs."""
     context = stretch.context
     ops = TracedIntervalOps(context.real, context.kept_number)
@@ -178,7 +178,7 @@ def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any])
     return found
 
 
-def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Float:
+def _lopsided(stretch: Stretch, expr: Expression) -> Float:
     """Return an expression's distance from its chord where most of its change is in one half.
 
     Beside a vacuum ``temperature/density`` becomes nearly infinite in the last part of a cell: its
@@ -189,7 +189,7 @@ def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Float:
     return dr.select(off > _LOPSIDED * dr.abs(last - first), 0.5 * off, 0.0)
 
 
-def undecided(stretch: Stretch, expr: Expression | Margin, width: Float) -> Mask:
+def undecided(stretch: Stretch, expr: Expression, width: Float) -> Mask:
     """Return where intervals at single places are as wide as on the stretch: 1/n where n is zero.
 
     Halving panels does not help there: without this test all panels in a vacuum had the minimal
@@ -205,7 +205,7 @@ def undecided(stretch: Stretch, expr: Expression | Margin, width: Float) -> Mask
 
 
 def _seen_if_undecided(
-    stretch: Stretch, expr: Expression | Margin, low: Float, high: Float, width: Float
+    stretch: Stretch, expr: Expression, low: Float, high: Float, width: Float
 ) -> tuple[Float, Float]:
     """Return the ends of a range; where intervals are useless, those of the values at nodes."""
     least, largest = without_nan(stretch.nodes(expr))
@@ -273,14 +273,14 @@ class Stretch:
         s = self.context.real(s)
         return {name: horner(s, c) for name, c in self.cubics.items()}
 
-    def scalar(self, expr: Expression | Margin, s: float) -> Float:
+    def scalar(self, expr: Expression, s: float) -> Float:
         """Return an expression at 0, ½ or 1; computed once."""
         key = (expr.text, s)
         if key not in self._scalars:
             self._scalars[key] = self.context.evaluate(expr, self._fields_at_node(s))
         return self._scalars[key]
 
-    def nodes(self, expr: Expression | Margin) -> list[Float]:
+    def nodes(self, expr: Expression) -> list[Float]:
         """Return an expression at both ends and the middle, in order."""
         return [self.scalar(expr, s) for s in NODES]
 
@@ -300,12 +300,12 @@ class Stretch:
         self._scalars[expr.text, 0.0], self._scalars[expr.text, 1.0] = values[0], values[-1]
         self._controls[expr.text] = values
 
-    def hull(self, expr: Expression | Margin) -> tuple[Float, Float]:
+    def hull(self, expr: Expression) -> tuple[Float, Float]:
         """Return bounds of an expression; infinite where it is undefined in a part."""
         found = self.turning(expr)
         return found.low, found.high
 
-    def turns(self, expr: Expression | Margin, least: Float) -> Mask:
+    def turns(self, expr: Expression, least: Float) -> Mask:
         """Return where an expression may depart from its chord by more than `least`."""
         return self.turning(expr).apart > least
 
@@ -313,7 +313,7 @@ class Stretch:
         """Return whether an expression is a cubic of s, as fields are."""
         return is_cubic(expr, self.context)
 
-    def turning(self, expr: Expression | Margin) -> Turning:
+    def turning(self, expr: Expression) -> Turning:
         """Return the enclosure of an expression; computed once."""
         if expr.text not in self._turnings:
             self._turnings[expr.text] = enclosed(self, expr)
@@ -325,7 +325,7 @@ class Stretch:
             self._spreads[expr.text] = spread(self, expr)
         return self._spreads[expr.text]
 
-    def controls(self, expr: Expression | Margin) -> list[Float]:
+    def controls(self, expr: Expression) -> list[Float]:
         """Return an expression at the four Bézier control points of the fields."""
         if expr.text not in self._controls:
             inner = [self.context.evaluate(expr, self._control(i)) for i in (1, 2)]
@@ -381,19 +381,19 @@ class Stretch:
 class Straight(Stretch):
     """A stretch on which scalars are interpolated linearly between its ends."""
 
-    def scalar(self, expr: Expression | Margin, s: float) -> Float:
+    def scalar(self, expr: Expression, s: float) -> Float:
         if 0.0 < s < 1.0:
             return (1.0 - s) * self.scalar(expr, 0.0) + s * self.scalar(expr, 1.0)
         return super().scalar(expr, s)
 
-    def controls(self, expr: Expression | Margin) -> list[Float]:
+    def controls(self, expr: Expression) -> list[Float]:
         return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
 
     def ranges(self) -> dict[str, tuple[Any, Any]]:
         first, _, last = self.places()
         return {name: extremes([first[name], last[name]]) for name in first}
 
-    def turning(self, expr: Expression | Margin) -> Turning:
+    def turning(self, expr: Expression) -> Turning:
         first, last = self.controls(expr)
         zero = self.length * 0.0
         return Turning(*extremes([first, last]), zero, dr.abs(last - first), zero)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..colormaps import get_color, is_name_and_alpha, without_alpha
 from ..errors import InputError, unknown_name
-from ..units import as_given, is_quantity, parse_unit, plain, unit_name, unit_of
+from ..units import as_given, described, is_quantity, plain, unit_of
 
 # More numbers are only counted where a picture tells what it shows.
 MANY = 64
@@ -70,22 +70,6 @@ def options_of(make: Callable[..., Any], thing: Any, most: float = math.inf) -> 
             count = _count(value)
             told[name] = described(value) if count <= most else f"{count} values"
     return told
-
-
-def described(value: Any) -> Any:
-    """Return a value as plain ones: quantities as texts such as "1.0 pc"."""
-    if is_quantity(value):
-        name = unit_name(parse_unit(value.unit))
-        return _texts(np.asarray(value.value, dtype=np.float64).tolist(), name)
-    if isinstance(value, (list, tuple)):
-        return [described(v) for v in value]
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-
-
-def _texts(numbers: Any, unit: str) -> Any:
-    if isinstance(numbers, list):
-        return [_texts(n, unit) for n in numbers]
-    return f"{numbers!r} {unit}" if unit else numbers
 
 
 def _count(value: Any) -> int:

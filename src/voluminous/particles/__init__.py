@@ -1,8 +1,7 @@
 """Particles on grids: SPH, moving meshes and N-body, deposited so that nothing is lost."""
 
-from .api import from_particles
+from .api import deposit, from_particles
 from .deposit import Deposit
-from .deposition import deposit
 from .inputs import Particles, particles
 from .kernels import KERNELS, Kernel, get_kernel
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,29 +14,20 @@ from .kernels import get_kernel
 from .octree import Base, Refinement, octree_around
 from .smoothed import SmoothedDeposit
 
-_COMPONENTS = "xyz"
 # Lengths beyond have no cubes in double precision.
 LARGEST = 1e90
 
 
-@dataclass(frozen=True)
-class Particles:
-    """Positions and masses.
-
-    Attributes
-    ----------
-    points : array of float64, shape (n, 3)
-    mass : array of float64, shape (n,)
-    unit, mass_unit : astropy unit or None
-    """
+class Particles(NamedTuple):
+    """Positions (n, 3) and masses (n,), and their units."""
 
     points: np.ndarray
     mass: np.ndarray
     unit: Unit
-    mass_unit: Any
+    mass_unit: Unit
 
     @property
-    def density_unit(self) -> Any:
+    def density_unit(self) -> Unit:
         """Unit of mass per volume, None if it has none."""
         if self.mass_unit is None and self.unit is None:
             return None
@@ -55,7 +45,7 @@ class Particles:
         dense = positive(density, self.density_unit, "density", count)
         if not (self.mass > 0).all():
             raise InputError("cells of a mesh need positive masses: their volume is mass / density")
-        return self.mass / dense
+        return np.divide(self.mass, dense)
 
 
 def particles(positions: Any, masses: Any, unit: Unit) -> Particles:
@@ -63,35 +53,22 @@ def particles(positions: Any, masses: Any, unit: Unit) -> Particles:
     positions, masses = without_mask(positions), without_mask(masses)
     own = unit_of(positions)
     unit = space_unit(unit) if own is None else own
-    points = _real(positions, unit, "positions")
+    points = _finite(positions, unit, "positions")
     if np.ndim(points) != 2 or points.shape[1] != 3 or len(points) == 0:
         raise InputError(
             "positions must be of shape (n, 3), one row x, y, z per particle, got shape "
             f"{np.shape(points)}"
         )
-    _check_finite(points, "positions")
     check_lengths(np.abs(points).max(), "positions")
-    mass_unit = unit_of(masses)
-    mass = per_particle(_real(masses, mass_unit, "masses"), "masses", len(points))
+    mass = _per_particle(masses, unit_of(masses), "masses", len(points))
     if (mass < 0).any():
         raise InputError(f"masses must not be negative; that of {_first(mass < 0)} is {mass.min()}")
-    return Particles(np.ascontiguousarray(points), mass, unit, mass_unit)
-
-
-def per_particle(values: Any, what: str, count: int) -> np.ndarray:
-    """Return finite numbers, one for each particle; one number is that of all."""
-    array = np.asarray(values, np.float64)
-    if array.shape not in ((), (count,)):
-        raise InputError(
-            f"{what} must be one number per particle, shape ({count},), got shape {array.shape}"
-        )
-    _check_finite(array, what)
-    return np.ascontiguousarray(np.broadcast_to(array, (count,)))
+    return Particles(np.ascontiguousarray(points), mass, unit, unit_of(masses))
 
 
 def positive(values: Any, unit: Unit, what: str, count: int) -> np.ndarray:
     """Return positive numbers, one for each particle, in a unit."""
-    array = per_particle(_real(without_mask(values), unit, what), what, count)
+    array = _per_particle(without_mask(values), unit, what, count)
     if not (array > 0).all():
         raise InputError(
             f"{what} must be positive; that of {_first(array <= 0)} is {array[array <= 0][0]}; "
@@ -100,46 +77,62 @@ def positive(values: Any, unit: Unit, what: str, count: int) -> np.ndarray:
     return array
 
 
-def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.ndarray, Any]]:
-    """Return name → values and unit of what particles carry; vectors as their components."""
+def _per_particle(values: Any, unit: Unit, what: str, count: int) -> np.ndarray:
+    """Return finite numbers, one for each particle; one number is that of all."""
+    array = _finite(values, unit, what)
+    if array.shape not in ((), (count,)):
+        raise InputError(
+            f"{what} must be one number per particle, shape ({count},), got shape {array.shape}"
+        )
+    return np.ascontiguousarray(np.broadcast_to(array, (count,)))
+
+
+def _finite(values: Any, unit: Unit, what: str) -> np.ndarray:
+    """Return finite, real, plain numbers in a unit."""
+    if isinstance(values, np.ndarray) and np.iscomplexobj(values):
+        raise InputError(f"{what} must be real numbers, got complex ones")
+    array = np.asarray(plain(values, unit, what), np.float64)
+    if not np.isfinite(array).all():
+        raise InputError(
+            f"{what} must be finite; {_first(~np.isfinite(array))} is not. Leave such particles out"
+        )
+    return array
+
+
+def _first(bad: np.ndarray) -> str:
+    return f"particle {int(np.argwhere(np.atleast_1d(bad))[0][0])}"
+
+
+def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.ndarray, Unit]]:
+    """Return {name: (values, unit)} of what particles carry; vectors as their components."""
     if fields is not None and not isinstance(fields, Mapping):
         raise InputError(
             "fields must be a mapping of names to arrays, such as {'velocity': array}, got "
             f"{type(fields).__name__}"
         )
-    found: dict[str, tuple[np.ndarray, Any]] = {}
+    columns: dict[str, tuple[np.ndarray, Unit]] = {}
     for name, value in (fields or {}).items():
         values, unit = split_unit(without_mask(value))
-        for own, numbers in _components(name, _array(name, values), count):
-            if own in found:
+        try:
+            array = np.asarray(values)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name!r} must be an array of numbers: {error}") from None
+        if array.dtype.kind not in "fiub":
+            raise InputError(f"{name!r} must be real numbers, got dtype {array.dtype}")
+        if array.shape not in ((count,), (count, 3)):
+            raise InputError(
+                f"{name!r} must be one value or one vector per particle, shape ({count},) or "
+                f"({count}, 3), got shape {array.shape}"
+            )
+        names = [name] if array.ndim == 1 else [f"{name}_{axis}" for axis in "xyz"]
+        for own, column in zip(names, np.atleast_2d(array.T), strict=True):
+            if own in columns:
                 raise InputError(
                     f"two fields are called {own!r}, one of them a component of a vector; give "
                     "one of them another name"
                 )
-            found[own] = np.asarray(numbers, np.float64), unit
-    return found
-
-
-def _array(name: Any, values: Any) -> np.ndarray:
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name!r} must be an array of numbers: {error}") from None
-    if array.dtype.kind not in "fiub":
-        raise InputError(f"{name!r} must be real numbers, got dtype {array.dtype}")
-    return array
-
-
-def _components(name: Any, array: np.ndarray, count: int) -> list[tuple[Any, np.ndarray]]:
-    """Return names and numbers: one of each, or one of each axis for vectors."""
-    if array.shape == (count,):
-        return [(name, array)]
-    if array.shape == (count, 3):
-        return [(f"{name}_{axis}", array[:, k]) for k, axis in enumerate(_COMPONENTS)]
-    raise InputError(
-        f"{name!r} must be one value or one vector per particle, shape ({count},) or "
-        f"({count}, 3), got shape {array.shape}"
-    )
+            columns[own] = np.asarray(column, np.float64), unit
+    return columns
 
 
 def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
@@ -152,24 +145,6 @@ def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
         )
 
 
-def _real(values: Any, unit: Unit, what: str) -> Any:
-    """Return plain numbers in a unit; of complex ones the imaginary part would be lost."""
-    if isinstance(values, np.ndarray) and np.iscomplexobj(values):
-        raise InputError(f"{what} must be real numbers, got complex ones")
-    return plain(values, unit, what)
-
-
-def _check_finite(array: np.ndarray, what: str) -> None:
-    if not np.isfinite(array).all():
-        raise InputError(
-            f"{what} must be finite; {_first(~np.isfinite(array))} is not. Leave such particles out"
-        )
-
-
-def _first(bad: np.ndarray) -> str:
-    return f"particle {int(np.argwhere(np.atleast_1d(bad))[0][0])}"
-
-
 # Smoothing length in units of the mean distance of particles: 58 are in a cubic spline then.
 ETA = 1.2
 # Particles of which a first guess is made.
@@ -180,16 +155,8 @@ def smoothing_lengths(base: Base | None, points: np.ndarray) -> np.ndarray:
     """Return smoothing lengths h = η n^(-1/3), where n is the number density of particles.
 
     n is that in cells of an octree with few particles each, smoothed once with these lengths.
-
-    Parameters
-    ----------
-    base : Base or None
-        A periodic domain that the points are in; None if it is not.
-    points : array, shape (n, 3)
-
-    Notes
-    -----
-    η = 1.2 is the usual choice (Price 2012, J. Comput. Phys. 231, 759, section 2.2).
+    η = 1.2 is the usual choice (Price 2012, J. Comput. Phys. 231, 759, section 2.2). `base` is a
+    periodic domain that the points are in, or None.
     """
     if base is None:
         base = Base.around(np.stack([points.min(axis=0), points.max(axis=0)], axis=1))

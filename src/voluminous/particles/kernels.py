@@ -9,29 +9,25 @@ norms: Dehnen & Aly (2012, MNRAS 425, 1068), table 1.
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..backend.types import Float
 from ..errors import check_name
 
 
-@dataclass(frozen=True)
-class Kernel:
+class Kernel(NamedTuple):
     """A kernel in three dimensions.
 
-    Attributes
-    ----------
-    shape : callable
-        f(u, positive) for 0 ≤ u ≤ 1, where ``positive(x)`` is max(x, 0): of arrays of any kind.
-    norm : float
-        One divided by the integral of f over the unit ball.
-    support : float
-        Radius of the support in smoothing lengths, as Price (2012) and Phantom count these.
+    `shape` is f(u, positive) for 0 ≤ u ≤ 1, where ``positive(x)`` is max(x, 0), of arrays of any
+    kind; `norm` is one divided by the integral of f over the unit ball; `support` is the radius of
+    the support in smoothing lengths, as Price (2012) and Phantom count these.
     """
 
-    shape: Callable[[Any, Callable[[Any], Any]], Any]
+    shape: Callable[[Float, Callable[[Float], Float]], Float]
     norm: float
     support: float = 2.0
 
@@ -41,31 +37,26 @@ class Kernel:
         return float(self.shape(0.0, lambda x: max(x, 0.0)))
 
 
-def _spline(power: int, terms: tuple[tuple[float, float], ...]) -> Callable[..., Any]:
-    def shape(u: Any, positive: Callable[[Any], Any]) -> Any:
+def _spline(power: int, terms: tuple[tuple[float, float], ...]) -> Callable[..., Float]:
+    def shape(u: Float, positive: Callable[[Float], Float]) -> Float:
         parts = [c * _power(positive(t - u), power) for c, t in terms]
         return sum(parts[1:], parts[0])
 
     return shape
 
 
-def _wendland(power: int, polynomial: tuple[float, ...]) -> Callable[..., Any]:
+def _wendland(power: int, polynomial: tuple[float, ...]) -> Callable[..., Float]:
     """Return (1 − u)₊ⁿ times a polynomial, coefficients from the constant one on."""
 
-    def shape(u: Any, positive: Callable[[Any], Any]) -> Any:
-        value: Any = 0.0
-        for coefficient in reversed(polynomial):
-            value = value * u + coefficient
+    def shape(u: Float, positive: Callable[[Float], Float]) -> Float:
+        value = functools.reduce(lambda value, c: value * u + c, reversed(polynomial), 0.0)
         return _power(positive(1.0 - u), power) * value
 
     return shape
 
 
-def _power(x: Any, n: int) -> Any:
-    result = x
-    for _ in range(n - 1):
-        result = result * x
-    return result
+def _power(x: Float, n: int) -> Float:
+    return functools.reduce(operator.mul, [x] * n)
 
 
 KERNELS = {

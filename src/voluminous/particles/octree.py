@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,20 +21,11 @@ _MARGIN = 1e-12
 _LEAST = 1e-90
 
 
-@dataclass(frozen=True)
-class Base:
-    """Equal base cells.
+class Base(NamedTuple):
+    """Equal base cells; opposite walls of a periodic domain are identified."""
 
-    Attributes
-    ----------
-    bounds : array, shape (3, 2)
-    counts : array of int, shape (3,)
-    periodic : bool
-        Whether opposite walls are identified.
-    """
-
-    bounds: np.ndarray
-    counts: np.ndarray
+    bounds: np.ndarray  # (3, 2)
+    counts: np.ndarray  # int, (3,)
     periodic: bool = False
 
     @classmethod
@@ -45,10 +35,11 @@ class Base:
         extent = np.ptp(bounds, axis=1) + _MARGIN * np.abs(bounds).max()
         longest = float(extent.max())
         longest = longest if longest > _LEAST else 1.0
-        choices = [longest / n for n in range(1, _BASE_CELLS + 1)]
-        filled = [np.prod(_cubes(extent, width) * width) for width in choices]
-        width = next(w for w, f in zip(choices, filled, strict=True) if f <= _WASTE * min(filled))
-        counts = _cubes(extent, width)
+        widths = longest / np.arange(1, _BASE_CELLS + 1)[:, None]
+        cubes = np.maximum(np.ceil(extent / widths - 1e-9), 1).astype(int)
+        filled = np.prod(cubes * widths, axis=1)
+        first = int(np.argmax(filled <= _WASTE * filled.min()))
+        width, counts = widths[first, 0], cubes[first]
         middle = bounds.mean(axis=1)[:, None]
         return cls(middle + 0.5 * width * counts[:, None] * np.array([-1.0, 1.0]), counts)
 
@@ -88,95 +79,14 @@ class Base:
     def inside(self, points: np.ndarray) -> np.ndarray:
         """Return whether points (n, 3) are within the bounds."""
         low, high = self.bounds.T
-        return ((points >= low) & (points <= high)).all(axis=1)
+        return np.all((points >= low) & (points <= high), axis=1)
 
     def wrapped(self, points: np.ndarray) -> np.ndarray:
         """Return points, in a periodic domain mapped into it."""
         if not self.periodic:
             return points
         low, size = self.bounds[:, 0], np.ptp(self.bounds, axis=1)
-        return low + (points - low) % size
-
-
-def _cubes(extent: np.ndarray, width: float) -> np.ndarray:
-    return np.maximum(np.ceil(extent / width - 1e-9), 1).astype(int)
-
-
-# Particles per chunk, which limits the temporary arrays.
-_CHUNK = 1 << 18
-
-
-def claimed_cells(
-    base: Base,
-    points: np.ndarray,
-    reach: np.ndarray,
-    widest: np.ndarray,
-    most: int,
-    steps: int = 1,
-) -> list[np.ndarray]:
-    """Return for each level the ascending numbers of the cells to split.
-
-    Parameters
-    ----------
-    base : Base
-    points : array, shape (n, 3)
-    reach, widest : array, shape (n,)
-        Radius of each particle, and the largest cell width allowed within it.
-    most : int
-        Largest number of levels.
-    steps : int
-        Divisions per axis of the cube inscribed in a particle's sphere: the cell width is limited
-        at their corners.
-    """
-    offsets = _offsets(steps)
-    found: list[list[np.ndarray]] = [[np.empty(0, np.uint64)] for _ in range(most)]
-    for first in reported_range(len(points), _CHUNK):
-        part = slice(first, first + _CHUNK)
-        for level, numbers in _claims(base, points[part], reach[part], widest[part], most, offsets):
-            found[level].append(numbers)
-    claimed = [np.unique(np.concatenate(numbers)) for numbers in found]
-    for level in range(most - 1, 0, -1):
-        parents = _parents(base, claimed[level], level)
-        claimed[level - 1] = np.unique(np.concatenate([claimed[level - 1], parents]))
-    return claimed
-
-
-def _offsets(steps: int) -> np.ndarray:
-    """Return the places where a particle limits the cell width, in radii from its centre.
-
-    They are its centre and the corners of the inscribed cube. Without the corners, wide cells
-    beside fine ones lie in many kernels, and interpolation smears these out (columns of an SPH
-    disc: 11 % too much, with corners 0.5 %). With smaller cells, places in between are added.
-    """
-    ticks = np.linspace(-(3**-0.5), 3**-0.5, steps + 1)
-    corners = np.array(list(itertools.product(ticks, repeat=3)))
-    return np.concatenate([np.zeros((1, 3)), corners])
-
-
-def _claims(
-    base: Base,
-    points: np.ndarray,
-    reach: np.ndarray,
-    widest: np.ndarray,
-    most: int,
-    offsets: np.ndarray,
-) -> Iterator[tuple[int, np.ndarray]]:
-    wanted = np.ceil(np.log2(base.width.max() / widest) - 1e-9)
-    level = np.clip(wanted, 0, most).astype(np.int64) - 1
-    for offset in offsets:
-        near = base.wrapped(points + reach[:, None] * offset)
-        here = np.flatnonzero(base.inside(near) & (level >= 0))
-        cells = base.places(near[here], most) >> (most - level[here])[:, None]
-        numbers = base.numbers(cells, level[here])
-        for own in np.unique(level[here]):
-            yield int(own), np.unique(numbers[level[here] == own])
-
-
-def _parents(base: Base, numbers: np.ndarray, level: int) -> np.ndarray:
-    nx, ny, _ = (np.uint64(n) << np.uint64(level) for n in base.counts)
-    rows, x = np.divmod(numbers, nx)
-    z, y = np.divmod(rows, ny)
-    return np.unique(base.numbers(np.stack([x, y, z], axis=1) >> np.uint64(1), level - 1))
+        return np.add(low, (points - low) % size)
 
 
 # The numbers of cells of the last level but one must fit into 64 bits.
@@ -184,66 +94,50 @@ DEEPEST = 20
 # Memory per cell during construction, deposited values included.
 _CELL_BYTES = 200
 _ADVICE = "give larger cell_width or lower max_level, or check the units of the particles' sizes"
+# Particles per chunk, which limits the temporary arrays.
+_CHUNK = 1 << 18
 
 
-@dataclass(frozen=True)
-class Refinement:
-    """Criteria for splitting a cell.
+class Refinement(NamedTuple):
+    """Criteria for splitting a cell."""
 
-    Attributes
-    ----------
-    count : int
-        A cell is split if it holds more particles than this and is wider than `finest` of one.
-    finest : array, shape (n,)
-        Resolution limit of each particle.
-    widest : array or None, shape (n,)
-        A cell is split if it is wider than `widest` of a particle that reaches into it.
-    reach : array, shape (n,)
-        Radius of each particle.
-    least, most : int
-        Minimum level everywhere, and largest level.
-    steps : int
-        Divisions of each particle's inscribed cube; see `claimed_cells`.
-    """
-
-    count: int
-    finest: np.ndarray
-    widest: np.ndarray | None = None
-    reach: np.ndarray | None = None
-    least: int = 0
-    most: int = DEEPEST
-    steps: int = 1
+    crowd: int  # it has more particles than this, and is wider than `finest` of one
+    finest: np.ndarray  # resolution limit of each particle, (n,)
+    widest: np.ndarray | None = None  # it is wider than `widest` of one that reaches into it, (n,)
+    reach: np.ndarray | None = None  # radius of each particle, (n,)
+    least: int = 0  # minimum level everywhere
+    most: int = DEEPEST  # largest level
+    steps: int = 1  # divisions per axis of the cube inscribed in a particle's sphere
 
 
 def octree_around(
     base: Base, points: np.ndarray, rule: Refinement, unit: Unit = None
 ) -> OctreeGrid:
-    """Return an octree that is refined where particles are.
+    """Return an octree that is refined where particles at `points` (n, 3) are.
 
-    Parameters
-    ----------
-    base : Base
-    points : array, shape (n, 3)
-        Positions; particles outside are ignored.
-    rule : Refinement
-    unit : unit, optional
-        Of lengths.
+    Particles outside are ignored.
     """
-    claimed = [np.empty(0, np.uint64)] * rule.most
-    if rule.widest is not None and rule.reach is not None:
-        claimed = claimed_cells(base, points, rule.reach, rule.widest, rule.most, rule.steps)
-    inside = np.flatnonzero(base.inside(points))
-    crowd = _Crowd(base, points[inside], rule.finest[inside], rule.most)
+    claimed = _claimed_cells(base, points, rule)
+    inside = base.inside(points)
+    # Each particle's cell: place on the finest level, and index among the cells of a level.
+    place, finest = base.places(points[inside], rule.most), rule.finest[inside]
+    own = base.numbers(place >> rule.most, 0).astype(np.int64)
     cells = np.stack(np.unravel_index(np.arange(base.counts.prod()), base.counts, "F"), axis=1)
     splits, width, count = [], float(base.width.max()), len(cells)
     for level in range(rule.most):
-        split = crowd.crowded(len(cells), rule.count, width * 0.5**level)
-        split |= _among(base.numbers(cells, level), claimed[level]) | (level < rule.least)
+        fine = np.zeros(len(cells), bool)
+        fine[own[finest < width * 0.5**level]] = True
+        split = fine & (np.bincount(own, minlength=len(cells)) > rule.crowd)
+        split |= np.isin(base.numbers(cells, level), claimed[level]) | (level < rule.least)
         splits.append(split)
         count += 7 * int(np.count_nonzero(split))
         check_memory(_CELL_BYTES * count, f"an octree of {count} cells", _ADVICE)
-        crowd.descend(split)
-        cells = _children(cells[split])
+        deeper, parent = split[own], (np.cumsum(split) - 1)[own]
+        place, finest = place[deeper], finest[deeper]
+        octant = (place >> (rule.most - level - 1)) & 1
+        own = 8 * parent[deeper] + octant @ np.array([1, 2, 4])
+        children = np.arange(8)[:, None] >> np.arange(3) & 1
+        cells = (2 * cells[split][:, None, :] + children).reshape(-1, 3)
         if not len(cells):
             break
     else:
@@ -252,39 +146,38 @@ def octree_around(
     return OctreeGrid.from_levels(x, y, z, _depth_first(splits), unit=unit)
 
 
-class _Crowd:
-    """Assigns particles to the cells of one level after the other, and drops those in leaves."""
+def _claimed_cells(base: Base, points: np.ndarray, rule: Refinement) -> list[np.ndarray]:
+    """Return for each level the ascending numbers of the cells that are too wide for a particle.
 
-    def __init__(self, base: Base, points: np.ndarray, finest: np.ndarray, levels: int) -> None:
-        self.place, self.finest, self.below = base.places(points, levels), finest, levels
-        self.cell = base.numbers(self.place >> levels, 0).astype(np.int64)
-
-    def crowded(self, cells: int, count: int, width: float) -> np.ndarray:
-        """Return which cells hold over `count` particles, one with `finest` below the width."""
-        many = np.bincount(self.cell, minlength=cells) > count
-        fine = np.zeros(cells, bool)
-        fine[self.cell[self.finest < width]] = True
-        crowded: np.ndarray = many & fine
-        return crowded
-
-    def descend(self, split: np.ndarray) -> None:
-        deeper, self.below = split[self.cell], self.below - 1
-        parent = (np.cumsum(split) - 1)[self.cell[deeper]]
-        self.place, self.finest = self.place[deeper], self.finest[deeper]
-        self.cell = 8 * parent + ((self.place >> self.below) & 1) @ np.array([1, 2, 4])
-
-
-def _children(cells: np.ndarray) -> np.ndarray:
-    octant = np.arange(8)[:, None] >> np.arange(3) & 1
-    return (2 * cells[:, None, :] + octant).reshape(-1, 3)
-
-
-def _among(numbers: np.ndarray, known: np.ndarray) -> np.ndarray:
-    if not len(known):
-        return np.zeros(len(numbers), bool)
-    place = np.minimum(np.searchsorted(known, numbers), len(known) - 1)
-    found: np.ndarray = known[place] == numbers
-    return found
+    A particle limits the cell width at its centre and at the corners of the inscribed cube. Without
+    the corners, wide cells beside fine ones lie in many kernels, and interpolation smears these out
+    (columns of an SPH disc: 11 % too much, with corners 0.5 %). With smaller cells, places in
+    between are added.
+    """
+    claimed: list[list[np.ndarray]] = [[np.empty(0, np.uint64)] for _ in range(rule.most)]
+    if rule.widest is not None and rule.reach is not None:
+        ticks = np.linspace(-(3**-0.5), 3**-0.5, rule.steps + 1)
+        offsets = [np.zeros(3), *map(np.array, itertools.product(ticks, repeat=3))]
+        wanted = np.ceil(np.log2(base.width.max() / rule.widest) - 1e-9)
+        level = np.clip(wanted, 0, rule.most).astype(np.int64) - 1
+        for first in reported_range(len(points), _CHUNK):
+            part = slice(first, first + _CHUNK)
+            for offset in offsets:
+                near = base.wrapped(points[part] + rule.reach[part, None] * offset)
+                here = np.flatnonzero(base.inside(near) & (level[part] >= 0))
+                own = level[part][here]
+                cells = base.places(near[here], rule.most) >> (rule.most - own)[:, None]
+                numbers = base.numbers(cells, own)
+                for k in np.unique(own):
+                    claimed[k].append(np.unique(numbers[own == k]))
+    result = [np.unique(np.concatenate(numbers)) for numbers in claimed]
+    for k in range(rule.most - 1, 0, -1):
+        nx, ny, _ = (np.uint64(n) << np.uint64(k) for n in base.counts)
+        rows, x = np.divmod(result[k], nx)
+        z, y = np.divmod(rows, ny)
+        parents = base.numbers(np.stack([x, y, z], axis=1) >> np.uint64(1), k - 1)
+        result[k - 1] = np.unique(np.concatenate([result[k - 1], parents]))
+    return result
 
 
 def _depth_first(splits: list[np.ndarray]) -> np.ndarray:

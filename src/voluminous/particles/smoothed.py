@@ -8,13 +8,13 @@ around the kernel's support have in common.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..backend import dr, from_host, get_backend
+from ..backend.types import Float, Int
 from ..grids import OctreeGrid
 from ..memory import fits
 from ..progress import reporter
@@ -22,32 +22,15 @@ from .deposit import Deposit, crossing, with_images
 from .kernels import Kernel
 from .octree import Base
 
-if TYPE_CHECKING:
-    from ..backend.device import Backend
 
+class OctreeNodes(NamedTuple):
+    """Nodes depth first: a split node is followed by all that is in it."""
 
-@dataclass(frozen=True)
-class OctreeNodes:
-    """Nodes depth first: a split node is followed by all that is in it.
-
-    Attributes
-    ----------
-    level : array of uint8, shape (nodes,)
-    low : array of float64, shape (nodes, 3)
-        Lower corners.
-    width : array of float64, shape (3,)
-        Of the base cells.
-    after : array of uint32, shape (nodes,)
-        The node that follows once all in a node is done with; that of a leaf is the next one.
-    leaf : array of int64, shape (leaves,)
-        Which nodes are leaves, in the grid's order.
-    """
-
-    level: np.ndarray
-    low: np.ndarray
-    width: np.ndarray
-    after: np.ndarray
-    leaf: np.ndarray
+    level: np.ndarray  # uint8, (nodes,)
+    low: np.ndarray  # lower corners, (nodes, 3)
+    width: np.ndarray  # of the base cells, (3,)
+    after: np.ndarray  # the node that follows once all in a node is done with; uint32, (nodes,)
+    leaf: np.ndarray  # which nodes are leaves, in the grid's order, (leaves,)
 
     @property
     def part(self) -> np.ndarray:
@@ -60,23 +43,17 @@ class OctreeNodes:
         return len(self.level)
 
     def spread(self, amounts: np.ndarray) -> np.ndarray:
-        """Return what leaves hold, once what each split node holds is spread evenly in it.
+        """Return the amounts in the leaves, once that of each split node is spread evenly in it.
 
-        Parameters
-        ----------
-        amounts : array of float64, shape (nodes,)
-            Is changed.
+        `amounts` (nodes,) is changed.
         """
+        split = self.after != np.arange(1, self.size + 1)
         for level in range(1, int(self.level.max()) + 1):
-            parents = np.flatnonzero((self.level == level - 1) & ~self._is_leaf())
-            if not len(parents):
-                break
-            own = np.flatnonzero(self.level == level)
-            amounts[own] += 0.125 * amounts[parents[np.searchsorted(parents, own) - 1]]
-        return amounts[self.leaf]
-
-    def _is_leaf(self) -> np.ndarray:
-        return self.after == np.arange(1, self.size + 1)
+            parents, own = (self.level == level - 1) & split, np.flatnonzero(self.level == level)
+            if len(own):
+                parent = np.flatnonzero(parents)
+                amounts[own] += 0.125 * amounts[parent[np.searchsorted(parent, own) - 1]]
+        return np.take(amounts, self.leaf)
 
 
 def nodes_of(grid: OctreeGrid) -> OctreeNodes:
@@ -86,130 +63,18 @@ def nodes_of(grid: OctreeGrid) -> OctreeNodes:
     leaf = np.cumsum(count) - 1
     # A leaf comes after the split nodes that begin where it does.
     level = np.repeat(first - np.cumsum(count) + count, count) + np.arange(leaf[-1] + 1)
-    low, _ = grid.corners()
-    width = np.array([(e[-1] - e[0]) / (len(e) - 1) for e in grid.base_edges])
-    return OctreeNodes(
-        level.astype(np.uint8), np.repeat(low.T, count, axis=0), width, _after(level), leaf
-    )
-
-
-def _after(level: np.ndarray) -> np.ndarray:
     after = np.empty(len(level), np.uint32)
     for own in range(int(level.max()) + 1):
-        ends = np.append(np.flatnonzero(level <= own), len(level))
-        nodes = np.flatnonzero(level == own)
-        after[nodes] = ends[np.searchsorted(ends, nodes) + 1]
-    return after
+        ends, nodes = np.flatnonzero(level <= own), np.flatnonzero(level == own)
+        after[nodes] = np.append(ends, len(level))[np.searchsorted(ends, nodes) + 1]
+    low, _ = grid.corners()
+    width = np.array([(e[-1] - e[0]) / (len(e) - 1) for e in grid.base_edges])
+    low = np.repeat(low.T, count, axis=0)
+    return OctreeNodes(level.astype(np.uint8), low, width, after, leaf)
 
 
 # A sphere of radius H stops at nodes of this part of H: there are not more than 3000 of these.
 _PART = 0.25
-
-
-@dataclass(frozen=True)
-class OverlapPairs:
-    """Particles and nodes that overlap: arrays of uint32, shape (pairs,)."""
-
-    particle: np.ndarray
-    node: np.ndarray
-
-
-class Overlaps:
-    """Finds pairs of spheres and nodes.
-
-    Parameters
-    ----------
-    nodes : OctreeNodes
-    points : array of float64, shape (n, 3)
-        Centres of the spheres.
-    radius : array of float64, shape (n,)
-    backend : Backend
-        In double precision.
-    steps : int
-        Into how many the part of a radius is cut again at which spheres stop.
-    """
-
-    def __init__(
-        self,
-        nodes: OctreeNodes,
-        points: np.ndarray,
-        radius: np.ndarray,
-        backend: Backend,
-        steps: int = 1,
-    ) -> None:
-        self.backend = backend
-        self.boxes = packed(backend, nodes.low, nodes.part)
-        self.spheres = packed(backend, points, radius)
-        self.after = backend.UInt(nodes.after)
-        self.end = dr.opaque(backend.UInt, nodes.size)
-        self.width = [backend.wide(float(w)) for w in nodes.width]
-        self.widest = backend.wide(float(nodes.width.max()) * steps / _PART)
-
-    def counts(self, first: int, last: int) -> np.ndarray:
-        """Return how many nodes the spheres of consecutive particles overlap."""
-        own = self._own(first, last)
-        nothing = dr.zeros(self.backend.UInt, last - first)
-        _, count = self._walk(own, nothing, lambda node, count, found: None)
-        return np.array(count)
-
-    def pairs(self, first: int, counts: np.ndarray) -> OverlapPairs:
-        """Return the pairs of as many consecutive particles as there are counts."""
-        UInt = self.backend.UInt
-        own = self._own(first, first + len(counts))
-        ends = np.cumsum(counts, dtype=np.int64)
-        start = from_host(UInt, ends - counts)
-        total = int(ends[-1])
-        particle, node = dr.zeros(UInt, total), dr.zeros(UInt, total)
-        dr.eval(own, start, particle, node)
-
-        def keep(here: Any, count: Any, found: Any) -> None:
-            dr.scatter(particle, own, start + count, found)
-            dr.scatter(node, here, start + count, found)
-
-        dr.eval(self._walk(own, dr.zeros(UInt, len(counts)), keep))
-        return OverlapPairs(np.array(particle), np.array(node))
-
-    def _own(self, first: int, last: int) -> Any:
-        UInt = self.backend.UInt
-        return dr.arange(UInt, last - first) + dr.opaque(UInt, first)
-
-    def _walk(self, own: Any, count: Any, keep: Any) -> Any:
-        backend = self.backend
-        sphere = dr.gather(backend.packet(4), self.spheres, own)
-
-        def inside(node: Any, count: Any) -> Any:
-            return node < self.end
-
-        def step(node: Any, count: Any) -> tuple[Any, Any]:
-            box = dr.gather(backend.packet(4), self.boxes, node)
-            after = dr.gather(backend.UInt, self.after, node)
-            touched = self._distance2(sphere, box) < sphere[3] * sphere[3]
-            ends = (after == node + 1) | (box[3] * self.widest <= sphere[3])
-            found = touched & ends
-            keep(node, count, found)
-            return dr.select(touched & ~ends, node + 1, after), count + dr.select(found, 1, 0)
-
-        node = dr.zeros(backend.UInt, dr.width(own))
-        return dr.while_loop((node, count), inside, step, label="overlaps")
-
-    def _distance2(self, sphere: Any, box: Any) -> Any:
-        total = self.backend.Wide(0.0)
-        for axis, width in enumerate(self.width):
-            below = box[axis] - sphere[axis]
-            above = -(below + box[3] * width)
-            far = dr.select(below > above, below, above)
-            far = dr.select(far > 0.0, far, 0.0)
-            total = dr.fma(far, far, total)
-        return total
-
-
-def packed(backend: Backend, points: np.ndarray, last: np.ndarray) -> Any:
-    """Return points (n, 3) and a fourth number for each, to be gathered at once."""
-    rows = np.empty((len(points), 4))
-    rows[:, :3], rows[:, 3] = points, last
-    return from_host(backend.Float, rows.ravel())
-
-
 # Midpoints are at most this part of the support's radius apart.
 _STEP = 0.25
 # Where a kernel is fainter than this part of its centre it is left out, at the rim: densities fall
@@ -217,80 +82,122 @@ _STEP = 0.25
 _FAINT = 1e-3
 
 
-class KernelWeights:
-    """Parts of kernels in nodes.
+class Overlaps:
+    """Pairs of spheres and nodes, and the parts of kernels in nodes.
 
-    Parameters
-    ----------
-    overlaps : Overlaps
-    kernel : Kernel
+    The spheres have centres `points` (n, 3) and radii `radius` (n,). They stop at nodes that are
+    `steps` times smaller than usual.
     """
 
-    def __init__(self, overlaps: Overlaps, kernel: Kernel) -> None:
-        self.overlaps, self.kernel = overlaps, kernel
-        self.backend = overlaps.backend
-        # Lengths are in radii of the support here: single precision is enough.
-        self.single = self.backend.with_precision("single")
+    def __init__(
+        self,
+        nodes: OctreeNodes,
+        points: np.ndarray,
+        radius: np.ndarray,
+        kernel: Kernel,
+        steps: int = 1,
+    ) -> None:
+        # The same on all machines: results do not depend on what GPU there is.
+        self.backend = backend = get_backend("cpu", "double")
+        # Lengths are in radii of the support in kernels: single precision is enough.
+        self.single, self.kernel = backend.with_precision("single"), kernel
+        self.boxes, self.spheres = (
+            from_host(backend.Float, np.column_stack(rows).ravel())
+            for rows in ((nodes.low, nodes.part), (points, radius))
+        )
+        self.after = backend.UInt(nodes.after)
+        self.end = dr.opaque(backend.UInt, nodes.size)
+        self.width = [backend.wide(float(w)) for w in nodes.width]
+        self.widest = backend.wide(float(nodes.width.max()) * steps / _PART)
 
-    def of(self, pairs: OverlapPairs) -> np.ndarray:
+    def counts(self, first: int, last: int) -> np.ndarray:
+        """Return how many nodes the spheres of consecutive particles overlap."""
+        own = dr.arange(self.backend.UInt, last - first) + dr.opaque(self.backend.UInt, first)
+        return np.array(self._walk(own, lambda node, count, overlap: None)[1])
+
+    def pairs(self, first: int, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the particle and the node of each pair, of as many particles as counts."""
+        UInt, total = self.backend.UInt, int(counts.sum(dtype=np.int64))
+        own = dr.arange(UInt, len(counts)) + dr.opaque(UInt, first)
+        start = from_host(UInt, np.cumsum(counts, dtype=np.int64) - counts)
+        particle, node = dr.zeros(UInt, total), dr.zeros(UInt, total)
+        dr.eval(own, start, particle, node)
+
+        def store(here: Int, count: Int, overlap: Any) -> None:
+            dr.scatter(particle, own, start + count, overlap)
+            dr.scatter(node, here, start + count, overlap)
+
+        dr.eval(self._walk(own, store))
+        return np.array(particle), np.array(node)
+
+    def _walk(self, own: Int, store: Callable[[Int, Int, Any], None]) -> tuple[Int, Int]:
+        UInt, packet = self.backend.UInt, self.backend.packet(4)
+        sphere = dr.gather(packet, self.spheres, own)
+
+        def step(node: Int, count: Int) -> tuple[Int, Int]:
+            box = dr.gather(packet, self.boxes, node)
+            after = dr.gather(UInt, self.after, node)
+            distance2 = self.backend.Wide(0.0)
+            for axis, width in enumerate(self.width):
+                below = box[axis] - sphere[axis]
+                above = -(below + box[3] * width)
+                far = dr.select(below > above, below, above)
+                far = dr.select(far > 0.0, far, 0.0)
+                distance2 = dr.fma(far, far, distance2)
+            touched = distance2 < sphere[3] * sphere[3]
+            ends = (after == node + 1) | (box[3] * self.widest <= sphere[3])
+            store(node, count, touched & ends)
+            deeper = dr.select(touched & ~ends, node + 1, after)
+            return deeper, count + dr.select(touched & ends, 1, 0)
+
+        state = dr.zeros(UInt, dr.width(own)), dr.zeros(UInt, dr.width(own))
+        inside = lambda node, count: node < self.end  # noqa: E731
+        walked: tuple[Int, Int] = dr.while_loop(state, inside, step, label="overlaps")
+        return walked
+
+    def weights(self, particle: np.ndarray, node: np.ndarray) -> np.ndarray:
         """Return the weights of pairs, float32: they add up to about one for each particle."""
-        UInt, over = self.backend.UInt, self.overlaps
-        packet = self.backend.packet(4)
-        box = dr.gather(packet, over.boxes, from_host(UInt, pairs.node))
-        sphere = dr.gather(packet, over.spheres, from_host(UInt, pairs.particle))
-        low, size = [], []
-        for axis, width in enumerate(over.width):
-            a, b = self._common(box[axis] - sphere[axis], box[3] * width, sphere[3])
-            low.append(a)
-            size.append(b - a)
-        return np.array(self._integral(low, size))
-
-    def _common(self, low: Any, width: Any, radius: Any) -> tuple[Any, Any]:
-        """Return where the common box begins and ends along an axis, in radii from the centre."""
-        a, b = (self.single.Float(v / radius) for v in (low, low + width))
-        return dr.select(a > -1.0, a, -1.0), dr.select(b < 1.0, b, 1.0)
-
-    def _integral(self, low: list[Any], size: list[Any]) -> Any:
-        UInt, Float = self.single.UInt, self.single.Float
-        counts = [UInt(dr.ceil(s * (1.0 / _STEP))) for s in size]
-        counts = [dr.select(n > 0, n, 1) for n in counts]
-        steps = [s / Float(n) for s, n in zip(size, counts, strict=True)]
+        single, UInt, packet = self.single, self.backend.UInt, self.backend.packet(4)
+        box = dr.gather(packet, self.boxes, from_host(UInt, node))
+        sphere = dr.gather(packet, self.spheres, from_host(UInt, particle))
+        lows, steps, counts = [], [], []
+        for axis, width in enumerate(self.width):
+            low = box[axis] - sphere[axis]
+            a, b = (single.Float(v / sphere[3]) for v in (low, low + box[3] * width))
+            a, b = dr.select(a > -1.0, a, -1.0), dr.select(b < 1.0, b, 1.0)
+            count = single.UInt(dr.ceil((b - a) * (1.0 / _STEP)))
+            counts.append(dr.select(count > 0, count, 1))
+            lows.append(a)
+            steps.append((b - a) / single.Float(counts[-1]))
         number = counts[0] * counts[1] * counts[2]
 
-        def more(k: Any, index: list[Any], total: Any) -> Any:
-            return k < number
-
-        def add(k: Any, index: list[Any], total: Any) -> tuple[Any, list[Any], Any]:
-            parts = zip(low, steps, index, strict=True)
-            x, y, z = (dr.fma(Float(i) + 0.5, step, start) for start, step, i in parts)
+        def add(k: Int, index: list[Int], total: Float) -> tuple[Int, list[Int], Float]:
+            places = zip(lows, steps, index, strict=True)
+            x, y, z = (dr.fma(single.Float(i) + 0.5, step, low) for low, step, i in places)
             u = dr.sqrt(x * x + y * y + z * z)
-            return k + 1, _next(index, counts), total + self.kernel.shape(u, _positive)
+            value = self.kernel.shape(u, lambda x: dr.select(x > 0.0, x, 0.0))
+            i, j, layer = index  # the first axis fastest
+            row = i + 1 == counts[0]
+            full = row & (j + 1 == counts[1])
+            j = dr.select(row, j + 1, j)
+            following = [dr.select(row, 0, i + 1), dr.select(full, 0, j)]
+            return k + 1, [*following, dr.select(full, layer + 1, layer)], total + value
 
-        nothing = dr.zeros(Float, dr.width(number))
-        state = (UInt(nothing), [UInt(nothing) for _ in counts], nothing)
+        nothing = dr.zeros(single.Float, dr.width(number))
+        state = (single.UInt(nothing), [single.UInt(nothing) for _ in counts], nothing)
+        more = lambda k, index, total: k < number  # noqa: E731
         total = dr.while_loop(state, more, add, label="kernel")[2]
-        least = dr.opaque(Float, _FAINT * self.kernel.peak)
-        total = dr.select(total < least * Float(number), 0.0, total)
-        return total * (steps[0] * steps[1] * steps[2]) * self.kernel.norm
-
-
-def _next(index: list[Any], counts: list[Any]) -> list[Any]:
-    """Return the next place of an array of some shape, the first axis fastest."""
-    i, j, k = index
-    row = i + 1 == counts[0]
-    layer = row & (j + 1 == counts[1])
-    j = dr.select(row, j + 1, j)
-    return [dr.select(row, 0, i + 1), dr.select(layer, 0, j), dr.select(layer, k + 1, k)]
-
-
-def _positive(x: Any) -> Any:
-    return dr.select(x > 0.0, x, 0.0)
+        least = dr.opaque(single.Float, _FAINT * self.kernel.peak)
+        total = dr.select(total < least * single.Float(number), 0.0, total)
+        return np.array(total * (steps[0] * steps[1] * steps[2]) * self.kernel.norm)
 
 
 # Pairs of a particle and a node computed at once: 200 MiB of temporary arrays.
 _PAIRS = 1 << 22
-# Bytes of pairs that are kept for further fields; more are found again for each.
-_KEPT = 1 << 30
+# Bytes of pairs that are cached for further fields; more are computed again for each.
+_CACHED = 1 << 30
+
+Pairs = tuple[np.ndarray, np.ndarray, np.ndarray]  # particle, node and weight
 
 
 class SmoothedDeposit(Deposit):
@@ -298,19 +205,8 @@ class SmoothedDeposit(Deposit):
 
     The weight of a node is the kernel's integral over it. The weights of a particle are divided by
     their sum, so that nothing is lost where the domain ends; unless there are particles outside of
-    it: then what kernels have outside is outside.
-
-    Parameters
-    ----------
-    base : Base
-    grid : OctreeGrid
-        On these base cells.
-    points : array, shape (n, 3)
-    mass, radius : array, shape (n,)
-        Masses, and the radii of the kernels' support.
-    kernel : Kernel
-    steps : int
-        How many times finer than usual kernels are told apart; see `Overlaps`.
+    it: then what kernels have outside is outside. `radius` (n,) is that of the kernels' support;
+    kernels are resolved `steps` times finer than usual.
     """
 
     def __init__(
@@ -329,47 +225,37 @@ class SmoothedDeposit(Deposit):
         order = np.argsort(grid.locate(near), kind="stable")
         near, self.owner = near[order], owner[order]
         self.nodes = nodes_of(grid)
-        # The same on all machines: results do not depend on what GPU there is.
-        backend = get_backend("cpu", "double")
-        overlaps = Overlaps(self.nodes, near, radius[self.owner], backend, steps)
-        self.overlaps, self.weights = overlaps, KernelWeights(overlaps, kernel)
-        self.counts = overlaps.counts(0, len(near))
-        pairs = int(self.counts.sum(dtype=np.int64))
-        self.kept: list[Any] | None = [] if 8 * pairs < _KEPT and fits(16 * pairs) else None
-        self.norm = self._norm(len(mass))
+        self.overlaps = Overlaps(self.nodes, near, radius[self.owner], kernel, steps)
+        self.counts = self.overlaps.counts(0, len(near))
+        needed = 12 * int(self.counts.sum(dtype=np.int64))
+        self.cached: list[Pairs] | None = None
+        if needed < _CACHED and fits(2 * needed):
+            self.cached = list(self._pairs())
+        self.norm = np.zeros(len(mass))
+        for particle, _, weight in self.cached or self._pairs():
+            self.norm += np.bincount(self.owner[particle], weight, len(mass))
+        self.norm[self.norm == 0] = 1.0
         if not base.periodic and not base.inside(points).all():
             self.norm[crossing(base, points, radius)] = 1.0
 
-    def _norm(self, count: int) -> np.ndarray:
-        norm = np.zeros(count)
-        for first, counts, node, weight in self._found():
-            owner = np.repeat(self.owner[first : first + len(counts)], counts)
-            norm += np.bincount(owner, weight, count)
-            if self.kept is not None:
-                self.kept.append((first, counts, node, weight))
-        norm[norm == 0] = 1.0
-        return norm
-
-    def _found(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield a first point, numbers of nodes for it and those that follow, nodes, weights."""
+    def _pairs(self) -> Iterator[Pairs]:
         ends = np.cumsum(self.counts, dtype=np.int64)
         first, report = 0, reporter()
         while first < len(ends):
             done = ends[first - 1] if first else 0
             last = max(int(np.searchsorted(ends, done + _PAIRS, "right")), first + 1)
-            counts = self.counts[first:last]
-            pairs = self.overlaps.pairs(first, counts)
-            yield first, counts, pairs.node, self.weights.of(pairs)
+            particle, node = self.overlaps.pairs(first, self.counts[first:last])
+            yield particle, node, self.overlaps.weights(particle, node)
             first = last
             report(last, len(ends))
 
     def amounts(self, *carried: np.ndarray) -> list[np.ndarray]:
         sums = [np.zeros(self.nodes.size) for _ in carried]
         parts = [(values / self.norm)[self.owner] for values in carried]
-        for first, counts, node, weight in self.kept if self.kept is not None else self._found():
+        for particle, node, weight in self.cached or self._pairs():
             for total, part in zip(sums, parts, strict=True):
-                own = np.repeat(part[first : first + len(counts)], counts)
                 # A value that is missing does not count where nothing of its particle is.
-                amount = np.multiply(weight, own, out=np.zeros(len(own)), where=weight > 0)
+                own, nothing = part[particle], np.zeros(len(particle))
+                amount = np.multiply(weight, own, out=nothing, where=weight > 0)
                 total += np.bincount(node, amount, self.nodes.size)
         return [self.nodes.spread(total) for total in sums]

@@ -126,7 +126,9 @@ class Cache:
         return thing
 
     def get_or_make(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        """Return the entry of a key, computing it if necessary."""
+        """Return the entry of a key, computing it if necessary; always without a key (None)."""
+        if key is None:
+            return make()
         if key not in self.volume.tables:
             return self.put(key, make())
         made: Made = self.get(key)

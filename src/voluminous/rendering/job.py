@@ -16,7 +16,10 @@ from .cache import Cache
 from .missing import HiddenCells
 from .options import DEFAULT_ERROR
 from .precision import sums_need_double
-from .sources import get_source
+from .sources.cells import CellEvaluator
+from .sources.channel_layout import choose_layout
+from .sources.interpolated import interpolated_fields
+from .sources.table import tabulated
 
 
 @dataclass
@@ -83,20 +86,14 @@ class RenderJob:
         return source
 
     def _make_source(self, faintest: bool) -> Any:
+        scheme, cache, whole = self.scheme, self.cache, self.hidden is None
+        numbers = choose_layout(self.medium, scheme, self.backend)
+        evaluator = CellEvaluator(self.volume, self.medium, numbers, self.backend, cache.statistics)
+        if scheme.coefficients_at == "field":
+            return interpolated_fields(evaluator, cache, scheme, self.tolerance, faintest, whole)
         nx, ny = self.frame.pixels
         steps = float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
-        return get_source(
-            self.volume,
-            self.medium,
-            self.scheme,
-            self.backend,
-            steps,
-            lambda done, total: self.progress(0, 1),
-            self.tolerance,
-            faintest,
-            cache=self.cache,
-            whole=self.hidden is None,
-        )
+        return tabulated(evaluator, cache, scheme, steps, whole)
 
     def take_double(self) -> None:
         """Continue in double precision."""

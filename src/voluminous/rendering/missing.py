@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +43,7 @@ class HiddenCells:
         packed = np.packbits(missing.reshape(-1), bitorder="little")
         self.words = np.pad(packed, (0, -len(packed) % 4)).view("<u4")
 
-    def on(self, backend: Backend) -> Any:
+    def on(self, backend: Backend) -> Int:
         """Return the bits as a device array."""
         return backend.UInt(np.ascontiguousarray(self.words, np.uint32))
 
@@ -76,11 +75,11 @@ class Hiding(Scheme):
         cell = cell_of(segment)
         word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
         hidden = (word >> (cell & 31)) & 1 == 1
-        found, onward = self.scheme.solve(segment, source, carried)
-        parts = (found.emission, found.transparency, found.error)
-        nothing = empty_path(type(segment.length), *(len(part) for part in parts))
+        path, onward = self.scheme.solve(segment, source, carried)
+        parts = (path.emission, path.transparency, path.error)
+        nothing = empty_path(type(segment.length), *map(len, parts))
         beyond = self.scheme.after_hidden(carried, onward)
-        return dr.select(hidden, nothing, found), dr.select(hidden, beyond, onward)
+        return dr.select(hidden, nothing, path), dr.select(hidden, beyond, onward)
 
 
 # Cells processed at once.
@@ -90,77 +89,57 @@ _BEYOND = 0.5 + 2.0**-6
 _AROUND = [way for way in itertools.product((-1, 0, 1), repeat=3) if any(way)]
 
 
-@dataclass
-class Completed:
-    """A volume with missing values filled in the fields that are used.
+Completed = tuple[Volume, Cache, HiddenCells | None, dict[str, int]]
 
-    Attributes
-    ----------
-    cache : Cache
-        Cache of the results for this volume.
-    hidden : HiddenCells or None
-        The cells in which a value was missing.
-    counts : dict of str to int
-        Number of missing values in each field.
+
+def complete(cache: Cache, names: Iterable[str], hashed: bool) -> Completed:
+    """Return a volume with missing values filled in the fields that are used, and its cache.
+
+    Also the cells in which a value was missing, or None, and their number in each field.
     """
-
-    volume: Volume
-    cache: Cache
-    hidden: HiddenCells | None
-    counts: dict[str, int]
-
-
-def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
-    """Return the volume with missing values filled; the volume itself if none is missing."""
-    volume = cache.volume
+    volume, statistics = cache.volume, cache.statistics
     fields = sorted(volume.given(names))
     if hashed:
-        cache.statistics.digests(fields)
-    lacking = [name for name in fields if not _all_finite(volume, name, cache)]
+        statistics.digests(fields)
+    # Judged by the least and largest values.
+    lacking = [
+        name
+        for name in fields
+        if volume.array(name).dtype.kind == "f"
+        and not np.all(np.isfinite(statistics.extremes(name)))
+    ]
     if not lacking:
-        return Completed(volume, cache, None, {})
-    key = ("completed", cache.statistics.digests(fields))
-    whole, hidden, counts = cache.get_or_make(key, lambda: _complete(volume, lacking))
+        return volume, cache, None, {}
+
+    def fill() -> tuple[Volume, HiddenCells, dict[str, int]]:
+        missing, counts, arrays = np.zeros(volume.grid.size, bool), {}, {}
+        for name in lacking:
+            array = volume.array(name)
+            gone = np.isnan(array).reshape(-1)
+            _check_finite(volume, name, gone)
+            counts[name] = int(gone.sum())
+            if counts[name]:
+                missing |= gone
+                arrays[name] = filled(volume.grid, array, gone)
+        return volume.with_arrays(arrays), HiddenCells(missing), counts
+
+    key = ("completed", statistics.digests(fields))
+    whole, hidden, counts = cache.get_or_make(key, fill)
     seen = copy.copy(whole)
     seen.sight = volume.sight
-    return Completed(seen, Cache(seen), hidden, counts)
-
-
-def _all_finite(volume: Volume, name: str, cache: Any) -> bool:
-    """Return whether a field has a value everywhere, judged by its least and largest."""
-    if volume.array(name).dtype.kind != "f":
-        return True
-    return bool(np.all(np.isfinite(cache.statistics.extremes(name))))
-
-
-def _complete(volume: Volume, names: list[str]) -> tuple[Any, HiddenCells, dict[str, int]]:
-    """Return the filled volume, its incomplete cells, and the number of missing values."""
-    missing, counts, arrays = np.zeros(volume.grid.size, bool), {}, {}
-    for name in names:
-        array = volume.array(name)
-        own = np.isnan(array).reshape(-1)
-        _check_finite(volume, name, own)
-        counts[name] = int(own.sum())
-        if counts[name]:
-            missing |= own
-            arrays[name] = filled(volume.grid, array, own)
-    return volume.with_arrays(arrays), HiddenCells(missing), counts
+    return seen, Cache(seen), hidden, counts
 
 
 def _check_finite(volume: Volume, name: str, missing: np.ndarray) -> None:
     array = volume.array(name).reshape(-1)
-    count, first = 0, -1
-    for start in range(0, array.size, _CHUNK):
-        infinite = np.flatnonzero(np.isinf(array[start : start + _CHUNK]))
-        if infinite.size and not count:
-            first = start + int(infinite[0])
-        count += infinite.size
-    if count:
-        place = tuple(int(i) for i in np.unravel_index(first, volume.grid.shape))
+    parts = (slice(first, first + _CHUNK) for first in range(0, array.size, _CHUNK))
+    places = np.concatenate([part.start + np.flatnonzero(np.isinf(array[part])) for part in parts])
+    if count := places.size:
+        cell = tuple(int(i) for i in np.unravel_index(places[0], volume.grid.shape))
         raise InputError(
             f"field {name!r} has {count} infinite value{'s' * (count > 1)}; the first is "
-            f"{array[first]} in cell {place}. Missing values are NaN (transparent): replace them, "
-            f"or clip the field"
+            f"{array[places[0]]} in cell {cell}. Missing values are NaN (transparent): replace "
+            f"them, or clip the field"
         )
     if missing.all():
         raise InputError(f"field {name!r} has no value at all: every cell is NaN")
@@ -174,41 +153,41 @@ def filled(grid: Grid, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     out = array.copy()
     flat = out.reshape(-1)
     flat[missing] = flat[~missing].mean(dtype=np.float64)
-    for cells, values in (_boxes if grid.is_structured else _located)(grid, array, missing):
+    means = _means_in_boxes(array, missing) if grid.is_structured else _means(grid, array, missing)
+    for cells, values in means:
         flat[cells] = values
     return out
 
 
-def _boxes(
-    grid: Grid, array: np.ndarray, missing: np.ndarray
+def _means_in_boxes(
+    array: np.ndarray, missing: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield missing cells with valid neighbours, and the neighbours' means: boxes of 3 x 3 x 3."""
-    gone = missing.reshape(array.shape)
-    plane = array[0].size
+    gone, plane = missing.reshape(array.shape), array[0].size
     step = max(1, _CHUNK // plane)
     for first in range(0, len(array), step):
-        last = min(first + step, len(array))
-        if not gone[first:last].any():
+        part = gone[first : first + step]
+        if not part.any():
             continue
-        low, high = max(first - 1, 0), min(last + 1, len(array))
-        there = ~gone[low:high]
-        count = _box_sums(there.astype(np.float32))[first - low : last - low]
-        total = _box_sums(np.where(there, array[low:high], 0.0))[first - low : last - low]
-        place = np.flatnonzero(gone[first:last] & (count > 0))
+        low, high = max(first - 1, 0), min(first + step + 1, len(array))
+        there, inner = ~gone[low:high], slice(first - low, first - low + len(part))
+        count = _box_sums(there.astype(np.float32))[inner]
+        total = _box_sums(np.where(there, array[low:high], 0.0))[inner]
+        place = np.flatnonzero(part & (count > 0))
         yield first * plane + place, total.reshape(-1)[place] / count.reshape(-1)[place]
 
 
 def _box_sums(values: np.ndarray) -> np.ndarray:
     for axis in range(3):
-        own = np.moveaxis(values, axis, 0)
-        total = own.copy()
-        total[1:] += own[:-1]
-        total[:-1] += own[1:]
+        planes = np.moveaxis(values, axis, 0)
+        total = planes.copy()
+        total[1:] += planes[:-1]
+        total[:-1] += planes[1:]
         values = np.moveaxis(total, 0, axis)
     return values
 
 
-def _located(
+def _means(
     grid: Grid, array: np.ndarray, missing: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield missing cells with valid neighbours, and the neighbours' means: cells of any size."""

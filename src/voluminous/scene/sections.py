@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unknown_name
@@ -177,13 +178,14 @@ def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:
     import numpy as np
 
     from ..image import Image
-    from ..image.formats import FORMATS, png
+    from ..image.formats import FORMATS, format_of, png
 
     with placed("[image]"):
         check_keys(section, frozenset().union(*(form.options for form in FORMATS)))
         options = {key: _IMAGE.get(key, kinds.ANYTHING)(key, v) for key, v in section.items()}
+        known = format_of(Path("a.png")).options
         pixel = Image(np.ones((1, 1, channels)), transparency=np.ones((1, 1)))
-        png.encode(pixel, **{k: v for k, v in options.items() if k in png.FORMAT.options})
+        png.encode(pixel, **{k: v for k, v in options.items() if k in known})
     return options
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import FileFormatError, InputError, unknown_name
 from ..files import url_of
-from ..objects.values import described
+from ..units import described
 
 SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
 _PATHS = (("volume", "path"), ("render", "background"))

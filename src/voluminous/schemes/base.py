@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from ..backend import Backend, dr
 from ..backend.types import Float, Mask
 from ..grids.contract import Corners, Cursor, Segment, Track, Walk
-from .path import Path
+from .path import Path, last_argument
 
 # A solved segment is a piece of path like any other.
 Solution = Path
@@ -140,10 +140,9 @@ def interpolated_at(
         corners = position.walk.entry_corners(position.track, position.cursor)
         return list(source.interpolate(corners, moved & position.cursor.inside))
 
-    def same(values: list[Float]) -> list[Float]:
-        return values
-
-    return list(dr.if_stmt((values,), moved, anew, same))
+    if source.backend.derivatives:  # Dr.Jit 1.5 finds no derivatives of arrays read in the branch
+        return list(dr.select(moved, anew(values), values))
+    return list(dr.if_stmt((values,), moved, anew, last_argument))
 
 
 class VertexScheme(Scheme):

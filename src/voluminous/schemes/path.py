@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
+from typing import Any
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
@@ -83,3 +84,8 @@ def _error_over(front: Path, back: Path) -> list[Float]:
 def most(values: list[Float]) -> Float:
     """Return the largest of some arrays."""
     return functools.reduce(lambda a, b: dr.select(a > b, a, b), values)
+
+
+def last_argument(*arguments: Any) -> Any:
+    """Return the last argument, unchanged: a branch of `dr.if_stmt`."""
+    return arguments[-1]

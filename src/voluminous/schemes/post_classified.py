@@ -22,7 +22,7 @@ from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from ..media.edges import edges_ahead, first_edge
 from .base import Position, Scheme, Solution
-from .path import Path, empty_path, most, over
+from .path import Path, empty_path, last_argument, most, over
 from .step_doubling import ErrorBudget, solve_with_error
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class PostClassified(Scheme):
         for expr, before in zip(source.scalars, scalars, strict=True):
             fresh = whole.scalar(expr, 0.0)
             whole.set_scalar(expr, 0.0, dr.select(dr.isnan(before), fresh, before))
-        visible, _ = source.visible(whole)
+        visible, _ = source.medium.visible(whole, source.context)
         values = [whole.known(expr) for expr in source.scalars]
         numbers = source.numbers
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
@@ -98,7 +98,7 @@ class PostClassified(Scheme):
             args=(cubics, values, segment.length, budget, nothing),
             cond=visible & segment.active,
             true_fn=functools.partial(_visible, source, segment.backward),
-            false_fn=_invisible,
+            false_fn=last_argument,
         )
         budget = budget.behind(source, path, segment.backward)
         after = [
@@ -106,12 +106,6 @@ class PostClassified(Scheme):
             for ends, before in zip(values, scalars, strict=True)
         ]
         return path, [*after, budget.transparency, budget.used]
-
-
-def _invisible(
-    cubics: Polynomials, values: Values, length: Float, budget: ErrorBudget, nothing: Path
-) -> Path:
-    return nothing
 
 
 def _visible(
@@ -136,7 +130,7 @@ def _visible(
         good, widest = length < 0.0, 1.0
     else:
         found, good = solve_with_error(source, whole, budget, backward, length < 0.0)
-        _, hidden = source.visible(whole)
+        _, hidden = source.medium.visible(whole, source.context)
         good &= ~hidden
         widest = 0.5
         if source.edges:
@@ -145,20 +139,9 @@ def _visible(
     return dr.if_stmt(
         args=(cubics, values, length, budget, nothing, found),
         cond=good,
-        true_fn=_good_enough,
+        true_fn=last_argument,
         false_fn=functools.partial(_in_panels, source, backward, widest),
     )
-
-
-def _good_enough(
-    cubics: Polynomials,
-    values: Values,
-    length: Float,
-    budget: ErrorBudget,
-    nothing: Path,
-    found: Path,
-) -> Path:
-    return found
 
 
 def _stretch(
@@ -362,7 +345,7 @@ def _compared(
     part = panel.stretch(source)
     least = panel.width <= _NARROWEST
     found, good = solve_with_error(source, part, budget, backward, least)
-    _, hidden = source.visible(part)
+    _, hidden = source.medium.visible(part, source.context)
     not_finite = dr.isnan(found.error[0] + found.error[1]) & (panel.width <= _NOT_FINITE)
     return found, (good & ~hidden) | least | not_finite
 
@@ -396,7 +379,7 @@ def _up_to_edge(source: Any, panel: SubPanel, values: Values) -> tuple[SubPanel,
         return panel, nowhere, nowhere
     seen = ~nowhere
     if not source.hollow:
-        seen, _ = source.visible(panel.stretch(source, edgeless=False))
+        seen, _ = source.medium.visible(panel.stretch(source, edgeless=False), source.context)
     return dr.if_stmt(
         args=(panel, values, nowhere),
         cond=seen,
@@ -415,19 +398,15 @@ def _to_first_edge(
     count, hidden = edges_ahead(panel.stretch(source, edgeless=False), source.edges)
     # A zero-width surface that is alone in a panel need not be at its end.
     panel = dr.if_stmt(
-        args=(panel, values),
+        args=(values, panel),
         cond=count > (1 if source.hollow else 0),
         true_fn=functools.partial(_cut, source),
-        false_fn=_uncut,
+        false_fn=last_argument,
     )
     return panel, count > 0, hidden
 
 
-def _uncut(panel: SubPanel, values: Values) -> SubPanel:
-    return panel
-
-
-def _cut(source: Any, panel: SubPanel, values: Values) -> SubPanel:
+def _cut(source: Any, values: Values, panel: SubPanel) -> SubPanel:
     place = first_edge(panel.stretch(source, edgeless=False), source.edges)
     end = dr.fma(place, panel.width, _BEHIND[precision_of(type(place))])
     width = dr.select(end < panel.width, end, panel.width)
@@ -442,12 +421,8 @@ def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, foun
         args=(panel, found),
         cond=passed,
         true_fn=functools.partial(_layered, source, backward),
-        false_fn=_bare,
+        false_fn=last_argument,
     )
-
-
-def _bare(panel: SubPanel, found: Path) -> Path:
-    return found
 
 
 def _layered(source: Any, backward: bool, panel: SubPanel, found: Path) -> Path:

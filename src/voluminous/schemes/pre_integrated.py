@@ -10,7 +10,6 @@ segment.
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from ..backend import dr
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from .base import Position, Scheme, Solution
-from .path import Path, empty_path, layer
+from .path import Path, empty_path, last_argument, layer
 
 if TYPE_CHECKING:
     from ..expressions import Expression
@@ -58,25 +57,29 @@ class PreIntegrated(Scheme):
         self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         fields = source.along(segment)
-        stretch = _straight(source, fields, segment.length)
-        last = fields.at_end()
+        stretch, end = _straight(source, fields, segment.length), fields.at(1.0)
         for expr, before in zip(source.scalars, carried, strict=True):
-            first = dr.if_stmt(
-                args=(before,),
-                cond=dr.isnan(before),
-                true_fn=functools.partial(_at_begin, source, expr, fields),
-                false_fn=_same,
-            )
+
+            def at_begin(before: Float, expr: Expression = expr) -> Float:
+                return source.context.evaluate(expr, fields.at(0.0))
+
+            first = dr.if_stmt((before,), dr.isnan(before), at_begin, last_argument)
             stretch.set_scalar(expr, 0.0, first)
-            stretch.set_scalar(expr, 1.0, source.context.evaluate(expr, last))
+            stretch.set_scalar(expr, 1.0, source.context.evaluate(expr, end))
         ends = [[stretch.scalar(expr, s) for s in (0.0, 1.0)] for expr in source.scalars]
-        visible, _ = source.visible(stretch)
-        path = dr.if_stmt(
-            args=(ends, segment.length),
-            cond=visible & segment.active,
-            true_fn=functools.partial(_visible, source, fields),
-            false_fn=functools.partial(_invisible, source),
-        )
+        visible, _ = source.medium.visible(stretch, source.context)
+        numbers = source.numbers
+        nothing = empty_path(type(segment.length), numbers.emissions, numbers.extinctions)
+
+        def solved(ends: list[list[Float]], length: Float, nothing: Path) -> Path:
+            stretch = _straight(source, fields, length)
+            for expr, values in zip(source.scalars, ends, strict=True):
+                for s, value in zip((0.0, 1.0), values, strict=True):
+                    stretch.set_scalar(expr, s, value)
+            return solve_panel(source, stretch.panel(0.0, 1.0))
+
+        inputs = ends, segment.length, nothing
+        path = dr.if_stmt(inputs, visible & segment.active, solved, last_argument)
         return path, [
             dr.select(segment.active, value, before)
             for (_, value), before in zip(ends, carried, strict=True)
@@ -88,26 +91,6 @@ def _straight(source: Any, fields: Any, length: Float) -> Straight:
     inside = fields.polynomials(rough=True) if source.looks_inside else {}
     straight: Straight = source.straight(inside, length)
     return straight
-
-
-def _at_begin(source: Any, expr: Expression, fields: Any, before: Float) -> Float:
-    return source.context.evaluate(expr, fields.at_begin())
-
-
-def _same(before: Float) -> Float:
-    return before
-
-
-def _invisible(source: Any, ends: Any, length: Float) -> Path:
-    return empty_path(type(length), source.numbers.emissions, source.numbers.extinctions)
-
-
-def _visible(source: Any, fields: Any, ends: list[list[Float]], length: Float) -> Path:
-    stretch = _straight(source, fields, length)
-    for expr, values in zip(source.scalars, ends, strict=True):
-        for s, value in zip((0.0, 1.0), values, strict=True):
-            stretch.set_scalar(expr, s, value)
-    return solve_panel(source, stretch.panel(0.0, 1.0))
 
 
 def solve_panel(source: Any, panel: Panel) -> Path:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import horner, precision_of
-from ..backend.types import Float
+from ..backend.types import Float, Int, Mask
 from .base import Coefficients, Solution, VertexScheme
 
 # (order of the series, optical depth up to which it suffices): the truncation error of θ is
@@ -138,25 +138,31 @@ def _thick(a_front: list[Float], a_back: list[Float], depth: list[Float]) -> lis
     """Integrate over the visible part, in a loop, because this rare case should add little code."""
     real = type(a_front[0])
     count, deepest = _THICK[precision_of(real)]
-    nodes, weights = (real(values) for values in gauss_legendre(count))
     reach = [_visible_fraction(f, b, deepest) for f, b in zip(a_front, a_back, strict=True)]
 
-    def body(k: Float, flat: list[Float]) -> tuple[Float, list[Float]]:
-        node, weight = dr.gather(real, nodes, k), dr.gather(real, weights, k)
+    def add(node: Float, weight: Float, sums: list[Float]) -> list[Float]:
         added = []
         for i, (af, ab) in enumerate(zip(a_front, a_back, strict=True)):
             x = node * reach[i]
             seen = weight * reach[i] * dr.exp(-x * dr.fma(0.5 * (ab - af), x, af))
-            added += [dr.fma(1.0 - x, seen, flat[2 * i]), dr.fma(x, seen, flat[2 * i + 1])]
-        return k + 1, added
+            added += [dr.fma(1.0 - x, seen, sums[2 * i]), dr.fma(x, seen, sums[2 * i + 1])]
+        return added
 
-    zeros = [real(0) for _ in range(2 * len(a_front))]
+    sums = [real(0) for _ in range(2 * len(a_front))]
+    if dr.is_diff_v(real):  # Dr.Jit 1.5 loses the forward derivative of a loop in a branch
+        for node, weight in zip(*gauss_legendre(count), strict=True):
+            sums = add(node, weight, sums)
+    else:
+        nodes, weights = (real(values) for values in gauss_legendre(count))
+        index: Float = dr.uint32_array_t(real)
 
-    def more(k: Float, flat: list[Float]) -> Float:
-        return k < count
+        def body(k: Int, sums: list[Float]) -> tuple[Int, list[Float]]:
+            return k + 1, add(dr.gather(real, nodes, k), dr.gather(real, weights, k), sums)
 
-    index: Float = dr.uint32_array_t(real)
-    _, sums = dr.while_loop((index(0), zeros), more, body)
+        def more(k: Int, sums: list[Float]) -> Mask:
+            return k < count
+
+        _, sums = dr.while_loop((index(0), sums), more, body)
     return [v for k, tau in enumerate(depth) for v in (*sums[2 * k : 2 * k + 2], dr.exp(-tau))]
 
 

@@ -11,7 +11,7 @@ from ..backend import dr
 from ..backend.functions import any_attenuation, precision_of
 from ..backend.types import Float, Mask
 from ..media.stretch import NODES
-from .path import Path, most, over
+from .path import Path, last_argument, most, over
 from .pre_integrated import solve_panel
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def solve_with_error(
     halves = [_solved(source, part.panel(a, b)) for a, b in pairwise(NODES)]
     fine = over(*(halves[::-1] if backward else halves))
     coarse = _solved(source, part.panel(0.0, 1.0))
-    sharp = source.sharpness(part)
+    sharp = source.medium.sharpness(part, source.context)
     emission, wrong = _extrapolated(coarse.emission, fine.emission, *sharp)
     depth, _ = _extrapolated(coarse.depth, fine.depth, *sharp)
     through, dim = _extrapolated(
@@ -108,10 +108,10 @@ def solve_with_error(
         doubtful |= (most(fine.depth) > _OPAQUE) | _lopsided(parts[0], parts[1])
     # In a branch, because few panels need it.
     unsure = dr.if_stmt(
-        args=(halves, parts, least),
+        args=(halves, parts, least, halves[0].error[2] * 0.0),
         cond=doubtful,
         true_fn=functools.partial(_ordering_error, source, backward),
-        false_fn=_no_ordering_error,
+        false_fn=last_argument,
     )
     error = [brightness(wrong) + unsure, most(dim), brightness(emission)]
     # Extrapolation may give an absorption slightly above one.
@@ -125,7 +125,7 @@ def solve_with_error(
 
 
 def _ordering_error(
-    source: Any, backward: bool, halves: list[Path], parts: Halves, least: Mask
+    source: Any, backward: bool, halves: list[Path], parts: Halves, least: Mask, zero: Float
 ) -> Float:
     """Return the error due to the unknown order of structures along the ray within a panel."""
     mixed = _mixed(parts)
@@ -136,17 +136,14 @@ def _ordering_error(
     return mixed + hidden + dr.select(least, 0.0, _in_one_half(halves, parts))
 
 
-def _no_ordering_error(halves: list[Path], parts: Halves, least: Mask) -> Float:
-    return halves[0].error[2] * 0.0
-
-
 def _in_parts(source: Any, part: Stretch, halves: list[Path]) -> Halves:
-    counts = source.cores(part)
+    context = source.context
+    counts = [one.cores(part, context) for one in source.medium.components()]
     return [
         [
             Share(count[h], bright, depth)
             for count, (bright, depth) in zip(
-                counts, source.shares(half, part.panel(start, end)), strict=True
+                counts, source.numbers.shares(half, part.panel(start, end), context), strict=True
             )
         ]
         for h, (half, (start, end)) in enumerate(zip(halves, pairwise(NODES), strict=True))

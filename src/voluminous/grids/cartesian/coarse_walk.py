@@ -16,9 +16,9 @@ from ...backend.functions import inverse_power_of_two, unit_interval
 from ...backend.types import Float, Mask
 from ..box_walk import Side
 from ..contract import Segment
+from ..lanes import least, lesser, nearest
 from .dual_walk import Chord, DualTrack, DualWalk
 from .leap import cell_ahead
-from .walk import least, lesser, nearest
 
 if TYPE_CHECKING:
     from ...backend.device import Backend

@@ -18,7 +18,8 @@ import numpy as np
 
 from ...backend import Int, dr, from_host
 from ...backend.types import Float, Mask
-from .walk import BLOCK, least, lesser, nearest
+from ..lanes import least, lesser, nearest
+from .walk import BLOCK
 
 if TYPE_CHECKING:
     from ...backend.device import Backend

@@ -13,7 +13,7 @@ from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
 from ..contract import CellBox, Corners, Segment
-from ..wall_corners import bilinear, pick, trilinear
+from ..lanes import bilinear, least, lesser, nearest, pick, trilinear
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -257,23 +257,6 @@ class CartesianWalk(BoxWalk):
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
         ]
-
-
-def lesser(a: Float, b: Float) -> Any:
-    """Return the smaller of two numbers that are no NaN: one instruction, dr.minimum takes four."""
-    return dr.select(a < b, a, b)
-
-
-def least(values: list[Any]) -> Any:
-    """Return the smallest of three."""
-    return lesser(lesser(values[0], values[1]), values[2])
-
-
-def nearest(ways: list[Any]) -> list[Any]:
-    """Return for each axis whether its wall is the nearest; the first one where two are."""
-    x = (ways[0] <= ways[1]) & (ways[0] <= ways[2])
-    y = ~x & (ways[1] <= ways[2])
-    return [x, y, ~(x | y)]
 
 
 def _signed(stride: Int, down: Mask) -> Any:

@@ -11,23 +11,23 @@ both are not cut, those that come near are cut into ever smaller segments.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...backend import dr
-from ...backend.types import Float
+from ...backend.types import Float, Int, Mask
 from ..contract import Segment
+from ..lanes import lesser
 from ..straight_chord import Values, cubic_through, parabola_through, trilinear
-from .approach import dot
-from .arithmetic import NUMBERS, Arithmetic
-from .crossing import lesser
-from .radmc3d_substeps import SteppedWalk
+from .surfaces import NUMBERS, Arithmetic
+from .walk import CurvilinearWalk, SurfaceExit, SurfaceTrack, flat, norm
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
     from ..contract import Grid
+    from .grid import CurvilinearGrid
 
 # The longest segment, as a part of its distance, where nothing is asked: √(q² + u²) is then off by
 # 6e-6 q at most, and a field of white noise by 4e-4 of its range.
@@ -41,79 +41,134 @@ _NEAREST = 64.0
 _PARALLEL = 1e-12
 
 
-class Smoothed:
-    """A walk whose segments end where its `smooth` says."""
+class CurvilinearChord:
+    """A segment through a dual cell or a leaf, a curve in its coordinates."""
 
-    smooth: Smooth
+    def __init__(self, walk: Any, track: SurfaceTrack, segment: Segment) -> None:
+        self.walk, self.track, self.segment = walk, track, segment
+
+    @property
+    def cell(self) -> Int:
+        """Flat number of the leaf."""
+        return self.segment.cell
+
+    @property
+    def corner(self) -> Int:
+        """Flat number of the dual cell's lower corner."""
+        return self.walk.corner(self.track, self.segment.exit)
+
+    @property
+    def start(self) -> list[Float]:
+        """Where it enters, as fractions of the cell along each axis."""
+        return self._place(0.0)
+
+    @property
+    def end(self) -> list[Float]:
+        """Where it leaves, as fractions of the cell along each axis."""
+        return self._place(1.0)
+
+    @property
+    def position(self) -> list[Float]:
+        """Where it enters, in the volume's coordinates."""
+        return [p * self.walk.length for p in self.point(0.0)]
+
+    @property
+    def step(self) -> list[Float]:
+        """How far it goes, in the volume's coordinates."""
+        return [self.segment.length * self.walk.length * d for d in self.track.direction]
+
+    def cubic(self, values: Values) -> list[Float]:
+        """Return a field along the segment, from its values at the corners of the cell."""
+        return cubic_through([trilinear(values, self._place(k / 3)) for k in range(4)])
+
+    def parabola(self, values: Values) -> list[Float]:
+        """Return it from three values, for schemes of second order: in 0.9 of their time."""
+        return parabola_through([trilinear(values, self._place(k / 2)) for k in range(3)])
+
+    def distance(self, s: Float) -> Float:
+        """Return how far along the ray a place of the segment is, s from 0 to 1."""
+        end = self.segment.exit.t
+        # With all digits near the axis; what is added is zero but for parts of segments.
+        end = end + (self.segment.end - (end - self.track.arrive))
+        return dr.fma(s - 1.0, self.segment.length, end)
+
+    def place(self, point: list[Float], own: Arithmetic = NUMBERS) -> list[Float]:
+        """Return where in its cell a point is, from 0 to 1 along all three axes."""
+        return self.walk.place(self.track, self.segment.exit, point, own)
+
+    def point(self, s: Float) -> list[Float]:
+        """Return a point of the segment, from the centre, in units of the scale.
+
+        Where one of its ends is on the axis or in the centre, a point next to that.
+        """
+        passage, end = self.track.passage, self.segment.exit.t
+        return self.walk.point(self.track, *passage.beside(self.distance(s), end))
+
+    def _place(self, s: float) -> list[Float]:
+        return self.place(self.point(s))
+
+
+class SmoothWalk(CurvilinearWalk):
+    """A walk whose segments end, near the axis and the centre, where fields are near to cubics.
+
+    Attributes
+    ----------
+    part : array
+        The longest segment, as a part of its distance from the axis or the centre.
+    least : array
+        The least such distance that counts.
+    length : array
+        The grid's scale.
+    """
+
+    approximate = True
+
+    def __init__(
+        self, grid: CurvilinearGrid, edges: tuple[np.ndarray, ...], backend: Backend
+    ) -> None:
+        super().__init__(grid, edges, backend, True)
+        self.centre = grid.kind == "spherical"
+        self.length = backend.opaque(float(grid.scale))
+        self.part = backend.opaque(_PART)
+        farthest = [float(np.abs(grid.edges[k]).max()) / grid.scale for k in (0, 2)]
+        extent = farthest[0] if self.centre else max(farthest)
+        self.least = backend.opaque(_NEAREST * float(np.finfo(backend.dtype).eps) * extent)
 
     def next(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
         """Return the segment through the present cell, and the cursor in the next one.
 
         On the axis rays meet half planes all at once: there is nothing in cells between these.
         """
-        walk: Any = super()
-        segment, there = walk.next(track, cursor)
+        segment, there = super().next(track, cursor)
         return replace(segment, active=segment.active & (segment.length > 0.0)), there
 
-    approximate = True
-
-    def kept_to(self, error: float) -> Any:
-        """Return the same walk where fields may be off by less than a part of their range."""
+    def kept_to(self, tolerance: float) -> SmoothWalk:
         kept = copy.copy(self)
-        kept.smooth = self.smooth.kept_to(error)
-        return kept
-
-    def _cut(self, track: Any, cursor: Any, t: Float) -> tuple[Any, Any]:
-        """Return where steps to a wall at `t` are to end, and which do before it."""
-        return self.smooth.cut(track, cursor.t, t)
-
-
-class Smooth:
-    """Ends segments near the axis, and near the centre of a spherical grid.
-
-    Parameters
-    ----------
-    centre : bool
-        Whether there are coordinates of spheres.
-    extent : float
-        Distance of the farthest point of the domain, in units of the scale.
-    """
-
-    def __init__(self, centre: bool, extent: float, backend: Backend) -> None:
-        self.centre, self.backend = centre, backend
-        self.part = backend.opaque(_PART)
-        self.least = backend.opaque(_NEAREST * float(np.finfo(backend.dtype).eps) * extent)
-
-    @classmethod
-    def of(cls, grid: Grid, backend: Backend) -> Smooth:
-        """Return what a grid needs."""
-        farthest = [float(np.abs(grid.edges[k]).max()) / grid.scale for k in (0, 2)]
-        centre = bool(grid.kind == "spherical")
-        return cls(centre, farthest[0] if centre else max(farthest), backend)
-
-    def kept_to(self, error: float) -> Smooth:
-        """Return the same for fields that are to be off by less than a part of their range."""
-        kept = copy.copy(self)
-        part = np.clip(_PER_ROOT * error**0.25, _SHORTEST, _PART)
+        part = np.clip(_PER_ROOT * tolerance**0.25, _SHORTEST, _PART)
         kept.part = self.backend.opaque(float(part))
         return kept
 
-    def cut(self, track: Any, begin: Float, end: Float) -> tuple[Any, Any]:
-        """Return where segments from `begin` to a wall at `end` are to end, and which do before."""
-        most = self._near_axis(track, begin)
+    def chord(self, track: SurfaceTrack, segment: Segment) -> CurvilinearChord:
+        """Return a segment through its dual cell or leaf."""
+        return CurvilinearChord(self, track, segment)
+
+    def place(
+        self, track: SurfaceTrack, leaving: Any, point: list[Float], own: Arithmetic
+    ) -> list[Float]:
+        """Return where in a dual cell or leaf a point is, from 0 to 1 along all three axes."""
+        raise NotImplementedError
+
+    def _cut(self, track: SurfaceTrack, cursor: Any, t: Float) -> tuple[Float, Mask]:
+        begin, most = cursor.t, self._near_axis(track, cursor.t)
         if self.centre:
             # Distances count from the closest approach.
-            nearest = dr.sqrt(dot(track.point, track.point))
-            most = lesser(most, self._longest(nearest, begin))
-        stop = self._on_axis(track, begin, begin + most)
-        short = stop < end
-        return dr.select(short, stop, end), short
+            most = lesser(most, self._longest(norm(track.point), begin))
+        turn, end = track.passage.turn, begin + most
+        stop = dr.select(track.passage.meets & (begin < turn) & (turn < end), turn, end)
+        short = stop < t
+        return dr.select(short, stop, t), short
 
-    def _on_axis(self, track: Any, begin: Float, end: Float) -> Any:
-        turn = track.passage.turn
-        return dr.select(track.passage.meets & (begin < turn) & (turn < end), turn, end)
-
-    def _near_axis(self, track: Any, begin: Float) -> Any:
+    def _near_axis(self, track: SurfaceTrack, begin: Float) -> Float:
         (x, y), (dx, dy, _) = track.passage.foot, track.direction
         speed = dr.sqrt(dr.fma(dx, dx, dy * dy))
         parallel = speed < _PARALLEL
@@ -122,7 +177,7 @@ class Smooth:
         longest = self._longest(nearest, away) * inverse
         return dr.select(parallel, dr.inf, longest)
 
-    def _longest(self, nearest: Any, away: Any) -> Any:
+    def _longest(self, nearest: Float, away: Float) -> Float:
         """Return how long segments may be that begin so far behind the closest approach.
 
         Where it is an axis that the ray meets they are next to nothing: a scheme to which a field
@@ -134,28 +189,30 @@ class Smooth:
         return self.part * dr.select(own > self.least, own, self.least)
 
 
-@dataclass(frozen=True)
-class DualGrid:
-    """What the walk through a dual grid is made of."""
+class CurvilinearFieldWalk(SmoothWalk):
+    """Rays through a dual grid that know where in its cells they are."""
 
-    kind: str
-    edges: tuple[np.ndarray, ...]
-    mirror: bool
-    scale: float
+    in_cells = False
 
-    @classmethod
-    def of(cls, grid: Grid) -> DualGrid:
-        """Return the dual of a curvilinear grid."""
-        edges = tuple(
-            dual_edges(e, periodic)
-            for e, periodic in zip(grid.edges, periodic_axes(grid), strict=True)
-        )
-        return cls(grid.kind, edges, grid.mirror, grid.scale)
+    def corner(self, track: SurfaceTrack, leaving: SurfaceExit) -> Int:
+        """Return the flat number of the lower corner of a dual cell."""
+        index = self.cells_near(track, leaving.count)
+        return self.backend.UInt(flat(index, self.vertex_strides))
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of dual cells per axis."""
-        return tuple(len(e) - 1 for e in self.edges)
+    def place(
+        self, track: SurfaceTrack, leaving: SurfaceExit, point: list[Float], own: Arithmetic
+    ) -> list[Float]:
+        place = [self.backend.Float(0)] * 3
+        index = self.cells_near(track, leaving.count)
+        for axis, family, i in zip(self.axes, self.families, index, strict=True):
+            place[axis] = family.fraction(i, point, own)
+        return place
+
+
+def dual_walls(grid: CurvilinearGrid) -> tuple[np.ndarray, ...]:
+    """Return the walls of the dual cells of a grid."""
+    axes = zip(grid.edges, periodic_axes(grid), strict=True)
+    return tuple(dual_edges(edges, periodic) for edges, periodic in axes)
 
 
 def periodic_axes(grid: Grid) -> list[bool]:
@@ -186,94 +243,3 @@ def _at_walls(array: np.ndarray, axis: int, periodic: bool) -> np.ndarray:
     widths = [(0, 0)] * array.ndim
     widths[axis] = (1, 1) if array.shape[axis] > 1 else (0, 1)
     return np.pad(array, widths, mode="edge")
-
-
-class CurvilinearChord:
-    """A segment through a dual cell, a curve in its coordinates."""
-
-    def __init__(self, walk: CurvilinearFieldWalk, track: Any, segment: Segment) -> None:
-        self.walk, self.track, self.segment = walk, track, segment
-
-    @property
-    def corner(self) -> Any:
-        """Flat number of the cell's lower corner."""
-        return self.walk.corner(self._index)
-
-    @property
-    def start(self) -> list[Any]:
-        """Where it enters, as fractions of the cell along each axis."""
-        return self._place(0.0)
-
-    @property
-    def end(self) -> list[Any]:
-        """Where it leaves, as fractions of the cell along each axis."""
-        return self._place(1.0)
-
-    @property
-    def position(self) -> list[Any]:
-        """Where it enters, in the volume's coordinates."""
-        return [p * self.walk.length for p in self.point(0.0)]
-
-    @property
-    def step(self) -> list[Any]:
-        """How far it goes, in the volume's coordinates."""
-        return [self.segment.length * self.walk.length * d for d in self.track.direction]
-
-    def cubic(self, values: Values) -> list[Any]:
-        """Return a field along the segment, from its values at the corners of the cell."""
-        return cubic_through([trilinear(values, self._place(k / 3)) for k in range(4)])
-
-    def parabola(self, values: Values) -> list[Any]:
-        """Return it from three values, for schemes of second order: in 0.9 of their time."""
-        return parabola_through([trilinear(values, self._place(k / 2)) for k in range(3)])
-
-    def distance(self, s: Float) -> Any:
-        """Return how far along the ray a place of the segment is, s from 0 to 1."""
-        end = self.segment.exit.t
-        # With all digits near the axis; what is added is zero but for parts of segments.
-        end = end + (self.segment.end - (end - self.track.arrive))
-        return dr.fma(s - 1.0, self.segment.length, end)
-
-    def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
-        """Return where in its cell a point is, from 0 to 1 along all three axes."""
-        return self.walk.place(self._index, point, own)
-
-    def point(self, s: Float) -> list[Any]:
-        """Return a point of the segment, from the centre, in units of the scale.
-
-        Where one of its ends is on the axis or in the centre, a point next to that.
-        """
-        passage, end = self.track.passage, self.segment.exit.t
-        return self.walk.point(self.track, *passage.beside(self.distance(s), end))
-
-    def _place(self, s: float) -> list[Any]:
-        return self.place(self.point(s))
-
-    @property
-    def _index(self) -> list[Any]:
-        return self.walk.cells_near(self.track, self.segment.exit.count)
-
-
-class CurvilinearFieldWalk(Smoothed, SteppedWalk):
-    """Rays through a dual grid that know where in its cells they are."""
-
-    in_cells = False
-
-    def __init__(self, *args: Any, axes: list[int], smooth: Smooth, length: float) -> None:
-        super().__init__(*args)
-        self.axes, self.smooth = axes, smooth
-        self.length = self.backend.opaque(length)
-
-    def chord(self, track: Any, segment: Segment) -> CurvilinearChord:
-        return CurvilinearChord(self, track, segment)
-
-    def corner(self, index: list[Any]) -> Any:
-        """Return the flat number of the lower corner of a dual cell."""
-        return self.backend.UInt(self._flat(index, self.vertex_strides))
-
-    def place(self, index: list[Any], point: list[Any], own: Arithmetic) -> list[Any]:
-        """Return where in a dual cell a point is, from 0 to 1 along all three axes."""
-        found = [self.backend.Float(0)] * 3
-        for axis, family, i in zip(self.axes, self.families, index, strict=True):
-            found[axis] = family.fraction(i, point, own)
-        return found

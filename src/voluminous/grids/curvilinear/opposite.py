@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import Float, dr, from_host
-from .edges import FULL_CIRCLE
+from .grid import FULL_CIRCLE
 
 if TYPE_CHECKING:
     from ...backend.device import Backend

@@ -20,11 +20,14 @@ from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
 from ..trees.tree import Tree
 from ..trees.vertices import VertexNumbers
-from .cylindrical import CylindricalGrid
-from .edges import ANGLE_ROUNDING, FULL_CIRCLE
-from .grid import CurvilinearGrid
+from .grid import (
+    ANGLE_ROUNDING,
+    FULL_CIRCLE,
+    CurvilinearGrid,
+    CylindricalGrid,
+    SphericalGrid,
+)
 from .refined_surroundings import RefinedSurroundings, StraightSurroundings
-from .spherical import SphericalGrid
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -47,7 +50,8 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
     walk_kinds: tuple[str, ...] = ("cells", "dual")
     fine_edges: tuple[np.ndarray, ...]
 
-    def _refine(self, refined: Any) -> None:
+    def _finish(self, refined: Any) -> None:
+        super()._finish(refined)
         base = int(np.prod(self.base_shape, dtype=object))
         axes = tuple(a for a in range(3) if not self._closes(a))
         levels = levels_from_flags(checked_flags(refined), base, 1 << len(axes))
@@ -125,12 +129,15 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
         return StraightSurroundings(self, backend.with_precision("double"))
 
     def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
-        from .refined_walk import RefinedFieldWalk
+        from .refined_walk import RefinedFieldWalk, RefinedWalk
 
-        if kind != "dual":
-            return super().walk(backend, kind, box)
-        cells = super().walk(backend, box=box)
-        return self.on_device(backend, kind, lambda: RefinedFieldWalk(self, cells, backend))
+        def make() -> RefinedWalk:
+            if kind == "dual":
+                return RefinedFieldWalk(self, self.fine_edges, backend)
+            return RefinedWalk(self, self.fine_edges, backend, kind == "substeps")
+
+        self.check_walk(kind, box)
+        return self.on_device(backend, kind, make)
 
 
 class RefinedSphericalGrid(RefinedCells, SphericalGrid):

@@ -10,23 +10,24 @@ from __future__ import annotations
 
 import copy
 import functools
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..contract import Corners, Segment
+from ..lanes import greater, least, lesser, nearest, trilinear
 from ..trees.tree import TreeLookup
-from .approach import dot
-from .arithmetic import NUMBERS, Arithmetic
-from .crossing import either, later, lesser, nearest
-from .field_walk import CurvilinearChord, Smooth, Smoothed
-from .radmc3d_substeps import cut
-from .surfaces import TurningPoint
-from .walk import CurvilinearWalk, SurfaceCursor, SurfaceExit, SurfaceTrack
+from .field_walk import SmoothWalk
+from .surfaces import Arithmetic, Surfaces, TurningPoint
+from .walk import CurvilinearWalk, SurfaceCursor, SurfaceExit, SurfaceTrack, norm
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
+    from .refined import RefinedCells
 
 
 @dataclass
@@ -34,8 +35,8 @@ class Leaf:
     """A leaf, one per lane: its number, and corners and sizes in finest units, per family."""
 
     number: Int
-    low: list[Any]
-    size: list[Any]
+    low: list[Int]
+    size: list[Int]
 
 
 @dataclass
@@ -59,35 +60,34 @@ class RefinedWalk(CurvilinearWalk):
 
     Parameters
     ----------
-    axes : list of int
-        Which axis of the tree each family is.
-    grid : RefinedCells
-    stepped : bool
-        Segments end inside leaves where RADMC-3D's sub-steps do (`radmc3d_substeps`).
+    edges : three arrays
+        Walls of the evenly refined grid.
     """
+
+    grid: RefinedCells
 
     def __init__(
         self,
-        families: list[Any],
-        approach: Any,
-        scale: float,
+        grid: RefinedCells,
+        edges: tuple[np.ndarray, ...],
         backend: Backend,
-        *,
-        axes: list[int],
-        grid: Any,
-        stepped: bool,
+        stepped: bool = False,
     ) -> None:
-        none = [0] * len(families)  # leaves have numbers of their own
-        super().__init__(families, none, none, approach, scale, backend)
-        self.stepped, self.grid = stepped, grid
-        self.axes, self.lookup = axes, TreeLookup(grid.tree, self.backend)
+        super().__init__(grid, edges, backend, stepped)
+        self.lookup = TreeLookup(grid.tree, backend)
+
+    def _strides(self, counts: list[int]) -> list[Int]:
+        return []  # leaves have numbers of their own
+
+    def _closest(self, track: SurfaceTrack) -> Float:
+        return norm(track.point)
 
     def _standing(
-        self, track: SurfaceTrack, count: list[Any], t: Float, inside: Mask
+        self, track: SurfaceTrack, count: list[Int], t: Float, inside: Mask
     ) -> RefinedCursor:
         return RefinedCursor(count, [], t, inside, self._leaf(track, count, inside))
 
-    def _leaf(self, track: SurfaceTrack, count: list[Any], active: Mask) -> Leaf:
+    def _leaf(self, track: SurfaceTrack, count: list[Int], active: Mask) -> Leaf:
         Float, Int = self.backend.Float, self.backend.Int
         place = [Float(0.5)] * 3
         for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
@@ -108,16 +108,20 @@ class RefinedWalk(CurvilinearWalk):
         begin, end = cursor.t - track.arrive, t - track.arrive
         return Segment(cursor.leaf.number, t - cursor.t, begin, end, cursor.inside, leaving), there
 
-    def _leave(self, track: SurfaceTrack, cursor: RefinedCursor) -> tuple[list[Any], Any, Any]:
+    def _leave(self, track: SurfaceTrack, cursor: RefinedCursor) -> tuple[list[Int], Float, Int]:
         """Return counts and distance where rays leave their leaf, and through which family."""
         last = self._last_counts(track, cursor)
         ahead = self._times(track, last)
         through = nearest(ahead)
         # Rounding may put a wall behind the ray: it has been crossed.
-        t = lesser(later(functools.reduce(lesser, ahead), cursor.t), track.leave)
+        t = lesser(greater(least(ahead), cursor.t), track.leave)
         crossed = self._number(through)
         if track.bounded or self.stepped:
-            t, short = self._end_inside(track, cursor, t)
+            short = self.backend.Bool(False)
+            if self.stepped:
+                part, short = self._cut(track, cursor, t)
+                t = dr.select(short, part, t)
+            short = short | (t >= track.leave) if track.bounded else short
             through = [own & ~short for own in through]
             crossed = dr.select(short, -1, crossed)
         count = [
@@ -128,20 +132,7 @@ class RefinedWalk(CurvilinearWalk):
         ]
         return count, t, crossed
 
-    def _end_inside(self, track: SurfaceTrack, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
-        """Return where segments end, and which do not come to the wall of their leaf."""
-        short = self.backend.Bool(False)
-        if self.stepped:
-            t, short = self._cut(track, cursor, t)
-        return t, short | (t >= track.leave) if track.bounded else short
-
-    def _cut(self, track: SurfaceTrack, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
-        """Return where segments end that may not turn far, and which end before their wall."""
-        closest, radius = (dr.sqrt(dot(p, p)) for p in (track.point, self.point(track, cursor.t)))
-        part, short = cut(closest, radius, cursor.t, t - cursor.t)
-        return dr.select(short, part, t), short
-
-    def _last_counts(self, track: SurfaceTrack, cursor: RefinedCursor) -> list[Any]:
+    def _last_counts(self, track: SurfaceTrack, cursor: RefinedCursor) -> list[Int]:
         """Return for each family the count with which rays come to the wall of their leaf."""
         found = []
         index = self.cells_near(track, cursor.count)
@@ -160,8 +151,8 @@ class RefinedWalk(CurvilinearWalk):
                 found.append(k + onward)
         return found
 
-    def _between(self, family: Any, axis: Int, first: Float, last: Float, t: Float) -> Any:
-        count = later(family.enter(axis, t), first)
+    def _between(self, family: Surfaces, axis: Any, first: Int, last: Int, t: Float) -> Int:
+        count = greater(family.enter(axis, t), first)
         return lesser(count, last)
 
     def entry_corners(self, track: SurfaceTrack, cursor: Any) -> Corners:
@@ -171,7 +162,7 @@ class RefinedWalk(CurvilinearWalk):
     def exit_corners(self, track: SurfaceTrack, segment: Segment) -> Corners:
         leaving = segment.exit
         finer = functools.reduce(
-            either,
+            operator.or_,
             [n < o for n, o in zip(leaving.entered.size, leaving.left.size, strict=True)],
         )
         leaf = dr.select(leaving.onward & finer, leaving.entered, leaving.left)
@@ -186,79 +177,39 @@ def leaf_corners(
     index = walk.cells_near(track, leaving.count)
     point = walk.point(track, leaving.t)
     corner, strides = walk.grid.vertex_numbers.of(leaf.number, active, walk.backend)
-    vertices, weights = [corner], [Float(1)]
+    fractions = []
     for n, family in enumerate(walk.families):
         inner = Float(index[n] - leaf.low[n]) + family.fraction(index[n], point)
         # Where a ray is on a wall, its coordinate is the wall's; the last one may be the first.
         wall = family.vertex(track.axes[n], leaving.count[n]) - leaf.low[n]
         wall = dr.select(wall < 0, wall + family.last_cell + 1, wall)
         f = dr.select(leaving.family == n, Float(wall), inner) / Float(leaf.size[n])
-        f = dr.clip(f, 0.0, 1.0)
-        vertices += [v + strides[walk.axes[n]] for v in vertices]
-        weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
-    return Corners(vertices, weights)
+        fractions.append(dr.clip(f, 0.0, 1.0))
+    return trilinear(corner, fractions, [strides[axis] for axis in walk.axes])
 
 
-class RefinedChord(CurvilinearChord):
-    """A segment through a leaf, a curve in its coordinates."""
+class RefinedFieldWalk(SmoothWalk, RefinedWalk):
+    """Rays through a refined grid that know where in its leaves they are."""
 
-    walk: Any
-
-    def __init__(self, walk: RefinedFieldWalk, track: Any, segment: Segment) -> None:
-        own: Any = walk
-        super().__init__(own, track, segment)
-
-    @property
-    def cell(self) -> Any:
-        """Flat number of the leaf."""
-        return self.segment.cell
-
-    def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
-        return self.walk.fractions(self.segment.exit.left, point, own)
-
-
-class RefinedFieldWalk(Smoothed, RefinedWalk):
-    """Rays through a refined grid that know where in its leaves they are.
-
-    Parameters
-    ----------
-    grid : RefinedCells
-    walk : RefinedWalk
-        The walk through its leaves, whose surfaces it takes over.
-    backend : Backend
-    """
-
-    def __init__(self, grid: Any, walk: RefinedWalk, backend: Backend) -> None:
-        super().__init__(
-            walk.families,
-            walk.approach,
-            grid.scale,
-            backend,
-            axes=walk.axes,
-            grid=grid,
-            stepped=True,
-        )
-        self.smooth = Smooth.of(grid, self.backend)
-        self.length = self.backend.opaque(float(grid.scale))
+    def __init__(self, grid: RefinedCells, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
+        super().__init__(grid, edges, backend)
         parts = [float(grid.divisions[axis]) for axis in self.axes]
-        self.parts = [self.backend.opaque(p) for p in parts]
+        self.parts = [backend.opaque(p) for p in parts]
         self.wide = [_over(f, p) for f, p in zip(self.families, parts, strict=True)]
 
-    def chord(self, track: Any, segment: Segment) -> RefinedChord:
-        return RefinedChord(self, track, segment)
-
-    def fractions(self, leaf: Leaf, point: list[Any], own: Arithmetic) -> list[Any]:
-        """Return where in leaves points are, from 0 to 1 along all three axes."""
-        Float = self.backend.Float
-        found = [Float(0)] * 3
+    def place(
+        self, track: SurfaceTrack, leaving: RefinedExit, point: list[Float], own: Arithmetic
+    ) -> list[Float]:
+        Float, leaf = self.backend.Float, leaving.left
+        place = [Float(0)] * 3
         for axis, family, parts, low, size in zip(
             self.axes, self.wide, self.parts, leaf.low, leaf.size, strict=True
         ):
-            found[axis] = own.stretched(family.fraction(low, point, own), parts / Float(size))
-        return found
+            place[axis] = own.stretched(family.fraction(low, point, own), parts / Float(size))
+        return place
 
 
-def _over(family: Any, parts: float) -> Any:
+def _over(family: Surfaces, parts: float) -> Surfaces:
     """Return a family whose fractions are of as many finest cells as a base cell has.
 
     These are equally wide there, and a power of two: fractions of a leaf lose no digits.

@@ -2,32 +2,34 @@
 
 Where a ray is, is one integer for each family of surfaces (`surfaces`); the next crossing of
 each is computed afresh from its integer, and distances count from where the ray comes nearest to
-the centre or the axis. Space between the surfaces that belongs to no cell (a cavity, open cones, an
-empty wedge) is crossed in one step (`gaps`).
+the centre or the axis.
 """
 
 from __future__ import annotations
 
 import functools
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...backend import dr, from_host
-from ...backend.types import Float, Mask
-from ..contract import Corners, Ray, Segment
-from .approach import Passage, pass_axis
-from .corners import cell_corners, wall_corners
-from .crossing import choose, later, lesser, meet, nearest, pick
-from .gaps import GapCrossing, beyond
-from .surfaces import ahead
+from ...backend.types import Float, Int, Mask
+from ..box_walk import NEVER
+from ..contract import Corners, Ray, Segment, Walk
+from ..lanes import greater, least, lesser, nearest
+from .approach import Passage, dot, pass_axis
+from .surfaces import Surfaces, ahead, choose, meet, pick_any
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
+    from .grid import CurvilinearGrid
 
 # Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
-Step = tuple[list[Any], list[Any], Any, Any]
+Step = tuple[list[Int], list[Float], Float, Int]
+# RADMC-3D's default of camera_maxdphi, the largest turn around the centre in a sub-step.
+_LARGEST_TURN = 0.1
 
 
 @dataclass
@@ -51,8 +53,8 @@ class SurfaceTrack:
     """
 
     axes: list[Any]
-    point: list[Any]
-    direction: list[Any]
+    point: list[Float]
+    direction: list[Float]
     arrive: Float
     leave: Float
     bounded: bool
@@ -64,8 +66,8 @@ class SurfaceTrack:
 class SurfaceCursor:
     """Where a ray is: for each family its count and the distance of its next wall; its own."""
 
-    count: list[Any]
-    ahead: list[Any]
+    count: list[Int]
+    ahead: list[Float]
     t: Float
     inside: Mask
 
@@ -84,54 +86,84 @@ class SurfaceExit:
         Distance.
     """
 
-    family: Any
-    count: list[Any]
+    family: Int
+    count: list[Int]
     t: Float
 
 
-class CurvilinearWalk(GapCrossing):
+@dataclass
+class GapLanding:
+    """Where rays are once none of them is in a gap: see `grids.contract.Landing`."""
+
+    cursor: SurfaceCursor
+    moved: Mask
+    walk: CurvilinearWalk
+    track: SurfaceTrack
+
+    def holds(self, cursor: SurfaceCursor) -> Mask:
+        """Return the lanes that are in a cell still."""
+        return ~self.walk.in_gap(self.track, cursor.count)
+
+
+class CurvilinearWalk(Walk):
     """Rays through a curvilinear grid; see `grids.contract.Walk`.
+
+    Space between surfaces that belongs to no cell (a cavity, open cones at the poles, an empty
+    wedge) is crossed in one step: a ray leaves it through that wall of its family which is next,
+    and where it is then among the walls of the others is looked up, as where it enters the domain.
+    The lanes of a vector do that together: when one comes to a gap, it waits until the others have
+    come to one, or are out (when each did at once, discs took a tenth longer).
 
     Parameters
     ----------
+    grid : CurvilinearGrid
+    edges : three arrays
+        Walls of the cells that rays walk through: the grid's own, or those of dual or finest cells.
+    stepped : bool
+        Segments may end inside cells where they turn too far: in RADMC-3D's sub-steps.
+
+    Attributes
+    ----------
     families : list of Surfaces
         The families of walls that there are; an axis with a single cell all around has none.
-    strides, vertex_strides : list of int
+    axes : list of int
+        The axis that each of them divides.
+    strides, vertex_strides : list of arrays
         What a step along each of them adds to the flat number of a cell, and of a vertex.
-    approach : callable
-        Returns a ray's `Approach` from origin and direction, in units of the scale.
     """
-
-    stops_inside = False  # segments may end inside a cell
 
     def __init__(
         self,
-        families: list[Any],
-        strides: list[int],
-        vertex_strides: list[int],
-        approach: Any,
-        scale: float,
+        grid: CurvilinearGrid,
+        edges: tuple[np.ndarray, ...],
         backend: Backend,
+        stepped: bool = False,
     ) -> None:
-        self.backend, self.families, self.approach = backend, families, approach
-        self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
-        self.strides = [dr.opaque(backend.Int, s) for s in strides]
-        self.vertex_strides = [dr.opaque(backend.Int, s) for s in vertex_strides]
-        self.has_gaps = any(family.has_gaps for family in families)
-        self.stops_inside |= any(family.halves_cell for family in families)
-        self._share_tables()
-
-    def _share_tables(self) -> None:
-        """Put the walls of all families into one table: one crossing is computed per step."""
+        self.grid, self.backend, self.stepped = grid, backend, stepped
+        families, self.approach = grid.families(edges, backend)
+        self.axes = [a for a, f in enumerate(families) if f.encloses or f.has_gaps or f.cells > 1]
+        self.families: list[Surfaces] = [families[a] for a in self.axes]
+        counts = [len(e) - 1 for e in edges]
+        self.strides = self._strides(counts)
+        self.vertex_strides = self._strides([n + 1 for n in counts])
+        self.scale, self.to_scale = backend.wide(grid.scale), backend.wide(1.0 / grid.scale)
+        self.has_gaps = any(family.has_gaps for family in self.families)
+        self.stops_inside = stepped or any(family.halves_cell for family in self.families)
+        # The walls of all families in one table: one crossing is computed per step. One more: of
+        # rays that leave through the last wall of all the next is looked up, too.
         tables, first = [family.own_table for family in self.families], 0
-        # One more: of rays that leave through the last wall of all the next is looked up, too.
         rows = np.concatenate([*tables, tables[-1][-1:]])
-        shared = from_host(self.backend.Float, rows.reshape(-1))
+        shared = from_host(backend.Float, rows.reshape(-1))
         for family, table in zip(self.families, tables, strict=True):
             family.share(shared, first)
             first += len(table)
 
+    def _strides(self, counts: list[int]) -> list[Int]:
+        strides = (counts[1] * counts[2], counts[2], 1)
+        return [dr.opaque(self.backend.Int, strides[a]) for a in self.axes]
+
     def enter(self, ray: Ray) -> tuple[SurfaceTrack, SurfaceCursor]:
+        """Return the track and the cursor at the point where each ray enters the first cell."""
         Float = self.backend.Float
         origin = [o * self.to_scale for o in ray.origin]
         approach = self.approach(origin, list(ray.direction))
@@ -146,9 +178,10 @@ class CurvilinearWalk(GapCrossing):
         approach.passage = pass_axis(approach, origin, begin, end)
         tracks = [family.track(approach) for family in self.families]
         point, direction = ([Float(c) for c in v] for v in (approach.point, approach.direction))
-        ends = [f.leave(a) for f, a in zip(self.families, tracks, strict=True) if f.encloses]
         # A crossing itself, computed alike: a ray never steps beyond the last cell.
-        leave = functools.reduce(lesser, ends)
+        leave = least(
+            [f.leave(a) for f, a in zip(self.families, tracks, strict=True) if f.encloses]
+        )
         bounded = ray.last is not None
         leave = lesser(leave, Float(end)) if bounded else leave
         entry = approach.way + approach.arrive
@@ -159,14 +192,15 @@ class CurvilinearWalk(GapCrossing):
         return track, self._standing(track, count, t, inside & (t < track.leave))
 
     def _standing(
-        self, track: SurfaceTrack, count: list[Any], t: Float, inside: Mask
+        self, track: SurfaceTrack, count: list[Int], t: Float, inside: Mask
     ) -> SurfaceCursor:
         return SurfaceCursor(count, self._times(track, count), t, inside)
 
     def next(self, track: SurfaceTrack, cursor: SurfaceCursor) -> tuple[Segment, SurfaceCursor]:
+        """Return the segment through the present cell, and the cursor in the next one."""
         count, ahead, t, family = self._step(track, cursor)
         segment = Segment(
-            self.backend.UInt(self._flat(self._cells(track, cursor.count), self.strides)),
+            self.backend.UInt(flat(self._cells(track, cursor.count), self.strides)),
             t - cursor.t,
             cursor.t - track.arrive,
             t - track.arrive,
@@ -179,55 +213,154 @@ class CurvilinearWalk(GapCrossing):
         """Return where rays meet the next wall, and of which family, whatever space it bounds."""
         through = nearest(cursor.ahead)
         # Rounding may put a wall behind the ray: it has been crossed.
-        end = lesser(later(functools.reduce(lesser, cursor.ahead), cursor.t), track.leave)
-        count = beyond(cursor.count, through)
+        t = lesser(greater(least(cursor.ahead), cursor.t), track.leave)
+        count = _beyond(cursor.count, through)
         following = self._next_wall(track, count, through)
         times = [
             dr.select(own, following, way) for own, way in zip(through, cursor.ahead, strict=True)
         ]
-        return count, times, end, self._number(through)
+        family = self._number(through)
+        if not self.stepped:
+            return count, times, t, family
+        part, short = self._cut(track, cursor, t)
+        return (
+            dr.select(short, cursor.count, count),
+            dr.select(short, cursor.ahead, times),
+            dr.select(short, part, t),
+            dr.select(short, -1, family),
+        )
 
-    def _next_wall(self, track: SurfaceTrack, count: list[Any], through: list[Any]) -> Any:
-        zero = self.backend.Float(0)
-        lines = choose(through, [axis.lines for axis in track.axes], zero)
-        slot = pick(through, [axis.slot for axis in track.axes], self.backend.Int(0))
-        number = pick(through, count, self.backend.Int(0))
-        wall = self.families[0].wall_at(ahead(slot, number))
-        return meet(lines, wall, number < 0)
+    def _cut(self, track: SurfaceTrack, cursor: SurfaceCursor, t: Float) -> tuple[Float, Mask]:
+        """Return where steps to a wall at `t` that turn too far are to end, and which do.
 
-    def _number(self, through: list[Any]) -> Any:
+        Interpolation along a straight line between two walls is poor where the line turns by a
+        large angle around the centre. RADMC-3D 2.0 therefore ends a step inside its cell where the
+        line, from distance r at closest approach b, has turned by about ``camera_maxdphi``.
+        """
+        length, closest = t - cursor.t, self._closest(track)
+        radius = norm(self.point(track, cursor.t))
+        turn = closest * length / (radius * (radius + length))
+        short = turn > _LARGEST_TURN
+        return dr.fma(length, _LARGEST_TURN / dr.select(short, turn, 1.0), cursor.t), short
+
+    def _closest(self, track: SurfaceTrack) -> Float:
+        return norm(self.point(track, 0.0))
+
+    def _next_wall(self, track: SurfaceTrack, count: list[Int], through: list[Mask]) -> Float:
+        lines = choose(through, [axis.lines for axis in track.axes], self.backend.Float(0))
+        slot = pick_any(through, [axis.slot for axis in track.axes], self.backend.Int(0))
+        number = pick_any(through, count, self.backend.Int(0))
+        return meet(lines, self.families[0].wall_at(ahead(slot, number)), number < 0)
+
+    def _number(self, through: list[Mask]) -> Int:
         number = self.backend.Int(0)
         for k, crossed in enumerate(through[1:]):
             number = dr.select(crossed, k + 1, number)
         return number
 
-    def _cells(self, track: SurfaceTrack, count: list[Any]) -> list[Any]:
+    def _times(self, track: SurfaceTrack, count: list[Int]) -> list[Float]:
+        return [f.time(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]
+
+    def _cells(self, track: SurfaceTrack, count: list[Int]) -> list[Int]:
         """Return the number of the cell along each axis; beyond its ends where there is none."""
         return [f.cell(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]
 
-    def cells_near(self, track: SurfaceTrack, count: list[Any]) -> list[Any]:
+    def cells_near(self, track: SurfaceTrack, count: list[Int]) -> list[Int]:
         """Return the number of the cell along each axis, or of the nearest one."""
-        found = self._cells(track, count)
-        return [dr.clip(i, 0, f.last_cell) for i, f in zip(found, self.families, strict=True)]
+        cells = self._cells(track, count)
+        return [dr.clip(i, 0, f.last_cell) for i, f in zip(cells, self.families, strict=True)]
 
-    def _flat(self, index: list[Any], strides: list[Any]) -> Any:
-        total = index[0] * strides[0]
-        for i, stride in zip(index[1:], strides[1:], strict=True):
-            total += i * stride
-        return total
+    def point(self, track: SurfaceTrack, t: Float, away: Float = None) -> list[Float]:
+        """Return where rays are at a distance, from the centre, in units of the scale.
+
+        How far that is from where they pass the axis may be known better (`Passage.beside`).
+        """
+        away = t - track.passage.turn if away is None else away
+        *across, dz = track.direction
+        x, y = (dr.fma(away, d, f) for f, d in zip(track.passage.foot, across, strict=True))
+        return [x, y, dr.fma(t, dz, track.point[2])]
+
+    def _gaps(self, track: SurfaceTrack, count: list[Int]) -> list[Mask]:
+        """Return for each family the lanes between walls of it that hold no cell."""
+        return [
+            family.in_gap(a, k) if family.has_gaps else self.backend.Bool(False)
+            for family, a, k in zip(self.families, track.axes, count, strict=True)
+        ]
+
+    def in_gap(self, track: SurfaceTrack, count: list[Int]) -> Mask:
+        """Return the lanes that are in no cell."""
+        return functools.reduce(operator.or_, self._gaps(track, count))
+
+    def cross(self, track: SurfaceTrack, cursor: Any) -> GapLanding:
+        """Return rays where they are in a cell, beyond the gap they were in, or out."""
+        gap = cursor.inside & self.in_gap(track, cursor.count)
+
+        def in_gap(count: list[Int], t: Float) -> Mask:
+            return gap & (t < track.leave) & self.in_gap(track, count)
+
+        def jump(count: list[Int], t: Float) -> tuple[list[Int], Float]:
+            return self._jump(track, count, t)
+
+        def beyond(cursor: Any) -> tuple[Any]:
+            count, t = dr.while_loop((cursor.count, cursor.t), in_gap, jump, label="gap")
+            return (self._standing(track, count, t, cursor.inside & (t < track.leave)),)
+
+        def stay(cursor: Any) -> tuple[Any]:
+            return (cursor,)
+
+        (there,) = dr.if_stmt((cursor,), gap, beyond, stay, label="gap")
+        return GapLanding(there, gap, self, track)
+
+    def _jump(self, track: SurfaceTrack, count: list[Int], t: Float) -> tuple[list[Int], Float]:
+        """Return counts and distances at the first cell beyond gaps, or out of the domain."""
+        gaps, ahead = self._gaps(track, count), self._times(track, count)
+        ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
+        through = nearest(ends)
+        end = lesser(greater(-least(ends), t), track.leave)
+
+        def passed(count: list[Int], through: list[Mask], end: Float) -> list[Int]:
+            # All walls of the other families on the way have been crossed.
+            return [
+                dr.select(own, k, dr.maximum(k, family.enter(a, end)))
+                for own, k, family, a in zip(through, count, self.families, track.axes, strict=True)
+            ]
+
+        def as_they_are(count: list[Int], through: list[Mask], end: Float) -> list[Int]:
+            return count  # rays leave the domain: searching took a tenth of a disc's picture
+
+        count = dr.if_stmt((count, through, end), end < track.leave, passed, as_they_are)
+        return _beyond(count, through), end
 
     def entry_corners(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Corners:
+        """Return the vertices of the cell and multilinear weights at the cursor."""
         standing = SurfaceExit(self.backend.Int(-1), cursor.count, cursor.t)
-        return cell_corners(self, track, standing)
+        return self._cell_corners(track, standing)
 
     def exit_corners(self, track: SurfaceTrack, segment: Segment) -> Corners:
-        leaving = segment.exit
+        """Return the vertices around the end of a segment: those of the wall it leaves through.
+
+        Interpolation is linear in each of the grid's own coordinates, as in RADMC-3D.
+        """
+        leaving, families = segment.exit, self.families
         if track.bounded or self.stops_inside:
             family = self._family_with_vertices(track, leaving)
-            return cell_corners(self, track, SurfaceExit(family, leaving.count, leaving.t))
-        return wall_corners(self, track, leaving)
+            return self._cell_corners(track, SurfaceExit(family, leaving.count, leaving.t))
+        index, fractions = self._places(track, leaving)
+        base: Int = 0
+        for a, (family, stride) in enumerate(zip(families, self.vertex_strides, strict=True)):
+            vertex = dr.clip(
+                family.vertex(track.axes[a], leaving.count[a]), 0, family.last_cell + 1
+            )
+            base += dr.select(leaving.family == a, vertex, index[a]) * stride
+        chosen, strides = [], []
+        for k in range(1, len(index)):
+            # The k-th of the other axes: those before the wall's own come first.
+            own = leaving.family >= k
+            chosen.append(dr.select(own, fractions[k - 1], fractions[k]))
+            strides.append(dr.select(own, self.vertex_strides[k - 1], self.vertex_strides[k]))
+        return self._multilinear(base, chosen, strides)
 
-    def _family_with_vertices(self, track: SurfaceTrack, leaving: SurfaceExit) -> Any:
+    def _family_with_vertices(self, track: SurfaceTrack, leaving: SurfaceExit) -> Int:
         """Return the family whose wall, with its vertices, rays have come to; -1 inside cells."""
         number = leaving.family
         if track.bounded:  # where a ray ends it has not come to the wall ahead
@@ -238,12 +371,45 @@ class CurvilinearWalk(GapCrossing):
                 number = dr.select(inside, -1, number)
         return number
 
-    def point(self, track: SurfaceTrack, t: Float, away: Any = None) -> list[Any]:
-        """Return where rays are at a distance, from the centre, in units of the scale.
+    def _cell_corners(self, track: SurfaceTrack, leaving: SurfaceExit) -> Corners:
+        """Return the vertices of a cell and weights where a ray is.
 
-        How far that is from where they pass the axis may be known better (`Passage.beside`).
+        If that is on a wall, its coordinate there is the wall's, exactly.
         """
-        away = t - track.passage.turn if away is None else away
-        *across, dz = track.direction
-        x, y = (dr.fma(away, d, f) for f, d in zip(track.passage.foot, across, strict=True))
-        return [x, y, dr.fma(t, dz, track.point[2])]
+        index, fractions = self._places(track, leaving)
+        for a, family in enumerate(self.families):
+            crossed = leaving.family == a
+            vertex = family.vertex(track.axes[a], leaving.count[a])
+            last = vertex > family.last_cell  # it has no cell above
+            end = dr.select(last, self.backend.Float(1), 0)
+            fractions[a] = dr.select(crossed, end, fractions[a])
+            index[a] = dr.select(crossed, dr.select(last, family.last_cell, vertex), index[a])
+        return self._multilinear(flat(index, self.vertex_strides), fractions, self.vertex_strides)
+
+    def _places(self, track: SurfaceTrack, leaving: SurfaceExit) -> tuple[list[Int], list[Float]]:
+        """Return the indices of the cell, and where in it a ray is."""
+        index, point = self.cells_near(track, leaving.count), self.point(track, leaving.t)
+        return index, [f.fraction(i, point) for f, i in zip(self.families, index, strict=True)]
+
+    def _multilinear(self, base: Int, fractions: list[Float], strides: list[Int]) -> Corners:
+        vertices, weights = [base], [self.backend.Float(1)]
+        for f, stride in zip(fractions, strides, strict=True):
+            vertices += [v + stride for v in vertices]
+            upper = [w * f for w in weights]
+            weights = [w - u for w, u in zip(weights, upper, strict=True)] + upper
+        return Corners(vertices, weights)
+
+
+def flat(index: list[Int], strides: list[Int]) -> Int:
+    """Return a flat number from indices."""
+    return functools.reduce(operator.add, [i * s for i, s in zip(index, strides, strict=True)])
+
+
+def _beyond(count: list[Int], through: list[Mask]) -> list[Int]:
+    """Return the counts beyond a wall."""
+    return [dr.select(own, k + 1, k) for own, k in zip(through, count, strict=True)]
+
+
+def norm(vector: list[Float]) -> Float:
+    """Return the length of a vector."""
+    return dr.sqrt(dot(vector, vector))

@@ -15,10 +15,9 @@ from ...backend.functions import unit_interval
 from ...backend.types import Float, Mask
 from ...geometry import is_uniform
 from ..box_walk import AxisTrack, BoxWalk
-from ..cartesian.walk import least, nearest
 from ..contract import Corners, Ray, Segment
+from ..lanes import bilinear, least, nearest, trilinear
 from ..straight_chord import StraightChord
-from ..wall_corners import bilinear, trilinear
 from .axes import make_tree_axis
 from .tree import Cell, Orientation, Tree, TreeLookup
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import unknown_name
+from ...errors import check_name
 from ...files import as_path, replacing
 from .. import metadata
 from ..formats.png import encode_pixels
@@ -25,12 +25,11 @@ if TYPE_CHECKING:
 
     from ..image import Image
 
-
-Margins = tuple[int, int, int, int]
+Pixels = NDArray[np.uint8]
 # One matplotlib point is one pixel, so font sizes and line widths are in pixels.
 _DPI = 72
-# Line width of axes, in letter heights.
-LINE = 0.06
+# Line width of axes, and size of their numbers, in letter heights.
+LINE, NUMBERS = 0.06, 0.85
 # Width and alpha of the outlines around annotations inside the picture.
 _RIM, _RIM_ALPHA = 0.22, 0.55
 # Added so that rounding cannot lose a pixel.
@@ -39,6 +38,7 @@ _WHOLE = 1e-3
 _LETTERS, _LEAST = 0.026, 8.0
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _LIGHT, _DARK = "#f4f4f4", "#101010"
+SUFFIXES = (".png", ".pdf", ".svg")
 
 
 class Sheet:
@@ -56,51 +56,43 @@ class Sheet:
         Colour of the margins; None is transparent.
     """
 
+    canvas: Any
+
     def __init__(
         self,
-        pixels: NDArray[np.uint8],
-        margins: Margins,
+        pixels: Pixels,
+        margins: tuple[int, ...],
         letters: float,
         paper: tuple[float, ...] | None,
     ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
+        from matplotlib.transforms import Affine2D
 
-        self.pixels, self.margins, self.em, self.paper = pixels, margins, letters, paper
+        self.pixels, self.em, self.paper = pixels, letters, paper
         self.height, self.width = pixels.shape[:2]
         left, right, bottom, top = margins
-        self.size = (self.width + left + right, self.height + bottom + top)
-        wide, high = self.size
+        self.size = wide, high = self.width + left + right, self.height + bottom + top
+        # Where the picture is: left, right, bottom, top.
+        self.box = (left, left + self.width, bottom, bottom + self.height)
         self.figure = Figure(((wide + _WHOLE) / _DPI, (high + _WHOLE) / _DPI), dpi=_DPI)
         self.figure.patch.set_alpha(0.0)
         self.home: Any = self.figure
         self.canvas = FigureCanvasAgg(self.figure)
+        # From picture coordinates to the screen.
+        self.transform: Any = Affine2D().translate(left, bottom)
         # Colour of annotations on the margins; transparent margins are assumed to be on white.
         self.ink = _DARK if paper is None or luminance(np.array(paper)) > 0.5 else _LIGHT
 
     @property
     def per_pixel(self) -> float:
         """Sheet units per pixel of the picture."""
-        return self.width / self.pixels.shape[1]
-
-    @property
-    def transform(self) -> Any:
-        """Transform from picture coordinates to the screen."""
-        from matplotlib.transforms import Affine2D
-
-        left, _, bottom, _ = self.box
-        return Affine2D().translate(left, bottom)
+        return float(self.width / self.pixels.shape[1])
 
     @property
     def pad(self) -> float:
         """Distance of annotations from the edges of the picture."""
         return 0.9 * self.em
-
-    @property
-    def box(self) -> tuple[int, int, int, int]:
-        """Where the picture is: left, right, bottom, top."""
-        left, _, bottom, _ = self.margins
-        return left, left + self.width, bottom, bottom + self.height
 
     def inks(self, x: float, y: float, width: float, height: float) -> tuple[str, str]:
         """Return the line and outline colours that are legible on a part of the picture."""
@@ -125,13 +117,8 @@ class Sheet:
         text: Text = self.home.text(x, y, words, **given | look)
         return text
 
-    def wide(self, text: Text) -> float:
-        """Return the width of a text, in the same units."""
-        box = text.get_window_extent()
-        return float(box.width) * _DPI / self.figure.dpi
-
-    def rimmed(self, x: float, y: float, words: str, inks: tuple[str, str], **look: Any) -> Text:
-        """Write outlined letters in the picture as two texts; return the upper one.
+    def rimmed(self, x: float, y: float, words: str, inks: tuple[str, str], **look: Any) -> None:
+        """Write outlined letters in the picture as two texts.
 
         With path effects on one text, matplotlib draws letters as paths and snaps their thin
         strokes to whole pixels: an E becomes an L.
@@ -142,18 +129,12 @@ class Sheet:
         effect: dict[str, Any] = {"linewidth": _RIM * self.em, "foreground": rim, "snap": False}
         below = self.text(x, y, words, color=rim, alpha=_RIM_ALPHA, **look)
         below.set_path_effects([Stroke(**effect)])
-        return self.text(x, y, words, color=ink, **look)
+        self.text(x, y, words, color=ink, **look)
 
-    def line(self, xs: Any, ys: Any, **look: Any) -> Any:
-        """Draw a line in pixels of the picture."""
-        from matplotlib.lines import Line2D
-
-        return self.home.add_artist(Line2D(xs, ys, transform=self.transform, **look))
-
-    def patch(self, patch: Any) -> Any:
-        """Add a patch in pixels of the picture."""
-        patch.set_transform(self.transform)
-        return self.home.add_artist(patch)
+    def add(self, artist: Any) -> None:
+        """Add a line or a patch in pixels of the picture."""
+        artist.set_transform(self.transform)
+        self.home.add_artist(artist)
 
     def axes(self, x: float, y: float, width: float, height: float, **kind: Any) -> Axes:
         """Return axes at a position in picture pixels, with matching letters and lines."""
@@ -164,44 +145,38 @@ class Sheet:
         for spine in axes.spines.values():
             spine.set_linewidth(LINE * self.em)
             spine.set_edgecolor(self.ink)
-        axes.tick_params(
-            which="both",
-            colors=self.ink,
-            labelsize=0.85 * self.em,
-            width=LINE * self.em,
-            length=0.35 * self.em,
-            pad=0.25 * self.em,
-        )
-        axes.tick_params(which="minor", length=0.2 * self.em)
+        self.style_ticks(axes)
         return axes
+
+    def style_ticks(self, axes: Axes) -> None:
+        """Give ticks and their numbers the colour and size of the sheet."""
+        look: dict[str, Any] = {"colors": self.ink, "labelsize": NUMBERS * self.em}
+        look |= {"width": LINE * self.em, "pad": 0.25 * self.em}
+        axes.tick_params(which="both", length=0.35 * self.em, **look)
+        axes.tick_params(which="minor", length=0.2 * self.em)
 
     def end(self, artist: Any) -> float:
         """Return the right edge of an artist, in picture pixels."""
-        bounds = artist.get_tightbbox(self.canvas.get_renderer())
-        return float(bounds.x1) - self.box[0]
+        return float(artist.get_tightbbox(self.canvas.get_renderer()).x1) - self.box[0]
 
-    def overhang(self) -> Margins:
+    def overhang(self) -> tuple[int, ...]:
         """Return the margins that all drawn annotations need."""
         drawn = self.figure.get_tightbbox(self.canvas.get_renderer())
         left, right, bottom, top = self.box
         x0, y0, x1, y1 = (v * _DPI for v in (drawn.x0, drawn.y0, drawn.x1, drawn.y1))
         beyond = (left - x0, x1 - right, bottom - y0, y1 - top)
-        return tuple(math.ceil(b + 0.6 * self.em) if b > 0.5 else 0 for b in beyond)  # type: ignore[return-value]
+        return tuple(math.ceil(b + 0.6 * self.em) if b > 0.5 else 0 for b in beyond)
 
-    def pixels_drawn(self) -> NDArray[np.uint8]:
+    def pixels_drawn(self) -> Pixels:
         """Return the whole sheet, shape (height, width, 4), row 0 at the bottom."""
-        self.canvas.draw()
-        drawn = np.asarray(self.canvas.buffer_rgba())[::-1]
-        return over(drawn, self._below())
-
-    def _below(self) -> NDArray[np.uint8]:
         base = np.zeros((self.size[1], self.size[0], 4), dtype=np.uint8)
         if self.paper is not None:
             base[...] = [*np.rint(np.array(self.paper) * 255), 255]
         left, right, bottom, top = self.box
         place = base[bottom:top, left:right]
         place[...] = over(self.pixels, place)
-        return base
+        self.canvas.draw()
+        return over(np.asarray(self.canvas.buffer_rgba())[::-1], base)
 
 
 class AxesSheet(Sheet):
@@ -216,8 +191,9 @@ class AxesSheet(Sheet):
         Height of letters in points; None for matplotlib's.
     """
 
-    def __init__(self, axes: Axes, pixels: NDArray[np.uint8], letters: float | None) -> None:
+    def __init__(self, axes: Axes, pixels: Pixels, letters: float | None) -> None:
         import matplotlib
+        from matplotlib.transforms import Affine2D
 
         figure: Any = axes.get_figure()
         # Fix the layout now; later layout changes move positions but do not resize letters.
@@ -227,43 +203,33 @@ class AxesSheet(Sheet):
         self.em = letters or float(matplotlib.rcParams["font.size"])
         self.width, self.height = (v * _DPI / figure.dpi for v in (size.width, size.height))
         self.home, self.figure, self.canvas = axes, figure, figure.canvas
-        self._to_axes = axes.transAxes
-
-    @property
-    def transform(self) -> Any:
-        from matplotlib.transforms import Affine2D
-
-        return Affine2D().scale(1.0 / self.width, 1.0 / self.height) + self._to_axes
+        scale = Affine2D().scale(1.0 / self.width, 1.0 / self.height)
+        self.transform = scale + axes.transAxes
 
 
-def letter_height(pixels: NDArray[np.uint8]) -> float:
+def letter_height(pixels: Pixels) -> float:
     """Return the letter height for a picture, proportional to its size."""
     return max(_LEAST, _LETTERS * math.sqrt(pixels.shape[0] * pixels.shape[1]))
 
 
-def luminance(colors: NDArray[Any]) -> Any:
+def luminance(colors: NDArray[np.float64]) -> Any:
     """Return the luminance of colours, from 0 to 1, ignoring gamma."""
     return colors @ np.array(_LUMINANCE)
 
 
-def over(front: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def over(front: Pixels, behind: Pixels) -> Pixels:
     """Return one picture over another (straight alpha), bit-identical where `front` is transparent.
 
     Porter & Duff (1984), "Compositing digital images", for straight alpha.
     """
     mixed = front[..., 3] > 0
-    result = behind.copy()
+    result: Pixels = behind.copy()
     f, b = front[mixed] / 255.0, behind[mixed] / 255.0
     part = b[:, 3:] * (1.0 - f[:, 3:])
     alpha = f[:, 3:] + part
     colors = (f[:, :3] * f[:, 3:] + b[:, :3] * part) / alpha
     result[mixed] = np.rint(np.concatenate([colors, alpha], axis=1) * 255.0).astype(np.uint8)
     return result
-
-
-# Vector formats.
-_VECTOR = (".pdf", ".svg")
-SUFFIXES = (".png", *_VECTOR)
 
 
 class Annotated:
@@ -287,17 +253,17 @@ class Annotated:
         self.box, self.figure = sheet.box, sheet.figure
 
     @property
-    def picture(self) -> NDArray[np.uint8]:
+    def picture(self) -> Pixels:
         """The part of `rgba` with the picture, including annotations inside it."""
         left, right, bottom, top = self.box
-        return self.rgba[bottom:top, left:right]
+        inside: Pixels = self.rgba[bottom:top, left:right]
+        return inside
 
     def png(self) -> bytes:
         """Return a PNG file that contains the image's metadata."""
         opaque = (self.rgba[..., 3] == 255).all()
         pixels = np.ascontiguousarray(self.rgba[::-1, :, : 3 if opaque else 4])
-        texts = {"Software": metadata.KEY, metadata.KEY: metadata.dumps(self.image)}
-        return encode_pixels(pixels, texts)
+        return encode_pixels(pixels, metadata.texts(self.image))
 
     def save(self, path: str | Path) -> None:
         """Write a file: ``.png``, or ``.pdf`` and ``.svg`` with sharp text in any size.
@@ -311,8 +277,7 @@ class Annotated:
         """
         path = as_path(path)
         suffix = path.suffix.lower()
-        if suffix not in SUFFIXES:
-            raise unknown_name("format of annotated pictures", suffix, SUFFIXES)
+        check_name("format of annotated pictures", suffix, SUFFIXES)
         content = self.png() if suffix == ".png" else self.vector(suffix[1:])
         with replacing(path) as temporary:
             temporary.write_bytes(content)

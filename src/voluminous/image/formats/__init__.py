@@ -1,31 +1,86 @@
-"""Image files: one format per module; `FORMATS` lists them, and the suffix selects one."""
+"""Image files: `FORMATS` lists them, the suffix selects one."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import unknown_name
 from ...files import check_start, expecting, replacing
-from ..tone import check_options
-from . import exr, fits, npz, pictures, png, radmc3d, tiff
-from .contract import Format
+from ..tone import OPTIONS, check_options
+from . import exr, fits, npz, png, radmc3d, tiff
 
 if TYPE_CHECKING:
     from ..image import Image
 
-FORMATS: tuple[Format, ...] = (
-    png.FORMAT,
-    tiff.FORMAT,
-    exr.FORMAT,
-    fits.FORMAT,
-    npz.FORMAT,
-    radmc3d.TEXT,
-    radmc3d.BINARY,
-    pictures.JPEG,
-    pictures.PDF,
-    pictures.SVG,
+
+@dataclass(frozen=True)
+class Format:
+    """A file format for images. To add one, add it to `FORMATS`.
+
+    Parameters
+    ----------
+    name : str
+        For messages, with an article: "a PNG image".
+    suffixes : tuple of str
+        Lower case, with the dot.
+    magic : tuple of bytes
+        Possible first bytes of a file of this format.
+    write : callable
+        ``write(image, path, *, options)``; `path` is a new file, removed again after an error.
+        ``**display`` takes the options of `Image.to_rgb`.
+    read : callable
+        ``read(path)`` returns the keyword arguments of `Image`. It need not catch exceptions: the
+        caller converts any of them to a `FileFormatError` that names the file.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    magic: tuple[bytes, ...]
+    write: Callable[..., None]
+    read: Callable[[Path], dict[str, Any]]
+
+    @property
+    def options(self) -> frozenset[str]:
+        """Names of the options that `write` takes."""
+        parameters = inspect.signature(self.write).parameters.values()
+        shows = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+        own = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY}
+        return frozenset(own | OPTIONS if shows else own)
+
+
+FORMATS = (
+    Format("a PNG image", (".png",), (png.SIGNATURE,), png.write, png.read),
+    Format(
+        "a TIFF image",
+        (".tif", ".tiff"),
+        (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
+        tiff.write,
+        tiff.read,
+    ),
+    Format("an OpenEXR image", (".exr",), (b"v/1\x01",), exr.write, exr.read),
+    Format("a FITS image", (".fits", ".fit", ".fts"), (b"SIMPLE  =",), fits.write, fits.read),
+    Format("a NumPy archive (.npz)", (".npz",), (b"PK",), npz.write, npz.read),
+    Format(
+        "a RADMC-3D image (image.out)",
+        (".out",),
+        (b" ", b"\n", b"\r", b"\t", b"1", b"2", b"3", b"4"),
+        radmc3d.write,
+        radmc3d.read,
+    ),
+    Format(
+        "a RADMC-3D image (image.bout)",
+        (".bout",),
+        tuple(bytes([number]) + bytes(7) for number in (1, 2, 3, 4)),
+        radmc3d.write,
+        radmc3d.read,
+    ),
+    Format("a JPEG image", (".jpg", ".jpeg"), (b"\xff\xd8\xff",), png.write_jpeg, png.read_jpeg),
+    Format("a PDF file", (".pdf",), (b"%PDF",), png.write_page, png.read_page),
+    Format("an SVG file", (".svg",), (b"<?xml", b"<svg"), png.write_page, png.read_page),
 )
 
 

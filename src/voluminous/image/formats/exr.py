@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import io
 from contextlib import redirect_stdout
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from .. import metadata
-from ..arguments import gathered, narrowed
-from .contract import Format
+from ..arguments import narrowed
 
 if TYPE_CHECKING:
     from ..image import Image
 
-Layers = dict[str, NDArray[Any]]
+Layers = dict[str, np.ndarray]
 _PLANES = ("transparency", "optical_depth")
-_EXTRA = "channel."
 
 
 def _names(channels: int) -> list[str]:
     if channels == 1:
         return ["Y"]
-    return ["R", "G", "B"][:channels] + [f"{_EXTRA}{i}" for i in range(3, channels)]
+    return [*"RGB"[:channels], *(f"channel.{i}" for i in range(3, channels))]
 
 
 def write(image: Image, path: Path, *, half: bool = False) -> None:
@@ -40,9 +38,9 @@ def write(image: Image, path: Path, *, half: bool = False) -> None:
     kind = np.float16 if half else np.float32
     layers = _layers(narrowed(image.intensity, kind, "intensity"), "")
     for name in _PLANES:
-        plane = getattr(image, name)
+        plane = image.plane(name)
         if plane is not None:
-            layers |= _layers(narrowed(gathered(plane), np.float32, name), f"{name}.")
+            layers |= _layers(narrowed(plane, np.float32, name), f"{name}.")
     if image.transparency is not None:
         layers["A"] = (1 - image.transparency.mean(axis=-1)).astype(kind)
     header = {
@@ -56,7 +54,7 @@ def write(image: Image, path: Path, *, half: bool = False) -> None:
     OpenEXR.File(header, pixels).write(str(path))
 
 
-def _layers(planes: NDArray[Any], prefix: str) -> Layers:
+def _layers(planes: np.ndarray, prefix: str) -> Layers:
     return {prefix + name: planes[..., i] for i, name in enumerate(_names(planes.shape[-1]))}
 
 
@@ -70,7 +68,10 @@ def read(path: Path) -> dict[str, Any]:
         text = file.header().get(metadata.KEY)
     intensity = _stacked(layers, "")
     if intensity is None:
-        intensity = _all(layers)
+        shown = [layers[name] for name in sorted(layers) if name != "A"]
+        if len({plane.shape for plane in shown}) != 1:
+            raise FileFormatError(f"expected channels of one size, got {', '.join(sorted(layers))}")
+        intensity = np.stack(shown, axis=-1)
     image = {"intensity": intensity}
     if "A" in layers:
         image["transparency"] = 1 - layers["A"]
@@ -78,23 +79,7 @@ def read(path: Path) -> dict[str, Any]:
     return image | metadata.loads(text, intensity.shape)
 
 
-def _stacked(layers: Layers, prefix: str) -> NDArray[Any] | None:
-    names = [prefix + "Y"] if prefix + "Y" in layers else _counted(layers, prefix)
-    return np.stack([layers[name] for name in names], axis=-1) if names else None
-
-
-def _counted(layers: Layers, prefix: str) -> list[str]:
-    count = 0
-    while prefix + _names(max(count + 1, 2))[count] in layers:
-        count += 1
-    return [prefix + name for name in _names(max(count, 2))[:count]]
-
-
-def _all(layers: Layers) -> NDArray[Any]:
-    planes = [layers[name] for name in sorted(layers) if name != "A"]
-    if len({plane.shape for plane in planes}) != 1:
-        raise FileFormatError(f"expected channels of one size, got {', '.join(sorted(layers))}")
-    return np.stack(planes, axis=-1)
-
-
-FORMAT = Format("an OpenEXR image", (".exr",), (b"v/1\x01",), write, read, frozenset({"half"}))
+def _stacked(layers: Layers, prefix: str) -> np.ndarray | None:
+    known = ["Y"] if f"{prefix}Y" in layers else _names(len(layers) + 2)
+    planes = [layers[prefix + name] for name in takewhile(lambda n: prefix + n in layers, known)]
+    return np.stack(planes, axis=-1) if planes else None

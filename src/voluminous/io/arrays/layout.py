@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
-from ...units import as_quantity, is_quantity, parse_unit, plain, unit_of
+from ...units import as_quantity, parse_unit, plain, unit_of
 from ..axes import AXES, axis_of, edges_of_centers, is_even
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
-    from ...schemes.base import Source
 
 _AS_IT_IS = (slice(None),) * 3
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
@@ -83,28 +82,25 @@ def with_components(entries: Mapping[str, Entry], where: Any) -> dict[str, Entry
     """
     if where is not None and where not in _ENDS:
         raise InputError(f"components must be 'first' or 'last', got {where!r}")
-    found: dict[str, Entry] = {}
+    split: dict[str, Entry] = {}
     for place, entry in entries.items():
-        axis = _component_axis(entry, where)
-        if axis is None:
-            found[place] = entry
+        axis = _ENDS[where] if where else _component_axis(entry)
+        if len(entry.shape) != 4 or not entry.numeric or axis is None:
+            split[place] = entry
             continue
         count = entry.shape[axis]
         for number, ending in enumerate(AXES if count == 3 else map(str, range(count))):
-            found.setdefault(f"{place}_{ending}", entry.component(place, axis, number))
-    return found
+            split.setdefault(f"{place}_{ending}", entry.component(place, axis, number))
+    return split
 
 
-def _component_axis(entry: Entry, where: str | None) -> int | None:
-    if len(entry.shape) != 4 or not entry.numeric:
-        return None
-    if where is not None:
-        return _ENDS[where]
+def _component_axis(entry: Entry) -> int | None:
+    counts = {a: entry.shape[a] for a in _ENDS.values() if a < len(entry.shape)}
     # An axis called x, y, z or t does not enumerate components.
-    ends = [a for a in _ENDS.values() if not (entry.dims and axis_of(entry.dims[a], {}))]
-    three = [axis for axis in ends if entry.shape[axis] == 3]
-    few = [axis for axis in ends if 2 <= entry.shape[axis] <= _MOST_COMPONENTS]
-    return next((found[0] for found in (three, few) if len(found) == 1), None)
+    counts = {a: n for a, n in counts.items() if not (entry.dims and axis_of(entry.dims[a], {}))}
+    three = [axis for axis, n in counts.items() if n == 3]
+    few = [axis for axis, n in counts.items() if 2 <= n <= _MOST_COMPONENTS]
+    return next((axes[0] for axes in (three, few) if len(axes) == 1), None)
 
 
 def axis_order(axes: Any) -> tuple[int, ...]:
@@ -175,16 +171,12 @@ def make_grid(
 
 def _lines(entries: Mapping[str, Entry], place: str, order: tuple[int, ...]) -> tuple[str, ...]:
     """Return the places of the coordinates along x, y and z; nothing if not all are there."""
-
-    def is_line(entry: Entry | None) -> bool:
-        return entry is not None and entry.numeric and len(entry.shape) == 1
-
-    scales = entries[place].scales
-    groups = place.split("/")[:-1]
+    scales, groups = entries[place].scales, place.split("/")[:-1]
     above = ["/".join(groups[:n]) for n in range(len(groups), -1, -1)]
-    found = [tuple(f"{group}/{a}".strip("/") for a in AXES) for group in above]
-    candidates = [tuple(scales[k] for k in order), *found] if scales else found
-    return next((c for c in candidates if all(is_line(entries.get(p)) for p in c)), ())
+    candidates = [tuple(scales[k] for k in order)] if scales else []
+    candidates += [tuple(f"{group}/{a}".strip("/") for a in AXES) for group in above]
+    lines = {p for p, entry in entries.items() if entry.numeric and len(entry.shape) == 1}
+    return next((c for c in candidates if {*c} <= lines), ())
 
 
 def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -> CartesianGrid:
@@ -198,12 +190,11 @@ def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -
     widths = np.asarray(plain(spacing, own, "spacing"))
     if widths.shape not in ((), (3,)) or not np.all(widths > 0):
         raise InputError(f"spacing must be a positive number, or one per axis, got {spacing!r}")
-    ends = np.broadcast_to(widths, 3) * np.asarray(shape)
-    bounds = np.stack([np.zeros(3), ends], axis=1)
+    bounds = np.outer(np.broadcast_to(widths, 3) * shape, [0, 1])
     return CartesianGrid.uniform(shape, bounds if own is None else bounds * own, unit=unit)
 
 
-def _edges(entries: Mapping[str, Entry], source: Source, axis: str, cells: int) -> Any:
+def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> Any:
     """Return the edges given by `source`: a place in the file, or an array."""
     edges, what = source, f"{axis} edges have"
     if isinstance(source, str):
@@ -211,19 +202,19 @@ def _edges(entries: Mapping[str, Entry], source: Source, axis: str, cells: int) 
             raise unknown_name("array", source, entries)
         edges, what = entries[source.strip("/")].quantity(), f"the {axis} edges {source!r} have"
     edges = as_quantity(edges)
-    values = edges.value if is_quantity(edges) else edges
-    found = np.shape(values)
-    if found == (cells,) and cells > 1 and is_even(np.asarray(values, np.float64)):
-        between = edges_of_centers(values)
-        return between * edges.unit if is_quantity(edges) else between
-    if found != (cells + 1,):
+    unit = unit_of(edges)
+    values = np.asarray(edges if unit is None else edges.value)
+    hint = ""
+    if values.shape == (cells,):
+        if cells > 1 and is_even(values.astype(np.float64)):
+            between = edges_of_centers(values)
+            return between if unit is None else between * unit
         hint = (
             "; these seem to be centres, and not equally spaced: give edges, or "
             "bounds=((x0, x1), (y0, y1), (z0, z1)) for equal cells"
-            if found == (cells,)
-            else ""
         )
+    if values.shape != (cells + 1,):
         raise FileFormatError(
-            f"{what} shape {found}, expected {cells + 1} edges around {cells} cells{hint}"
+            f"{what} shape {values.shape}, expected {cells + 1} edges around {cells} cells{hint}"
         )
     return edges

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields, field_name
 from .layout import Entry, axis_order, make_grid, named_order, with_components
 
@@ -47,17 +47,17 @@ class NamedArraysReader(Reader):
     def read(
         self,
         path: Path,
-        fields: Any = None,
+        fields: FieldChoice = None,
         *,
-        axes: Any = None,
-        components: Any = None,
+        axes: str | None = None,
+        components: str | None = None,
         **options: Any,
     ) -> Volume:
         from ...volume import Volume
 
         own = self._own(options)
-        with self.entries(path, **own) as found:
-            entries = with_components(found, components)
+        with self.entries(path, **own) as stored:
+            entries = with_components(stored, components)
             chosen = _chosen(entries, fields)
             for name, place in chosen.items():
                 _check_field(name, entries[place])
@@ -75,27 +75,25 @@ class NamedArraysReader(Reader):
             first = next(iter(chosen))
             grid, turns = make_grid(entries, chosen[first], shapes.pop(), orders[first], options)
             volume = Volume(grid)
+
+            def load(place: str, whole: str, order: tuple[int, ...]) -> np.ndarray:
+                with self.entries(path, whole, **own) as stored:
+                    values = with_components(stored, components)[place].load()
+                    return np.transpose(values, order)[turns]
+
             for name, place in chosen.items():
                 entry = entries[place]
-                whole = entry.part_of or place
-                turned = (orders[name], turns)
-                load = functools.partial(self._load, path, place, whole, turned, components, own)
-                volume[name] = Deferred(load, entry.dtype, entry.unit, entry.mapped)
+                read = functools.partial(load, place, entry.part_of or place, orders[name])
+                volume[name] = Deferred(read, entry.dtype, entry.unit, entry.mapped)
         return volume
 
-    def _load(
-        self, path: Path, place: str, whole: str, turned: Any, components: Any, own: Any
-    ) -> np.ndarray:
-        """Return the values of a field, which may be a component of a whole array."""
-        order, turns = turned
-        with self.entries(path, whole, **own) as entries:
-            return with_components(entries, components)[place].load().transpose(order)[turns]
-
-    def info(self, path: Path, *, components: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        with self.entries(path, **self._own(options)) as found:
+    def info(
+        self, path: Path, *, components: str | None = None, **options: Any
+    ) -> tuple[FieldInfo, ...]:
+        with self.entries(path, **self._own(options)) as stored:
             return tuple(
                 FieldInfo(field_name(place), place, entry.shape, str(entry.dtype), entry.unit)
-                for place, entry in with_components(found, components).items()
+                for place, entry in with_components(stored, components).items()
                 if entry.is_field
             )
 
@@ -105,10 +103,10 @@ class NamedArraysReader(Reader):
         return {name: options.pop(name) for name in own}
 
 
-def _chosen(entries: Mapping[str, Entry], fields: Any) -> dict[str, str]:
-    if fields is not None:
-        return chosen_fields({place: field_name(place) for place in entries}, fields, "array")
-    places = {place: field_name(place) for place, entry in entries.items() if entry.is_field}
+def _chosen(entries: Mapping[str, Entry], fields: FieldChoice) -> dict[str, str]:
+    places = {
+        place: field_name(place) for place, e in entries.items() if e.is_field or fields is not None
+    }
     if not places:
         listed = [f"{place} {e.shape} {e.dtype}" for place, e in list(entries.items())[:8]]
         more = ", …" if len(entries) > len(listed) else ""
@@ -116,10 +114,11 @@ def _chosen(entries: Mapping[str, Entry], fields: Any) -> dict[str, str]:
             "expected a three-dimensional array of numbers; the file holds "
             f"{', '.join(listed) or 'nothing'}{more}"
         )
-    return chosen_fields(places, None)
+    return chosen_fields(places, fields, "array")
 
 
 def _check_field(name: str, entry: Entry) -> None:
+    shape, hint = entry.shape, ""
     if entry.dtype.kind == "O":
         raise FileFormatError(
             f"{name!r} holds Python objects, expected numbers; objects could run any program when "
@@ -127,14 +126,12 @@ def _check_field(name: str, entry: Entry) -> None:
         )
     if not entry.numeric:
         raise FileFormatError(f"{name!r} must be real numbers, got dtype {entry.dtype}")
-    if len(entry.shape) != 3:
+    if len(shape) == 4:
         hint = (
             "; give the components of a vector as three fields, or say with components='first' or "
             "'last' which axis counts them"
         )
-        raise FileFormatError(
-            f"{name!r} has shape {entry.shape}, expected three axes (x, y, z)"
-            + (hint if len(entry.shape) == 4 else "")
-        )
-    if min(entry.shape) < 1:
-        raise FileFormatError(f"{name!r} has shape {entry.shape}, expected at least one cell")
+    if len(shape) != 3:
+        raise FileFormatError(f"{name!r} has shape {shape}, expected three axes (x, y, z){hint}")
+    if min(shape) < 1:
+        raise FileFormatError(f"{name!r} has shape {shape}, expected at least one cell")

@@ -14,10 +14,10 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...units import unit_name
-from ..axes import cartesian
+from ..axes import AXES, cartesian
 from ..names import field_name
 from ..payload import ZIP, read_exactly, zip_names
-from .layout import AXES, Entry
+from .layout import Entry
 from .named_arrays import NamedArraysReader
 
 if TYPE_CHECKING:
@@ -108,11 +108,8 @@ class NPZReader(NamedArraysReader):
                 raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
             names = names if only is None else [only + _ENDING]
             found = {n.removesuffix(_ENDING): _entry(archive, n) for n in names}
-            units = {name: found.get(name + _UNIT) for name in found}
-            yield {
-                name: replace(entry, unit=(unit and unit.text()) or "")
-                for (name, entry), unit in zip(found.items(), units.values(), strict=True)
-            }
+            texts = {name: entry.text() for name, entry in found.items() if name.endswith(_UNIT)}
+            yield {n: replace(entry, unit=texts.get(n + _UNIT) or "") for n, entry in found.items()}
 
     def write(self, volume: Volume, path: Path) -> None:
         grid = cartesian(volume)
@@ -138,6 +135,7 @@ def _entry(archive: zipfile.ZipFile, member: str) -> Entry:
                 return np.empty(shape, dtype)
             values = read_exactly(file, shape[::-1] if fortran else shape, dtype, member)
             file.read(1)  # at its end the checksum is compared
-            return (values.transpose() if fortran else values)[index]
+            part: np.ndarray = (values.transpose() if fortran else values)[index]
+            return part
 
     return Entry(shape, dtype, "", load)

@@ -3,94 +3,71 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
-from ...units import unit_name
 from ..axes import is_even
-from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
+from ..code_units import OPTIONS, TIME, CodeUnits
+from ..contents import Contents, ContentsReader, StoredField
+from ..contract import UnitLike
 from ..hdf5 import data_sets, holds, opened, read
-from ..names import chosen_fields
-from .reader import REGULAR, AthenaReader, in_unit
-from .variables import CodeUnits, described
+from ..leaves import GRIDS
+from .variables import LENGTHS, described
 
 if TYPE_CHECKING:
     import h5py
-
-    from ...volume import Volume
 
 _NODES, _STEP = "node_coords", "Timestep_"
 # Tolerance for nodes, relative to the largest coordinate: they are single precision.
 _ROUNDING = 1e-5
 
 
-class PlutoReader(Reader):
+class PlutoReader(ContentsReader):
     """Cartesian, polar and spherical grids of three dimensions, without resampling."""
 
     name = "pluto"
     description = "a PLUTO file of a static grid (.dbl.h5, .flt.h5)"
-    options = AthenaReader.options
+    options = OPTIONS
 
     def matches(self, path: Path, head: bytes) -> bool:
         return holds(path, head, lambda f: _NODES in f and any(n.startswith(_STEP) for n in f))
 
-    def read(
-        self, path: Path, fields: FieldChoice = None, *, unit: UnitLike = None, **units: Any
-    ) -> Volume:
-        from ...volume import Volume
-
-        code = CodeUnits(**units)
+    def contents(self, path: Path, *, unit: UnitLike = None, **code_units: UnitLike) -> Contents:
+        units = CodeUnits.given(**code_units)
+        fields = []
         with opened(path) as file:
-            kind, edges = _grid(file)
-            found = _variables(path, file, kind, code, edges)
-            time = float(np.ravel(_step(file).attrs.get("Time", 0.0))[0])
-        edges, unit = in_unit(kind, edges, code, unit)
-        volume = Volume(REGULAR[kind](*edges, unit=unit))
-        factor, time_unit = code.of(("time", (0, 0, 1), "s"))
-        volume.meta.update(code="PLUTO", time=time * factor)
-        volume.meta.update({"time_unit": "s"} if time_unit is not None else {})
-        names = {place: info.name for place, (info, _) in found.items()}
-        for name, place in chosen_fields(names, fields).items():
-            info, factor = found[place]
-            load = functools.partial(_load, path, place, factor)
-            volume[name] = Deferred(load, np.dtype(info.dtype), info.unit)
-        return volume
-
-    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        options.pop("unit", None)
-        with opened(path) as file:
-            kind, edges = _grid(file)
-            found = _variables(path, file, kind, CodeUnits(**options), edges)
-        return tuple(info for info, _ in found.values())
+            kind, walls = _grid(file)
+            step = file[next(name for name in file if name.startswith(_STEP))]
+            shape = tuple(len(w) - 1 for w in walls[::-1])
+            for name, item in data_sets(path, step["vars"])[0].items():
+                if item.shape != shape:
+                    raise FileFormatError(
+                        f"{item.name} has shape {item.shape}, expected {shape} (z, y, x)"
+                    )
+                common, quantity = described(name, kind)
+                factor, own = units.of(quantity)
+                place, dtype = item.name.strip("/"), item.dtype.newbyteorder("=")
+                load = functools.partial(_load, path, place, factor)
+                fields.append(StoredField(common, place, shape, dtype, own, load))
+            time = float(np.ravel(step.attrs.get("Time", 0.0))[0])
+        edges, grid_unit = units.edges(walls, LENGTHS[kind], unit)
+        factor, time_unit = units.of(TIME)
+        meta = {"code": "PLUTO", "time": time * factor}
+        meta |= {"time_unit": time_unit} if time_unit else {}
+        return Contents(fields, lambda chosen: GRIDS[kind](*edges, unit=grid_unit), meta)
 
 
-def _step(file: h5py.File) -> Any:
-    return file[next(name for name in file if name.startswith(_STEP))]
+def _load(path: Path, place: str, factor: float) -> np.ndarray:
+    with opened(path) as file:
+        values: np.ndarray = read(file[place]).T
+    return values if factor == 1 else values * factor
 
 
-def _variables(
-    path: Path, file: h5py.File, kind: str, code: CodeUnits, edges: Sequence[np.ndarray]
-) -> dict[str, tuple[FieldInfo, float]]:
-    """Return {place: (field description, factor to its unit)} of the cell variables."""
-    found = {}
-    shape = tuple(len(e) - 1 for e in reversed(edges))
-    for name, item in data_sets(path, _step(file)["vars"])[0].items():
-        if item.shape != shape:
-            raise FileFormatError(f"{item.name} has shape {item.shape}, expected {shape} (z, y, x)")
-        called, what = described(name, kind)
-        factor, unit = code.of(what)
-        dtype = str(item.dtype.newbyteorder("="))
-        place = item.name.strip("/")
-        found[place] = FieldInfo(called, place, shape, dtype, unit_name(unit)), factor
-    return found
-
-
-def _grid(file: h5py.File) -> tuple[str, Sequence[np.ndarray]]:
+def _grid(file: h5py.File) -> tuple[str, list[np.ndarray]]:
     nodes = [file[_NODES][axis] for axis in "XYZ"]
     if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):
         raise InputError(f"its grid has {nodes[0].ndim} dimensions, expected 3")
@@ -127,7 +104,8 @@ def _polar_angle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.where(np.abs(theta - np.pi) < _ROUNDING, np.pi, theta)
 
 
-_COORDINATES: dict[str, Any] = {
+# The grid's coordinates of x, y and z, and the inverse.
+_COORDINATES: dict[str, tuple[Callable[..., tuple[np.ndarray, ...]], ...]] = {
     "cartesian": (lambda x, y, z: (x, y, z), lambda x, y, z: (x, y, z)),
     "cylindrical": (
         lambda x, y, z: (np.hypot(x, y), _azimuth(x, y), z),
@@ -138,9 +116,3 @@ _COORDINATES: dict[str, Any] = {
         lambda r, t, p: (r * np.sin(t) * np.cos(p), r * np.sin(t) * np.sin(p), r * np.cos(t)),
     ),
 }
-
-
-def _load(path: Path, place: str, factor: float) -> np.ndarray:
-    with opened(path) as file:
-        values = read(file[place]).T
-    return values if factor == 1 else values * factor

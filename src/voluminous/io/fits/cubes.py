@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
-from ...units import unit_name
-from ..contract import FieldInfo
+from ...memory import check_memory
+from ..guard import by_library
 from ..names import field_name
-from .hdus import HDU, Scaling, card, check_tiles, image_shape, is_compressed, is_image, scaling
 from .units import lenient_unit
+
+if TYPE_CHECKING:
+    from astropy import units as u
+    from astropy.io.fits import HDUList, Header
 
 # astropy's name of a compressed image without a name.
 _NAMELESS = {"", "COMPRESSED_IMAGE", "PRIMARY"}
@@ -23,11 +29,84 @@ _PLACE = ("X", "Y", "Z")
 _STOKES = "STOKES"
 
 
+@contextmanager
+def opened(path: Path) -> Iterator[HDUList]:
+    """Open a file; stored numbers are not scaled, and a file that is cut short is an error."""
+    from astropy.io import fits
+
+    with by_library("astropy"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of irrelevant cards
+        warnings.filterwarnings("error", message=".*truncated.*")
+        # astropy does not close a truncated file that it has opened itself.
+        with open(path, "rb") as file, fits.open(file, do_not_scale_image_data=True) as hdus:
+            for hdu in hdus:  # reads all headers; astropy would never come to an end of these
+                if hdu.is_image and min(hdu.shape, default=0) < 0:
+                    raise FileFormatError(f"an axis has {min(hdu.shape)} pixels")
+            yield hdus
+
+
+def card(header: Header, key: str, default: Any = None) -> Any:
+    """Return the value of a card; the default if the card is missing or unreadable."""
+    from astropy.io.fits import VerifyError
+    from astropy.io.fits.card import Undefined
+
+    try:
+        value = header.get(key, default)
+    except (VerifyError, ValueError):
+        return default
+    return default if isinstance(value, Undefined) else value
+
+
+def text(header: Header, key: str) -> str:
+    """Return the text of a card in capitals."""
+    return str(card(header, key, "")).strip().upper()
+
+
+@dataclass(frozen=True)
+class FITSImage:
+    """An image in a file, without its values."""
+
+    path: Path
+    number: int  # of its HDU; 0 is the primary one
+    header: Header
+    shape: tuple[int, ...]  # in FITS order: the first axis varies fastest
+
+    @property
+    def title(self) -> str:
+        """Name of the HDU."""
+        title = str(card(self.header, "EXTNAME", "")).strip()
+        return "" if title.upper() in _NAMELESS else title
+
+    def __str__(self) -> str:
+        """Return its name in error messages."""
+        return f"HDU {self.number}" + (f" ({self.title})" if self.title else "")
+
+    @property
+    def real_axes(self) -> list[int]:
+        """Axes of more than one pixel, or along x, y and z in space, where a slab may be thin."""
+        return [
+            k
+            for k, n in enumerate(self.shape)
+            if n > 1 or text(self.header, f"CTYPE{k + 1}") in _PLACE
+        ]
+
+
+def images(path: Path) -> list[FITSImage]:
+    """Return all non-empty images of a file."""
+    with opened(path) as hdus:
+        found = [
+            FITSImage(path, number, hdu.header, hdu.shape[::-1])
+            for number, hdu in enumerate(hdus)
+            if hdu.is_image and card(hdu.header, "GROUPS") is not True
+        ]
+    return [image for image in found if min(image.shape, default=0) > 0]
+
+
 @dataclass(frozen=True)
 class Cube:
     """An image reduced to three axes."""
 
-    part: HDU  # its HDU
+    image: FITSImage
     name: str  # field name
     place: str  # its identifier in `fields=`: name or number of the HDU
     axes: tuple[int, ...]  # the three axes of the image; 0 is NAXIS1
@@ -36,150 +115,124 @@ class Cube:
     @property
     def sides(self) -> tuple[int, ...]:
         """Number of pixels along each axis."""
-        sides = image_shape(self.part)
-        return tuple(sides[axis] for axis in self.axes)
+        return tuple(self.image.shape[axis] for axis in self.axes)
 
     @property
-    def scaling(self) -> Scaling:
-        """Conversion from stored numbers to values."""
-        return scaling(self.part)
+    def unit(self) -> u.UnitBase | None:
+        """Unit of the values."""
+        return lenient_unit(str(card(self.image.header, "BUNIT", "")))
 
     @property
-    def unit(self) -> Any:
-        """The astropy unit of the values, or None."""
-        return lenient_unit(str(card(self.part.header, "BUNIT", "")))
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the values: whole numbers if they are not scaled, and none can be missing."""
+        return value_type(self.image.header)
 
-    def info(self) -> FieldInfo:
-        """Return the description of the field, without reading values."""
-        sides = image_shape(self.part)[::-1]
-        return FieldInfo(
-            self.name, self.place, sides, str(self.scaling.dtype), unit_name(self.unit)
-        )
-
-
-def images(found: Iterable[HDU]) -> list[tuple[HDU, list[int]]]:
-    """Return all non-empty images, each with its relevant axes.
-
-    Relevant axes have more than one pixel, or are x, y and z in space: a thin slab or a single cell
-    may have one pixel along these.
-    """
-    listed = []
-    for part in found:
-        if is_image(part) and (sides := image_shape(part)) and min(sides) > 0:
-            listed.append((part, [k for k, n in enumerate(sides) if n > 1 or _in_space(part, k)]))
-    return listed
+    def values(self, arrange: Any) -> np.ndarray:
+        """Return the values, after the stored numbers pass through `arrange`."""
+        size = int(np.prod(self.image.shape, dtype=object)) * self.dtype.itemsize
+        check_memory(size, f"reading {self.image}", "read a part of it; is the file damaged?")
+        with opened(self.image.path) as hdus:
+            return scaled(arrange(hdus[self.image.number].data[self.index]), self.image.header)
 
 
-def _in_space(part: HDU, axis: int) -> bool:
-    return str(card(part.header, f"CTYPE{axis + 1}", "")).strip().upper() in _PLACE
+def _scaling(header: Header) -> tuple[float, float, int | None]:
+    blank = card(header, "BLANK") if header["BITPIX"] > 0 else None
+    return float(card(header, "BSCALE", 1)), float(card(header, "BZERO", 0)), blank
 
 
-def cubes(found: Sequence[HDU], hdu: Any = None, plane: Any = None) -> list[Cube]:
+def value_type(header: Header) -> np.dtype[Any]:
+    """Return the type of the values: FITS Standard 4.0, section 4.4.2 (BSCALE, BZERO, BLANK)."""
+    bits = abs(header["BITPIX"])
+    scale, zero, blank = _scaling(header)
+    # FITS has one integer type of each width: BZERO makes that of the other signedness.
+    other = -128 if bits == 8 else 2.0 ** (bits - 1)
+    if header["BITPIX"] < 0:
+        return np.dtype(np.float64 if bits == 64 else np.float32)
+    if scale != 1 or blank is not None or zero not in (0, other):
+        return np.dtype(np.float64 if bits > 16 else np.float32)
+    return np.dtype(f"{'iu'[(bits == 8) != (zero != 0)]}{bits // 8}")
+
+
+def scaled(stored: np.ndarray, header: Header) -> np.ndarray:
+    """Return values of stored numbers, NaN for missing ones."""
+    dtype, (scale, zero, blank) = value_type(header), _scaling(header)
+    if (scale, zero, blank) == (1, 0, None):
+        return stored
+    if dtype.kind != "f":  # adding half of the range flips the highest bit
+        unsigned = stored.astype(f"=u{dtype.itemsize}", casting="unsafe")
+        return (unsigned ^ unsigned.dtype.type(1 << 8 * dtype.itemsize - 1)).view(dtype)
+    values: np.ndarray = stored.astype(dtype)
+    values *= scale
+    values += zero
+    if blank is not None:
+        values[stored == blank] = np.nan
+    return values
+
+
+def cubes(found: Sequence[FITSImage], hdu: Any = None, plane: Any = None) -> list[Cube]:
     """Return the cubes of a file, or of one HDU if it is given."""
-    parts = list(found) if hdu is None else [_named(found, hdu)]
-    some = [(part, real) for part, real in images(parts) if len(real) >= 3]
+    listed = list(found) if hdu is None else [_named(found, hdu)]
+    some = [image for image in listed if len(image.real_axes) >= 3]
     if not some:
-        raise FileFormatError(_nothing(images(parts)))
-    names, places = _names([part for part, _ in some]), _places([part for part, _ in some])
+        flat = ", ".join(f"{image}: {' x '.join(map(str, image.shape))}" for image in listed[:8])
+        raise FileFormatError(
+            "expected an image with three axes"
+            + (
+                f", found {flat}; vm.Image.load reads images of two axes"
+                if flat
+                else "; there is no image with values in it"
+            )
+        )
+    titles = [image.title for image in some]
+    places = [t if t and titles.count(t) == 1 else "" for t in titles]
     return [
-        _cube(part, real, name, place, plane)
-        for (part, real), name, place in zip(some, names, places, strict=True)
+        _cube(image, name, place or str(image.number), plane)
+        for image, name, place in zip(some, _names(some), places, strict=True)
     ]
 
 
-def _nothing(listed: list[tuple[HDU, list[int]]]) -> str:
-    expected = "expected an image with three axes"
-    if not listed:
-        return f"{expected}; there is no image with values in it"
-    flat = ", ".join(f"{p.name}: {' x '.join(map(str, image_shape(p)))}" for p, _ in listed[:8])
-    return f"{expected}, found {flat}; vm.Image.load reads images of two axes"
-
-
-def _named(found: Sequence[HDU], hdu: Any) -> HDU:
-    names = {str(part.number): part for part in found}
-    names |= {str(card(p.header, "EXTNAME", "")).strip().upper(): p for p in reversed(found)}
+def _named(found: Sequence[FITSImage], hdu: Any) -> FITSImage:
+    names = {str(image.number): image for image in found}
+    names |= {image.title.upper(): image for image in reversed(found) if image.title}
     key = str(hdu).strip().upper()
     if key not in names:
-        raise unknown_name("HDU", str(hdu), [name for name in names if name])
+        raise unknown_name("HDU", str(hdu), names)
     return names[key]
 
 
-def _names(parts: list[HDU]) -> list[str]:
+def _names(some: list[FITSImage]) -> list[str]:
     """Return field names: EXTNAME, else BTYPE, else "intensity"; numbered if equal."""
     names: list[str] = []
-    for part in parts:
-        name = _name(part)
-        name = f"{name}_{part.number}" if name in names else name
-        while name in names:
-            name += "_"
-        names.append(name)
+    for image in some:
+        kind, title = str(card(image.header, "BTYPE", "")).strip(), image.title
+        if not (title and kind.upper() == title.upper()):  # astropy capitalizes our EXTNAME
+            kind = (
+                title if title and not title.isupper() else (title or kind or "intensity").lower()
+            )
+        name = field_name(kind)
+        names.append(f"{name}_{image.number}" if name in names else name)
     return names
 
 
-def _places(parts: list[HDU]) -> list[str]:
-    """Return HDU names, or numbers for HDUs with a missing or ambiguous name."""
-    titles = [_title(part) for part in parts]
-    return [
-        title if title and titles.count(title) == 1 else str(part.number)
-        for part, title in zip(parts, titles, strict=True)
-    ]
-
-
-def _title(part: HDU) -> str:
-    title = str(card(part.header, "EXTNAME", "")).strip()
-    return "" if title.upper() in _NAMELESS else title
-
-
-def _name(part: HDU) -> str:
-    kind = str(card(part.header, "BTYPE", "")).strip()
-    title = _title(part)
-    if title and kind.upper() == title.upper():
-        return field_name(kind)  # our original spelling: astropy capitalizes it
-    title = title if title and not title.isupper() else (title or kind or "intensity").lower()
-    return field_name(title)
-
-
-def _cube(part: HDU, real: list[int], name: str, place: str, plane: Any) -> Cube:
-    sides = image_shape(part)
-    if is_compressed(part):
-        check_tiles(part)
-    axes, others = _three(part, real)
-    chosen = _planes(part, others, plane)
-    index = tuple(
-        slice(None) if k in axes else chosen.get(k, 0) for k in reversed(range(len(sides)))
-    )
-    return Cube(part, name, place, tuple(axes), index)
-
-
-def _three(part: HDU, real: list[int]) -> tuple[list[int], list[int]]:
-    """Return the axes of the cube (sky and spectrum take precedence), and the other axes."""
-    if len(real) == 3:
-        return real, []
-    kinds = {k: str(card(part.header, f"CTYPE{k + 1}", "")).strip().upper() for k in real}
+def _cube(image: FITSImage, name: str, place: str, plane: Any) -> Cube:
+    """Return a cube: of more than three axes sky and spectrum take precedence."""
+    real, shape = image.real_axes, image.shape
+    kinds = {k: text(image.header, f"CTYPE{k + 1}") for k in real}
     known = [k for k in real if kinds[k].startswith((*_SKY, *_SPECTRUM))]
-    rest = [k for k in real if k not in known]
-    axes = sorted([*known, *sorted(rest, key=lambda k: kinds[k] == _STOKES)][:3])
-    return axes, [k for k in real if k not in axes]
-
-
-def _planes(part: HDU, others: list[int], plane: Any) -> dict[int, int]:
-    sides = image_shape(part)
-    kinds = [str(card(part.header, f"CTYPE{k + 1}", "")).strip() for k in others]
-    if plane is None:
-        if any(kind.upper() != _STOKES for kind in kinds):
-            listed = ", ".join(
-                f"{kind or 'an axis'} of {sides[k]}" for k, kind in zip(others, kinds, strict=True)
-            )
-            raise InputError(
-                f"{part.name} has {3 + len(others)} axes; choose with plane=0 … along {listed}"
-            )
-        return dict.fromkeys(others, 0)  # the first Stokes parameter: the intensity
-    chosen = [plane] if np.ndim(plane) == 0 else list(plane)
-    if not others or len(chosen) != len(others):
+    rest = sorted((k for k in real if k not in known), key=lambda k: kinds[k] == _STOKES)
+    axes = sorted([*known, *rest][:3])
+    others = [k for k in real if k not in axes]
+    chosen = np.atleast_1d([0] * len(others) if plane is None else plane).tolist()
+    if plane is None and any(kinds[k] != _STOKES for k in others):
+        listed = ", ".join(f"{kinds[k] or 'an axis'} of {shape[k]}" for k in others)
+        raise InputError(f"{image} has {len(real)} axes; choose with plane=0 … along {listed}")
+    if len(chosen) != len(others):
         raise InputError(
-            f"{part.name} has {len(others)} axes beyond three, plane gives {len(chosen)} numbers"
+            f"{image} has {len(others)} axes beyond three, plane gives {len(chosen)} numbers"
         )
     for k, number in zip(others, chosen, strict=True):
-        if not isinstance(number, (int, np.integer)) or not 0 <= number < sides[k]:
-            raise InputError(f"plane must be a whole number below {sides[k]}, got {plane!r}")
-    return {k: int(number) for k, number in zip(others, chosen, strict=True)}
+        if not isinstance(number, int) or not 0 <= number < shape[k]:
+            raise InputError(f"plane must be a whole number below {shape[k]}, got {plane!r}")
+    single = dict(zip(others, chosen, strict=True))
+    index = [slice(None) if k in axes else single.get(k, 0) for k in range(len(shape))]
+    return Cube(image, name, place, tuple(axes), tuple(index[::-1]))

@@ -14,11 +14,9 @@ from ...units import unit_name
 from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields
 from ..payload import is_packed, unpacked
-from .cubes import Cube, cubes, images
-from .hdus import HDU, card, parts, values
-from .layout import CubeLayout, ThirdAxis, layout, unit_cells
-from .wcs import World, has_world, world
-from .write import DEPTH, UNIT, write
+from .cubes import Cube, FITSImage, card, cubes, images
+from .layout import CubePlace, ThirdAxis, place_of
+from .write import write
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -63,106 +61,79 @@ class FITSReader(Reader):
 
     def holds_image(self, path: Path) -> bool:
         try:
-            hdus = parts(path)
+            found = images(path)
         except Exception:  # damaged: reading it raises the error
             return False
-        return _is_picture(hdus) or not any(len(real) >= 3 for _, real in images(hdus))
+        return _is_picture(found) or not any(len(image.real_axes) >= 3 for image in found)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        every = _cubes(path, options)
-        infos = [cube.info() for cube in every]
-        axis = _layout(every[0], options)[1].axis
-        if axis is not None and axis.name not in {field.name for field in infos}:
-            shape = tuple(every[0].sides[::-1])
-            infos.append(FieldInfo(axis.name, axis.name, shape, "float32", unit_name(axis.unit)))
+        every, third = _cubes(path, options)
+        infos = [
+            FieldInfo(c.name, c.place, c.image.shape[::-1], str(c.dtype), unit_name(c.unit))
+            for c in every
+        ]
+        if third is not None:
+            shape, unit = every[0].sides[::-1], unit_name(third.unit)
+            infos.append(FieldInfo(third.name, third.name, shape, "float32", unit))
         return tuple(infos)
 
     def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ...volume import Volume
 
-        every = _cubes(path, options)
+        every, third = _cubes(path, options)
         by_place = {cube.place: cube for cube in every}
         names = {cube.place: cube.name for cube in every}
-        axis = _layout(every[0], options)[1].axis
-        if axis is not None and axis.name not in names.values():
-            names[axis.name] = axis.name
+        if third is not None:
+            names[third.name] = third.name
         chosen = chosen_fields(names, fields)
         own = [by_place[place] for place in chosen.values() if place in by_place] or every[:1]
-        sky, where = _common(own, options)
-        volume = Volume(where.grid)
-        volume.wcs = where.wcs
-        volume.meta.update(_meta_of(own[0].part, sky, where))
-        for name, place in chosen.items():
-            if place in by_place:
-                cube = by_place[place]
-                load = functools.partial(_load, path, cube, sky)
-                volume[name] = Deferred(load, cube.scaling.dtype, cube.unit)
-            else:
-                assert where.axis is not None
-                spread = functools.partial(_spread, where.axis, where.grid.shape)
-                volume[name] = Deferred(spread, np.float32, where.axis.unit)
+        place = _common(own, options)
+        volume = Volume(place.grid)
+        volume.wcs = place.wcs
+        meta = {key.lower(): card(own[0].image.header, key) for key in _META_CARDS}
+        meta = {k: v for k, v in meta.items() if v != "" and isinstance(v, (str, int, float))}
+        volume.meta |= meta | place.pointing()
+        for name, where in chosen.items():
+            if where in by_place:
+                cube = by_place[where]
+                load = functools.partial(cube.values, place.arrange)
+                volume[name] = Deferred(load, cube.dtype, cube.unit)
+            elif place.third is not None:
+                spread = functools.partial(_spread, place.third, place.grid.shape)
+                volume[name] = Deferred(spread, np.float32, place.third.unit)
         return volume
 
     def write(self, volume: Volume, path: Path) -> None:
         write(volume, path)
 
 
-def _is_picture(hdus: list[HDU]) -> bool:
-    header = hdus[0].header
+def _is_picture(found: list[FITSImage]) -> bool:
+    header = found[0].header if found and found[0].number == 0 else {}
     return card(header, _CREATOR) == "voluminous" and _TEXT in header
 
 
-def _cubes(path: Path, options: dict[str, Any]) -> list[Cube]:
-    hdus = parts(path)
-    if _is_picture(hdus):
+def _cubes(path: Path, options: dict[str, Any]) -> tuple[list[Cube], ThirdAxis | None]:
+    """Return the cubes of a file, and the third axis of the first if it is a field of its own."""
+    found = images(path)
+    if _is_picture(found):
         raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
-    return cubes(hdus, options.get("hdu"), options.get("plane"))
+    every = cubes(found, options.get("hdu"), options.get("plane"))
+    third = place_of(every[0], options).third
+    known = third is not None and third.name in {cube.name for cube in every}
+    return every, None if known else third
 
 
-def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
-    """Return the world coordinates of a cube (None if missing or not wanted) and its layout."""
-    bounds, unit = options.get("bounds"), options.get("unit")
-    header = cube.part.header
-    if bounds is not None or options.get("wcs") is False or not has_world(cube.part):
-        return None, unit_cells(cube.sides, bounds, unit)
-    place = world(cube.part, cube.axes, cube.sides, options.get("velocity"), options.get("rest"))
-    depth, scale = options.get("depth"), options.get("spectral_scale")
-    if unit is None and card(header, UNIT):  # we wrote it
-        unit = card(header, UNIT)
-        depth = card(header, DEPTH) if depth is None and scale is None else depth
-    return place, layout(place, header, unit, depth, scale)
+def _common(chosen: list[Cube], options: dict[str, Any]) -> CubePlace:
+    """Return the place that all cubes share."""
+    first, *others = (place_of(cube, options) for cube in chosen)
+    if not all(first.agrees(other) for other in others) or len({c.axes for c in chosen}) > 1:
+        listed = ", ".join(f"{c.name} ({c.image}) {c.sides}" for c in chosen)
+        raise InputError(
+            f"cubes must lie on one grid to be read together, got {listed}; choose with hdu=… "
+            "or fields=[…]"
+        )
+    return first
 
 
-def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
-    """Return the world coordinates and layout that all cubes share."""
-    first = chosen[0]
-    sky, where = _layout(first, options)
-    for cube in chosen[1:]:
-        same = cube.sides == first.sides and cube.axes == first.axes
-        if same and sky is not None and has_world(cube.part):
-            other = _layout(cube, options)[0]
-            same = other is not None and sky.agrees(other)
-        if not same:
-            listed = ", ".join(f"{c.name} ({c.part.name}) {c.sides}" for c in chosen)
-            raise InputError(
-                f"cubes must lie on one grid to be read together, got {listed}; choose with hdu=… "
-                "or fields=[…]"
-            )
-    return sky, where
-
-
-def _load(path: Path, cube: Cube, sky: World | None) -> np.ndarray:
-    arrange = (lambda stored: stored.T) if sky is None else sky.arrange
-    return values(path, cube.part, cube.index, arrange)
-
-
-def _spread(axis: ThirdAxis, shape: tuple[int, ...]) -> np.ndarray:
-    return np.broadcast_to(axis.values.astype(np.float32), shape)
-
-
-def _meta_of(part: HDU, sky: World | None, where: CubeLayout) -> dict[str, Any]:
-    meta = {key.lower(): card(part.header, key) for key in _META_CARDS}
-    meta = {k: v for k, v in meta.items() if v != "" and isinstance(v, (str, int, float))}
-    if sky is not None and sky.on_sky:
-        meta |= sky.pointing()
-    return meta
+def _spread(third: ThirdAxis, shape: tuple[int, ...]) -> np.ndarray:
+    return np.broadcast_to(third.values.astype(np.float32), shape)

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...image.sky import table_hdus, tables_of
 from ..axes import cartesian
-from .layout import axis_name, is_place
+from .layout import DEPTH, UNIT, axis_name, is_place
 from .units import fits_name
 
 if TYPE_CHECKING:
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from ...volume import Volume
 
-# The grid's unit, and the depth of the third axis in it if this axis is not a length.
-UNIT, DEPTH = "VOLUNIT", "VOLDEPTH"
+
 # Cards that a WCS header sets itself, or that would contradict it.
 _OF_WCS = {"specsys", "radesys", "equinox", "restfrq", "restfreq", "restwav", "bunit"}
 _LONGEST = 68

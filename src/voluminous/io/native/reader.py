@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import functools
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
-from ...units import parse_unit, unit_name
-from ..contract import FieldChoice, FieldInfo, Reader
+from ..contents import Contents, ContentsReader, StoredField
 from ..hdf5 import created, data_set, holds, is_own, opened, read, text
-from ..names import chosen_fields
 from ..payload import mapped
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
     import h5py
     from astropy.wcs import WCS
 
-    from ...grids.contract import Grid
     from ...volume import Volume
 
 MARK = "voluminous volume"
@@ -44,7 +41,14 @@ _ALIGNMENT = 64
 _PACKED: dict[str, Any] = {"chunks": True, "shuffle": True, "compression": "gzip"}
 
 
-class NativeReader(Reader):
+@dataclass(frozen=True)
+class NativeContents(Contents):
+    """The contents of a file, with the sky coordinates."""
+
+    wcs: WCS | None = None
+
+
+class NativeReader(ContentsReader):
     """HDF5 with the package's mark: any grid, the fields, and metadata."""
 
     name = "voluminous"
@@ -56,23 +60,37 @@ class NativeReader(Reader):
     def matches(self, path: Path, head: bytes) -> bool:
         return holds(path, head, lambda file: text(file.attrs.get("format", "")) == MARK)
 
-    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
-        from ...volume import Volume
-
+    def contents(self, path: Path, **options: Any) -> Contents:
         with opened(path) as file:
-            _check_version(file)
-            volume = Volume(_read_grid(path, _group(file, GRID)))
-            _read_extras(file, volume)
-            group = _group(file, FIELDS)
-            for name, place in chosen_fields({name: name for name in group}, fields).items():
-                volume[name] = _deferred(path, group, place, volume.grid.shape)
-        return volume
+            if (version := file.attrs.get("version")) != VERSION:
+                raise FileFormatError(
+                    f"it is a volume in version {version} of the native format, expected "
+                    f"{VERSION}; a newer voluminous may read it"
+                )
+            group, stored = _group(file, GRID), _group(file, FIELDS)
+            arrays = {name: read(data_set(path, group, name)) for name in group}
+            attributes = {**group.attrs, "unit": text(group.attrs.get("unit", ""))}
+            grid = grid_of(PlainGrid(text(group.attrs.get("type", "")), "", arrays, attributes))
+            fields = []
+            for name in stored:
+                item = data_set(path, stored, name)
+                if item.shape != grid.shape:
+                    raise FileFormatError(
+                        f"{item.name} has shape {item.shape}, expected {grid.shape}, one value per "
+                        "cell of the grid"
+                    )
+                unit, load = (
+                    text(item.attrs.get("units", "")),
+                    functools.partial(_field_values, path, name),
+                )
+                shape, dtype = item.shape, item.dtype
+                fields.append(StoredField(name, name, shape, dtype, unit, load, _is_plain(item)))
+            return NativeContents(fields, lambda _: grid, _meta(file), _wcs(file))
 
-    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        with opened(path) as file:
-            _check_version(file)
-            group = _group(file, FIELDS)
-            return tuple(_info(name, data_set(path, group, name)) for name in group)
+    def finish(self, volume: Volume, contents: Contents) -> None:
+        assert isinstance(contents, NativeContents)
+        if contents.wcs is not None:
+            volume.wcs = contents.wcs
 
     def write(self, volume: Volume, path: Path, *, compress: bool = False) -> None:
         from ...packages import VERSION as SOFTWARE
@@ -82,7 +100,10 @@ class NativeReader(Reader):
         with created(path, **aligned) as (file, sink):
             marks = {"format": MARK, "version": VERSION, "about": ABOUT}
             file.attrs.update({**marks, "written_by": f"voluminous {SOFTWARE}"})
-            _write_grid(file, plain)
+            grid = file.create_group(GRID)
+            grid.attrs.update({"type": plain.type, "order": plain.order, **plain.attributes})
+            for name, values in plain.arrays.items():
+                grid[name] = values
             _write_extras(file, volume)
             group = file.create_group(FIELDS, track_order=True)
             for name in volume.fields:
@@ -94,24 +115,6 @@ class NativeReader(Reader):
                 sink.check()
 
 
-def _info(name: str, item: h5py.Dataset) -> FieldInfo:
-    unit = unit_name(parse_unit(_attribute(item, "units")))
-    return FieldInfo(name, name, item.shape, str(item.dtype), unit)
-
-
-def _check_version(file: h5py.File) -> None:
-    version = file.attrs.get("version")
-    if version != VERSION:
-        raise FileFormatError(
-            f"it is a volume in version {version} of the native format, expected {VERSION}; "
-            "a newer voluminous may read it"
-        )
-
-
-def _attribute(item: h5py.Dataset, name: str) -> str:
-    return text(item.attrs.get(name, ""))
-
-
 def _group(file: h5py.File, name: str) -> h5py.Group:
     import h5py
 
@@ -119,30 +122,6 @@ def _group(file: h5py.File, name: str) -> h5py.Group:
     if not isinstance(item, h5py.Group):
         raise FileFormatError(f"expected a group /{name}")
     return item
-
-
-def _write_grid(file: h5py.File, plain: PlainGrid) -> None:
-    group = file.create_group(GRID)
-    group.attrs.update({"type": plain.type, "order": plain.order, **plain.attributes})
-    for name, values in plain.arrays.items():
-        group[name] = values
-
-
-def _read_grid(path: Path, group: h5py.Group) -> Grid:
-    arrays = {name: read(data_set(path, group, name)) for name in group}
-    attributes = {name: value for name, value in group.attrs.items() if name != "unit"}
-    attributes["unit"] = _attribute(group, "unit")
-    return grid_of(PlainGrid(_attribute(group, "type"), "", arrays, attributes))
-
-
-def _deferred(path: Path, group: h5py.Group, name: str, shape: tuple[int, ...]) -> Deferred:
-    item = data_set(path, group, name)
-    if item.shape != shape:
-        raise FileFormatError(
-            f"{item.name} has shape {item.shape}, expected {shape}, one value per cell of the grid"
-        )
-    load = functools.partial(_field_values, path, name)
-    return Deferred(load, item.dtype, _attribute(item, "units"), _is_plain(item))
 
 
 def _is_plain(item: h5py.Dataset) -> bool:
@@ -175,14 +154,11 @@ def _write_extras(file: h5py.File, volume: Volume) -> None:
             file[f"{TABLES}/{table}/{column}"] = values
 
 
-def _read_extras(file: h5py.File, volume: Volume) -> None:
-    if META in file:
-        meta = json.loads(_text(file, META))
-        if not isinstance(meta, dict):
-            raise FileFormatError(f"/{META} must be a table in JSON, got {meta!r:.40}")
-        volume.meta.update(meta)
-    if SKY in file:
-        volume.wcs = _wcs(_text(file, SKY), file.get(TABLES, {}))
+def _meta(file: h5py.File) -> dict[str, Any]:
+    meta = json.loads(_text(file, META)) if META in file else {}
+    if not isinstance(meta, dict):
+        raise FileFormatError(f"/{META} must be a table in JSON, got {meta!r:.40}")
+    return meta
 
 
 def _text(file: h5py.File, name: str) -> str:
@@ -212,10 +188,13 @@ def _header(wcs: WCS) -> str:
     return str(header.tostring(sep="\n"))
 
 
-def _wcs(header: str, tables: Any) -> WCS:
+def _wcs(file: h5py.File) -> WCS | None:
+    if SKY not in file:
+        return None
     from astropy.io.fits import HDUList, Header, PrimaryHDU
     from astropy.wcs import WCS
 
-    found = {(name, title): values[()] for name in tables for title, values in tables[name].items()}
-    hdus = HDUList([PrimaryHDU(), *table_hdus(found)])
-    return WCS(Header.fromstring(header, sep="\n"), hdus if found else None)
+    tables = file.get(TABLES, {})
+    values = {(name, title): item[()] for name in tables for title, item in tables[name].items()}
+    hdus = HDUList([PrimaryHDU(), *table_hdus(values)])
+    return WCS(Header.fromstring(_text(file, SKY), sep="\n"), hdus if values else None)

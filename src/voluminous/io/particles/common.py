@@ -5,22 +5,22 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import parse_unit, unit_of
 from ..axes import round_unit
-from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
-from ..names import chosen_fields, field_name
+from ..contents import Contents, ContentsReader, StoredField
+from ..contract import FieldInfo
+from ..names import field_name
 
 if TYPE_CHECKING:
+    from ...grids.contract import Grid
     from ...particles import Deposit
-    from ...volume import Volume
 
 OPTIONS = {
     "unit": "unit of length of the grid; by default one in which the domain has a handy size",
@@ -41,23 +41,15 @@ _SINGULAR = {
 }
 
 
-@dataclass(frozen=True)
-class ParticleColumn:
-    """One scalar per particle."""
-
-    info: FieldInfo
-    load: Callable[[], np.ndarray]  # returns the values of all particles, shape (n,), in `unit`
-
-
 class ParticleFile:
-    """The particles in a file. Without code units, values are dimensionless."""
+    """The particles in a file. Without code units, values are dimensionless.
 
-    density: FieldInfo  # the density field made from the masses; its place is that of the masses
+    The first of `fields` is the density, made from the masses at its place; the others load one
+    number for each particle.
+    """
+
+    fields: list[StoredField]
     meta: dict[str, Any]
-
-    def columns(self) -> list[ParticleColumn]:
-        """Return the columns that can become fields."""
-        raise NotImplementedError
 
     def points(self) -> Any:
         """Return positions, shape (n, 3); a Quantity if the code units are given."""
@@ -75,7 +67,7 @@ class ParticleFile:
         return {}
 
 
-class ParticleReader(Reader):
+class ParticleReader(ContentsReader):
     """Base of particle readers: `particles` opens the file with the options named in `opening`."""
 
     opening: tuple[str, ...] = ()
@@ -83,61 +75,43 @@ class ParticleReader(Reader):
     def particles(self, path: Path, **options: Any) -> ParticleFile:
         raise NotImplementedError
 
-    def read(
-        self,
-        path: Path,
-        fields: FieldChoice = None,
-        *,
-        empty: float = 0.0,
-        unit: UnitLike = None,
-        **options: Any,
-    ) -> Volume:
-        from ...volume import Volume
+    def contents(self, path: Path, **options: Any) -> Contents:
+        unit, empty = options.pop("unit", None), float(options.pop("empty", 0.0))
+        file = self.particles(path, **{n: options.pop(n) for n in self.opening if n in options})
+        on_grid = functools.cache(lambda: _deposit(file, parse_unit(unit), options))
+        meta: dict[str, Any] = {}
 
-        opening, placing = _split(options, self.opening)
-        found = self.particles(path, **opening)
-        columns = {c.info.place: c for c in found.columns()}
-        names = {found.density.place: "density"} | {p: c.info.name for p, c in columns.items()}
-        chosen = chosen_fields(names, fields)
-        on_grid = _deposit(found, parse_unit(unit), placing)
-        volume = Volume(on_grid.grid)
-        volume.meta.update({"particles": len(on_grid.mass)} | found.meta)
-        for name, place in chosen.items():
-            if place == found.density.place:
-                volume[name] = Deferred(on_grid.density, np.float64, found.density.unit)
-            else:
-                column = columns[place]
-                load = functools.partial(_mean, on_grid, column, float(empty))
-                volume[name] = Deferred(load, np.float64, column.info.unit)
-        return volume
+        def mean(values: Callable[[], np.ndarray]) -> np.ndarray:
+            return on_grid().means(values(), empty=empty)[0]
+
+        def grid(chosen: Any) -> Grid:
+            meta.update({"particles": len(on_grid().mass)} | file.meta)
+            return on_grid().grid
+
+        loads: list[Callable[[], np.ndarray]] = [lambda: on_grid().density()]
+        loads += [functools.partial(mean, column.load) for column in file.fields[1:]]
+        fields = [
+            replace(f, dtype=np.dtype("f8"), load=load)
+            for f, load in zip(file.fields, loads, strict=True)
+        ]
+        return Contents(fields, grid, meta)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        found = self.particles(path, **_split(options, self.opening)[0])
-        return (found.density, *(column.info for column in found.columns()))
+        opening = {name: options[name] for name in self.opening if name in options}
+        return tuple(f.info for f in self.particles(path, **opening).fields)
 
 
-def _split(
-    options: Mapping[str, Any], names: tuple[str, ...]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    inside = {name: value for name, value in options.items() if name in names}
-    return inside, {name: value for name, value in options.items() if name not in names}
-
-
-def _deposit(found: ParticleFile, unit: Any, placing: dict[str, Any]) -> Deposit:
+def _deposit(file: ParticleFile, unit: Any, placing: dict[str, Any]) -> Deposit:
     from ...particles import deposit, particles
 
-    points, sizes, masses = found.points(), found.sizes(), found.masses()
+    points, sizes, masses = file.points(), file.sizes(), file.masses()
     if placing.get("bounds") is None:
-        placing = placing | found.domain(points, sizes)
+        placing = placing | file.domain(points, sizes)
     if unit_of(points) is not None:
         unit = round_unit(np.ptp(points, axis=0).max()) if unit is None else unit
         points = points.to(unit)
         masses = masses.to(parse_unit(DENSITY_UNIT) * unit**3)
     return deposit(particles(points, masses, unit), **sizes, **placing)
-
-
-def _mean(on_grid: Deposit, column: ParticleColumn, empty: float) -> np.ndarray:
-    return on_grid.means(column.load(), empty=empty)[0]
 
 
 def with_unit(values: np.ndarray, unit: str) -> Any:

@@ -6,25 +6,24 @@ import functools
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
-from ..contract import FieldInfo
-from ..hdf5 import MAGIC, data_set, data_sets, holds, opened, read
+from ..contents import StoredField
+from ..hdf5 import MAGIC, data_set, data_sets, holds, opened, read, text
 from ..payload import inside
 from .common import (
     DENSITY_UNIT,
     OPTIONS,
-    ParticleColumn,
     ParticleFile,
     ParticleReader,
     common_name,
     number,
     with_unit,
 )
-from .gadget_units import read_header
+from .gadget_units import GadgetHeader
 
 if TYPE_CHECKING:
     import h5py
@@ -80,49 +79,59 @@ class GadgetReader(ParticleReader):
         return GadgetSnapshot(path, **options)
 
 
-class GadgetItem(NamedTuple):
-    """A data set, concatenated over all files."""
-
-    shape: tuple[int, ...]
-    dtype: Any
-    attributes: dict[str, Any]
-
-
 class GadgetSnapshot(ParticleFile):
     """The particles of one type in a file, several files, or a directory of files."""
 
-    def __init__(
-        self,
-        path: Path,
-        particle_type: Any = 0,
-        length_unit: Any = None,
-        mass_unit: Any = None,
-        velocity_unit: Any = None,
-    ) -> None:
+    def __init__(self, path: Path, particle_type: Any = 0, **units: Any) -> None:
         path = _first_file(path)
+        kind = TYPES.get(particle_type, particle_type)
+        self.group, self.kind = f"PartType{kind}", int(kind) if str(kind).isdigit() else -1
         with opened(path) as file:
-            self.header = read_header(file, (length_unit, mass_unit, velocity_unit))
+            self.header = GadgetHeader(file, units)
             count = number(file["Header"].attrs, "NumFilesPerSnapshot") or 1
             self.kernel = _kernel(file)  # name, and support radius in the file's lengths
-            kind = TYPES.get(particle_type, particle_type)
-            self.group, types = f"PartType{kind}", [k for k in file if k.startswith("PartType")]
-        self.kind = int(kind) if str(kind).isdigit() else -1
-        self.files: list[tuple[Path, int]] = []
+            types = {k for k in file if k.startswith("PartType")}
+        self.files: list[tuple[Path, int]] = []  # with their numbers of particles
         for piece in _files_of(path, int(count)):
-            self._add(piece)
+            if size := self._size_of(piece):
+                self.files.append((piece, size))
         if not self.files:
             raise unknown_name("particle type", str(particle_type), {*types, *TYPES} - {self.group})
         self.size = sum(count for _, count in self.files)
         self.data: dict[str, str] = {}  # common name -> name of the data set
-        self.items: dict[str, GadgetItem] = {}
-        left_out = self._describe()
+        self.attributes: dict[str, dict[str, Any]] = {}
+        columns: list[StoredField] = []
+        places: dict[str, tuple[str, tuple[int, ...], np.dtype]] = {}
+        path, count = self.files[0]
+        with opened(path) as file:
+            items, left_out = data_sets(path, file[self.group])
+            for name, item in items.items():
+                common, shape = common_name(name), (self.size, *item.shape[1:])
+                if common in (*_NO_FIELDS, "smoothing_length"):
+                    self._check_length(name, item.shape, count)
+                elif (
+                    item.shape[:1] != (count,)
+                    or item.ndim > 2
+                    or max(shape[1:], default=1) > _WIDEST
+                ):
+                    left_out[name] = f"shape {item.shape}, columns are at most {_WIDEST}"
+                    continue
+                self.data[common], self.attributes[common] = name, dict(item.attrs)
+                places[common] = f"{self.group}/{name}", shape, item.dtype
+        for common, place in places.items():
+            if common not in _NO_FIELDS and not _IDENTITY.search(self.data[common]):
+                columns += self._columns_of(common, *place)
+        of_masses = "Header/MassTable", self.header.masses.shape, np.dtype("f8")
+        place = places.get("density", places.get("mass", of_masses))
+        unit = DENSITY_UNIT if self.header.known else ""
+        self.fields = [StoredField("density", *place, unit, self.masses), *columns]
         self.meta = self.header.meta | ({"left_out": left_out} if left_out else {})
-        self.density = self._density()
 
-    def _add(self, path: Path) -> None:
+    def _size_of(self, path: Path) -> int:
+        """Return the number of particles in a file."""
         with opened(path) as file:
             if self.group not in file or "Coordinates" not in file[self.group]:
-                return
+                return 0
             shape = data_set(path, file[self.group], "Coordinates").shape
             counts = np.ravel(file["Header"].attrs.get("NumPart_ThisFile", []))
         if len(shape) != 2 or shape[1] != 3:
@@ -132,26 +141,27 @@ class GadgetSnapshot(ParticleFile):
                 f"{path.name}: Header/NumPart_ThisFile tells of {counts[self.kind]} particles, but "
                 f"{self.group}/Coordinates has {shape[0]}"
             )
-        if shape[0]:
-            self.files.append((path, shape[0]))
+        return int(shape[0])
 
-    def _describe(self) -> dict[str, str]:
-        """Register all data sets; return the reasons why the others cannot be fields."""
-        path, count = self.files[0]
-        with opened(path) as file:
-            found, left_out = data_sets(path, file[self.group])
-            for name, item in found.items():
-                common = common_name(name)
-                rows, *width = item.shape or (0,)
-                if common in (*_NO_FIELDS, "smoothing_length"):
-                    self._check_length(name, item.shape, count)
-                elif rows != count or len(width) > 1 or max(width, default=1) > _WIDEST:
-                    left_out[name] = f"shape {item.shape}, columns are at most {_WIDEST}"
-                    continue
-                self.data[common] = name
-                shape = (self.size, *item.shape[1:])
-                self.items[name] = GadgetItem(shape, item.dtype, dict(item.attrs))
-        return left_out
+    def _columns_of(
+        self, common: str, place: str, shape: tuple[int, ...], dtype: np.dtype
+    ) -> list[StoredField]:
+        factor, unit = self.header.of(common, self.attributes[common])
+        load = functools.partial(self._values, common, factor)
+        if len(shape) == 1:
+            return [StoredField(common, place, shape, dtype, unit, load)]
+        endings = "xyz" if shape[1] == 3 else map(str, range(shape[1]))
+        return [
+            StoredField(
+                f"{common}_{ending}",
+                f"{place}[{k}]",
+                shape,
+                dtype,
+                unit,
+                functools.partial(load, k),
+            )
+            for k, ending in enumerate(endings)
+        ]
 
     def _check_length(self, name: str, shape: tuple[int, ...], count: int) -> None:
         if not shape or shape[0] != count:
@@ -160,19 +170,9 @@ class GadgetSnapshot(ParticleFile):
                 "particles"
             )
 
-    def _density(self) -> FieldInfo:
-        unit = DENSITY_UNIT if self.header.units.known else ""
-        for common in ("density", "mass"):
-            if common in self.data:
-                name = self.data[common]
-                shape, dtype = self.items[name].shape, str(self.items[name].dtype)
-                return FieldInfo("density", f"{self.group}/{name}", shape, dtype, unit)
-        shape = self.header.masses.shape
-        return FieldInfo("density", "Header/MassTable", shape, "float64", unit)
-
-    def _values(self, name: str, factor: float = 1.0, column: int | None = None) -> np.ndarray:
+    def _values(self, common: str, factor: float, column: int | None = None) -> np.ndarray:
         """Return a data set (or one of its columns) of all files times a factor, as float64."""
-        parts = []
+        name, parts = self.data[common], []
         for path, count in self.files:
             with opened(path) as file:
                 item = data_set(path, file[self.group], name)
@@ -181,9 +181,8 @@ class GadgetSnapshot(ParticleFile):
         return np.concatenate(parts).astype(np.float64) * factor
 
     def _scaled(self, common: str) -> Any:
-        name = self.data[common]
-        factor, unit = self.header.units.of(common, self.items[name].attributes)
-        return with_unit(self._values(name, factor), unit)
+        factor, unit = self.header.of(common, self.attributes[common])
+        return with_unit(self._values(common, factor), unit)
 
     def points(self) -> Any:
         return self._scaled("coordinates")
@@ -194,7 +193,7 @@ class GadgetSnapshot(ParticleFile):
         same = self.header.masses[self.kind] if self.kind < len(self.header.masses) else 0.0
         if not same > 0:
             raise FileFormatError(f"there are neither {self.group}/Masses nor one in the MassTable")
-        factor, unit = self.header.units.of("mass", {})
+        factor, unit = self.header.of("mass", {})
         return with_unit(np.full(self.size, same * factor), unit)
 
     def sizes(self) -> dict[str, Any]:
@@ -204,49 +203,26 @@ class GadgetSnapshot(ParticleFile):
             name, radius = self.kernel
             h = self._scaled("smoothing_length") * (radius / get_kernel(name).support)
             return {"smoothing_length": h, "kernel": name}
-        for common in ("volume", "density"):
-            if common in self.data:
-                return {common: self._scaled(common)}
-        return {}
+        known = (common for common in ("volume", "density") if common in self.data)
+        return {common: self._scaled(common) for common in list(known)[:1]}
 
     def domain(self, points: Any, sizes: Mapping[str, Any]) -> dict[str, Any]:
         if self.header.box is None:
             return {}
-        attributes = self.items[self.data["coordinates"]].attributes
-        factor, unit = self.header.units.of("coordinates", attributes)
+        factor, unit = self.header.of("coordinates", self.attributes["coordinates"])
         box = with_unit(self.header.box * factor, unit)
         fitting = bool(((points >= 0 * box) & (points <= box)).all())
         if not fitting or not (self.header.periodic or {"volume", "density"} & sizes.keys()):
             return {}
         return {"bounds": [[0 * b, b] for b in box], "periodic": self.header.periodic}
 
-    def columns(self) -> list[ParticleColumn]:
-        found: list[ParticleColumn] = []
-        for common, name in self.data.items():
-            if common not in _NO_FIELDS and not _IDENTITY.search(name):
-                found += self._columns_of(common, name, self.items[name])
-        return found
-
-    def _columns_of(self, common: str, name: str, item: GadgetItem) -> list[ParticleColumn]:
-        factor, unit = self.header.units.of(common, item.attributes)
-        width = item.shape[1] if len(item.shape) == 2 else 0
-        columns = [None] if len(item.shape) == 1 else list(range(width))
-        endings = "xyz" if width == 3 else [str(k) for k in columns]
-        found = []
-        for k in columns:
-            field = common if k is None else f"{common}_{endings[k]}"
-            place = f"{self.group}/{name}" + ("" if k is None else f"[{k}]")
-            info = FieldInfo(field, place, item.shape, str(item.dtype), unit)
-            found.append(ParticleColumn(info, functools.partial(self._values, name, factor, k)))
-        return found
-
 
 def _first_file(path: Path) -> Path:
     """Return the first file of a snapshot directory; a file is returned unchanged."""
     if not path.is_dir():
         return path
-    found = [*path.glob("*.0.hdf5"), *path.glob("*.0.h5")]
-    return found[0] if len(found) == 1 else path
+    first = [*path.glob("*.0.hdf5"), *path.glob("*.0.h5")]
+    return first[0] if len(first) == 1 else path
 
 
 def _files_of(path: Path, count: int) -> list[Path]:
@@ -261,6 +237,5 @@ def _files_of(path: Path, count: int) -> list[Path]:
 
 def _kernel(file: h5py.File) -> tuple[str, float]:
     scheme = file["HydroScheme"].attrs if "HydroScheme" in file else {}
-    value = np.ravel(scheme.get("Kernel function", b""))[0]
-    text = (value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)).lower()
-    return next((found for word, found in _SWIFT.items() if word in text), _GADGET)
+    name = text(scheme.get("Kernel function", b"")).lower()
+    return next((kernel for word, kernel in _SWIFT.items() if word in name), _GADGET)

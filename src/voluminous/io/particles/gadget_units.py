@@ -8,21 +8,19 @@ Astrophys. 6, 2, with the data specifications of IllustrisTNG).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...errors import FileFormatError, UnitsError
-from ...units import is_quantity, parse_unit, unit_name
+from ...units import is_quantity, parse_unit
 from .common import number
 
 if TYPE_CHECKING:
     import h5py
 
 
-@dataclass(frozen=True)
-class Dimension:
+class Dimension(NamedTuple):
     """Dimension of a data set: powers of mass, length, velocity, a and h, and the output unit."""
 
     mass: float = 0
@@ -49,172 +47,125 @@ _KNOWN = {
 }
 # In these units regardless of the code's units.
 _FIXED = {"temperature": "K", "star_formation_rate": "solMass / yr"}
+# Attributes of a data set with its dimension, in AREPO and in SWIFT.
+_SCALING = ("mass_scaling", "length_scaling", "velocity_scaling", "a_scaling", "h_scaling")
 _EXPONENTS = ("U_M exponent", "U_L exponent", "U_t exponent")
+# Attributes of the header with the code units in SWIFT, and in other codes; and their cgs units.
+_UNITS = {
+    "mass": (("Unit mass in cgs (U_M)", "UnitMass_in_g", "UnitMass_In_CGS"), "g"),
+    "length": (("Unit length in cgs (U_L)", "UnitLength_in_cm", "UnitLength_In_CGS"), "cm"),
+    "velocity": (("UnitVelocity_in_cm_per_s", "UnitVelocity_In_CGS"), "cm / s"),
+}
+_TIME = "Unit time in cgs (U_t)"
 
 
-@dataclass(frozen=True)
-class GadgetUnits:
-    """The code units in cgs (None if the file omits them), a and h (1 without cosmology)."""
+class GadgetHeader:
+    """The header of an open file; units given by the user take precedence.
 
-    length: float | None = None
-    mass: float | None = None
-    velocity: float | None = None
-    a: float = 1.0
-    h: float = 1.0
+    Attributes
+    ----------
+    units : dict of float or None
+        The code units of mass, length and velocity in cgs; None if the file omits them.
+    a, h : float
+        1 without cosmology.
+    box : array or None
+        Box widths in the code's unit; the box begins at 0.
+    periodic : bool
+    meta : dict
+        Time or redshift.
+    masses : array
+        Particle mass of each type, 0 if masses are stored per particle.
+    """
 
-    @property
-    def known(self) -> bool:
-        return None not in (self.length, self.mass, self.velocity)
+    def __init__(self, file: h5py.File, given: Mapping[str, Any]) -> None:
+        def attributes(group: str) -> dict[str, Any]:
+            return dict(file[group].attrs) if group in file else {}
+
+        header = attributes("Header")
+        attrs = attributes("Parameters") | header | attributes("Units")
+        redshift, time = number(attrs, "Redshift"), number(attrs, "Time")
+        flag = number(attrs | attributes("Cosmology"), "ComovingIntegrationOn", "Cosmological run")
+        cosmological = bool(flag)
+        if flag is None and number(attrs, "Omega0", "Omega_Matter"):  # is time the scale factor?
+            known = time is not None and redshift is not None
+            cosmological = known and abs((time or 0) * (1 + (redshift or 0)) - 1) < 1e-3
+        z = (redshift or 0.0) if cosmological else 0.0
+        h = number(attrs, "HubbleParam") if cosmological else None
+        if not z > -1 or not (h is None or h > 0):
+            raise FileFormatError(f"HubbleParam {h} or Redshift {z} is impossible")
+        self.a, self.h = 1 / (1 + z), h or 1.0
+        self.units = _code_units(attrs, given)
+        self.known = None not in self.units.values()
+        size = np.ravel(attrs.get("BoxSize", 0.0))
+        if size.dtype.kind not in "fiu" or size.size not in (1, 3):
+            raise FileFormatError(f"BoxSize must be one or three numbers, got {attrs['BoxSize']!r}")
+        box = np.broadcast_to(size.astype(np.float64), (3,))
+        self.box = box if np.isfinite(box).all() and (box > 0).all() else None
+        periodic = number(attrs, "PeriodicBoundariesOn")
+        self.periodic = cosmological if periodic is None else bool(periodic)
+        self.masses = np.ravel(header.get("MassTable", np.zeros(0))).astype(np.float64)
+        self.meta: dict[str, Any] = {}
+        length, velocity = self.units["length"], self.units["velocity"]
+        if cosmological:
+            self.meta = {"redshift": z, "scale_factor": self.a}
+        elif time is not None and length is not None and velocity is not None:
+            self.meta = {"time": time * length / velocity, "time_unit": "s"}
+        elif time is not None:
+            self.meta = {"time": time}
 
     def of(self, name: str, attributes: Mapping[str, Any]) -> tuple[float, str]:
         """Return (factor, unit): factor converts a data set, given by its common name, to unit."""
         if not self.known:
             return 1.0, ""
         if name in _FIXED and not set(_EXPONENTS) <= set(attributes):
-            return 1.0, unit_name(parse_unit(_FIXED[name]))
-        dimension = _dimension_of(name, attributes)
-        return self._factor(dimension), unit_name(parse_unit(dimension.unit))
-
-    def _factor(self, d: Dimension) -> float:
+            return 1.0, _FIXED[name]
         from astropy import units as u
 
-        bases = (self.mass, self.length, self.velocity, self.a, self.h)
-        powers = (d.mass, d.length, d.velocity, d.a, d.h)
-        value = float(np.exp(np.dot(powers, np.log(np.array(bases, np.float64)))))
-        if d.unit in ("", "G"):
-            return value if d.unit else 1.0
-        cgs = u.g**d.mass * u.cm**d.length * (u.cm / u.s) ** d.velocity
-        return value * float(cgs.to(u.Unit(d.unit)))
+        *powers, unit = _dimension_of(name, attributes)
+        bases = np.array([*self.units.values(), self.a, self.h], np.float64)
+        factor = float(np.exp(np.dot(powers, np.log(bases))))
+        if unit in ("", "G"):
+            return factor if unit else 1.0, unit
+        mass, length, velocity = powers[:3]
+        cgs = u.g**mass * u.cm**length * (u.cm / u.s) ** velocity
+        return factor * float(cgs.to(unit)), unit
 
 
 def _dimension_of(name: str, attributes: Mapping[str, Any]) -> Dimension:
     """Return a data set's dimension, from its name or else from AREPO's or SWIFT's attributes."""
-    given = _scaling(attributes)
-    if name in _KNOWN:
-        known = _KNOWN[name]
-        return known if given is None else replace(known, a=given.a, h=given.h)
-    return given or Dimension()
-
-
-def _scaling(attributes: Mapping[str, Any]) -> Dimension | None:
     if "a_scaling" in attributes:
-        names = ("mass_scaling", "length_scaling", "velocity_scaling", "a_scaling", "h_scaling")
-        mass, length, velocity, a, h = (number(attributes, name) or 0.0 for name in names)
+        mass, length, velocity, a, h = (number(attributes, key) or 0.0 for key in _SCALING)
     elif set(_EXPONENTS) <= set(attributes):
-        mass, length, time = (number(attributes, name) or 0.0 for name in _EXPONENTS)
+        mass, length, time = (number(attributes, key) or 0.0 for key in _EXPONENTS)
         length, velocity = length + time, -time
-        a = number(attributes, "a-scale exponent") or 0.0
-        h = number(attributes, "h-scale exponent") or 0.0
+        a, h = (number(attributes, f"{key}-scale exponent") or 0.0 for key in "ah")
     else:
-        return None
-    return Dimension(mass, length, velocity, a, h, _composed(mass, length, velocity))
-
-
-def _composed(mass: float, length: float, velocity: float) -> str:
+        return _KNOWN.get(name, Dimension())
+    if name in _KNOWN:
+        return _KNOWN[name]._replace(a=a, h=h)
     from astropy import units as u
 
     unit = u.g**mass * u.cm ** (length + velocity) * u.s**-velocity
-    return "" if unit == u.dimensionless_unscaled else str(unit)
+    text = "" if unit == u.dimensionless_unscaled else str(unit)
+    return Dimension(mass, length, velocity, a, h, text)
 
 
-# Attributes with the code units in SWIFT, and in other codes.
-_UNITS = {
-    "length": ("Unit length in cgs (U_L)", "UnitLength_in_cm", "UnitLength_In_CGS"),
-    "mass": ("Unit mass in cgs (U_M)", "UnitMass_in_g", "UnitMass_In_CGS"),
-    "velocity": ("", "UnitVelocity_in_cm_per_s", "UnitVelocity_In_CGS"),
-}
-_TIME = "Unit time in cgs (U_t)"
-_CGS = {"length": "cm", "mass": "g", "velocity": "cm / s"}
-
-
-@dataclass(frozen=True)
-class GadgetHeader:
-    """The contents of the header."""
-
-    units: GadgetUnits
-    box: np.ndarray | None  # box widths, in the code's unit; the box begins at 0
-    periodic: bool
-    meta: dict[str, Any]  # time or redshift
-    masses: np.ndarray  # particle mass of each type, 0 if masses are stored per particle
-
-
-def read_header(file: h5py.File, given: tuple[Any, Any, Any]) -> GadgetHeader:
-    """Return the header of an open file; units given by the user take precedence."""
-    header = _attributes(file, "Header")
-    attrs = _attributes(file, "Parameters") | header | _attributes(file, "Units")
-    cosmological = _is_cosmological(file, attrs)
-    redshift = number(attrs, "Redshift") or 0.0
-    units = _units(attrs, given, 1 / (1 + redshift) if cosmological else 1.0, cosmological)
-    masses = np.ravel(header.get("MassTable", np.zeros(0))).astype(np.float64)
-    periodic = number(attrs, "PeriodicBoundariesOn")
-    return GadgetHeader(
-        units,
-        _box(attrs),
-        cosmological if periodic is None else bool(periodic),
-        _meta(attrs, units, redshift if cosmological else None),
-        masses,
-    )
-
-
-def _attributes(file: h5py.File, group: str) -> dict[str, Any]:
-    return dict(file[group].attrs) if group in file else {}
-
-
-def _is_cosmological(file: h5py.File, attrs: dict[str, Any]) -> bool:
-    """Return True if lengths are comoving; without a flag, if time is the scale factor."""
-    swift = _attributes(file, "Cosmology")
-    flag = number(attrs | swift, "ComovingIntegrationOn", "Cosmological run")
-    if flag is not None:
-        return bool(flag)
-    matter, time = number(attrs, "Omega0", "Omega_Matter"), number(attrs, "Time")
-    redshift = number(attrs, "Redshift")
-    if not matter or time is None or redshift is None:
-        return False
-    return abs(time * (1 + redshift) - 1) < 1e-3
-
-
-def _units(
-    attrs: dict[str, Any], given: tuple[Any, Any, Any], a: float, cosmological: bool
-) -> GadgetUnits:
-    found = {kind: number(attrs, *(n for n in names if n)) for kind, names in _UNITS.items()}
-    time = number(attrs, _TIME)
-    if found["length"] and time:
-        found["velocity"] = found["length"] / time
-    for kind, unit in zip(_UNITS, given, strict=True):
-        found[kind] = found[kind] if unit is None else _size(unit, kind)
-    for kind, size in found.items():
-        if size is not None and not size > 0:
-            raise FileFormatError(f"the code's unit of {kind} must be positive, got {size}")
-    h = number(attrs, "HubbleParam") if cosmological else None
-    if not a > 0 or not (h is None or h > 0):
-        raise FileFormatError(f"HubbleParam {h} or Redshift {1 / a - 1 if a else a} is impossible")
-    return GadgetUnits(**found, a=a, h=h or 1.0)
-
-
-def _size(unit: Any, kind: str) -> float:
+def _code_units(attrs: dict[str, Any], given: Mapping[str, Any]) -> dict[str, float | None]:
     from astropy import units as u
 
-    size = unit if is_quantity(unit) else u.Quantity(1.0, parse_unit(unit))
-    try:
-        return float(size.to(_CGS[kind]).value)
-    except u.UnitConversionError as error:
-        raise UnitsError(f"{kind}_unit {unit} is no unit of {kind}") from error
-
-
-def _box(attrs: dict[str, Any]) -> np.ndarray | None:
-    size = np.ravel(attrs.get("BoxSize", 0.0))
-    if size.dtype.kind not in "fiu" or size.size not in (1, 3):
-        raise FileFormatError(f"BoxSize must be one or three numbers, got {attrs['BoxSize']!r}")
-    box = np.broadcast_to(size.astype(np.float64), (3,))
-    return box if np.isfinite(box).all() and (box > 0).all() else None
-
-
-def _meta(attrs: dict[str, Any], units: GadgetUnits, redshift: float | None) -> dict[str, Any]:
-    if redshift is not None:
-        return {"redshift": redshift, "scale_factor": units.a}
-    time = number(attrs, "Time")
-    if time is None:
-        return {}
-    if units.length is None or units.velocity is None:
-        return {"time": time}
-    return {"time": time * units.length / units.velocity, "time_unit": "s"}
+    sizes = {kind: number(attrs, *names) for kind, (names, _) in _UNITS.items()}
+    time = number(attrs, _TIME)
+    if sizes["length"] and time:
+        sizes["velocity"] = sizes["length"] / time
+    for kind, (_, cgs) in _UNITS.items():
+        unit = given.get(f"{kind}_unit")
+        if unit is not None:
+            size = unit if is_quantity(unit) else u.Quantity(1.0, parse_unit(unit))
+            try:
+                sizes[kind] = float(size.to(cgs).value)
+            except u.UnitConversionError as error:
+                raise UnitsError(f"{kind}_unit {unit} is no unit of {kind}") from error
+        known = sizes[kind]
+        if known is not None and not known > 0:
+            raise FileFormatError(f"the code's unit of {kind} must be positive, got {known}")
+    return sizes

@@ -6,9 +6,8 @@ file format"), and by Price et al. (2018, PASA 35, e031).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,23 +21,15 @@ _TAG = 16
 _KINDS = 8
 _MOST_ARRAYS = 1 << 12
 
-
-@dataclass(frozen=True)
-class DumpArray:
-    """An array in the file: offset, type and number of values."""
-
-    offset: int
-    dtype: np.dtype
-    count: int
+Arrays = dict[str, np.ndarray]
 
 
-@dataclass(frozen=True)
-class PhantomDump:
-    """The contents of a dump."""
+class PhantomDump(NamedTuple):
+    """The contents of a dump, by tag; arrays are mapped."""
 
-    header: dict[str, np.ndarray]  # all header numbers by tag
-    particles: dict[str, DumpArray]
-    sinks: dict[str, DumpArray]
+    header: Arrays
+    particles: Arrays
+    sinks: Arrays
 
 
 def byte_order(head: bytes) -> str | None:
@@ -52,144 +43,115 @@ def byte_order(head: bytes) -> str | None:
     return None
 
 
-def read_dump(path: Path) -> PhantomDump:
-    """Return the contents of a tagged one-block dump, without particle values."""
-    with open(path, "rb") as file:
-        records = _Records(file, path.stat().st_size)
-        order = byte_order(records.start)
+class _Records:
+    """Fortran records of a file: a four-byte length precedes and follows each."""
+
+    def __init__(self, path: Path) -> None:
+        self.bytes, self.place = np.memmap(path, np.uint8, "r"), 0
+        order = byte_order(self.bytes[:16].tobytes())
         if order is None:
             raise FileFormatError("expected a dump of Phantom; its first record is another")
-        records.order = order
-        types = _types(records)
-        identity = records.read().decode("latin-1").strip()
-        if len(identity) < 2 or identity[1] != "T":
-            raise FileFormatError(
-                f"it is of the format without tags ({identity[:20]!r}); convert it with a newer "
-                "Phantom (phantom2… or moddump)"
-            )
-        return _blocks(records, types, _header(records, types))
+        self.order = order
 
-
-class _Records:
-    """Fortran records: a four-byte length precedes and follows each."""
-
-    def __init__(self, file: IO[bytes], size: int) -> None:
-        self.file, self.size, self.order = file, size, "<"
-        self.start = file.read(16)
-        file.seek(0)
-
-    def skip(self) -> tuple[int, int]:
-        place = self.file.tell()
-        length = self._marker(place)
+    def read(self) -> np.ndarray:
+        """Return the bytes of the next record."""
+        first, length = self.place + 4, self._mark(self.place)
         if length < 0:
-            raise FileFormatError(f"the record at byte {place} has parts: more than 2 GiB")
-        if place + length + 8 > self.size:
+            raise FileFormatError(f"the record at byte {self.place} has parts: more than 2 GiB")
+        if self._mark(first + length) != length:
+            raise FileFormatError(f"the record at byte {self.place} does not end as it begins")
+        self.place = first + length + 4
+        return self.bytes[first : first + length]
+
+    def _mark(self, place: int) -> int:
+        mark = self.bytes[place : place + 4]
+        if len(mark) < 4:
             raise FileFormatError(
-                f"it is cut short: {self.size} bytes, but a record of {length} begins at {place}"
+                f"it is cut short: {len(self.bytes)} bytes, but a record of length should be at "
+                f"byte {place}"
             )
-        self.file.seek(place + 4 + length)
-        if self._marker(place + 4 + length) != length:
-            raise FileFormatError(f"the record at byte {place} does not end as it begins")
-        return place + 4, length
+        return int(mark.view(f"{self.order}i4")[0])
 
-    def _marker(self, place: int) -> int:
-        raw = self.file.read(4)
-        if len(raw) < 4:
-            raise FileFormatError(f"it is cut short: a record should be at byte {place}")
-        return int(np.frombuffer(raw, f"{self.order}i4")[0])
-
-    def read(self) -> bytes:
-        place, length = self.skip()
-        end = self.file.tell()
-        self.file.seek(place)
-        content = self.file.read(length)
-        self.file.seek(end)
-        return content
-
-    def numbers(self, dtype: Any, count: int) -> np.ndarray:
-        content = self.read()
-        if len(content) != count * np.dtype(dtype).itemsize:
+    def numbers(self, dtype: Any, count: int, what: str = "") -> np.ndarray:
+        content, dtype = self.read(), np.dtype(dtype)
+        if len(content) != count * dtype.itemsize:
             raise FileFormatError(
-                f"expected a record of {count} {dtype} before byte {self.file.tell()}, got "
+                f"expected a record {what}of {count} {dtype} before byte {self.place}, got "
                 f"{len(content)} bytes"
             )
-        return np.frombuffer(content, dtype)
+        return content.view(dtype)
 
     def tags(self, count: int) -> list[str]:
-        letters = self.numbers("S1", count * _TAG).tobytes().decode("latin-1")
-        return [letters[k * _TAG : (k + 1) * _TAG].strip() for k in range(count)]
+        letters = self.numbers(f"S{_TAG}", count).tolist()
+        return [tag.decode("latin-1").strip() for tag in letters]
 
 
-def _types(records: _Records) -> list[np.dtype]:
-    """Return the number types of the header, in file order."""
-    content = records.read()
-    integer, real = _SIZES[len(content)]
-    order = records.order
-    layout = [("a", integer), ("r", real), ("b", integer), ("v", integer), ("c", integer)]
-    first = np.frombuffer(
-        content, [(n, f"{order}{'f' if n == 'r' else 'i'}{size}") for n, size in layout]
-    )[0]
-    if (first["a"], first["b"], first["c"]) != (_FIRST, _SECOND, _THIRD):
+def read_dump(path: Path) -> PhantomDump:
+    """Return the contents of a tagged one-block dump."""
+    records = _Records(path)
+    types = _types(records)
+    identity = records.read().tobytes().decode("latin-1").strip()
+    if len(identity) < 2 or identity[1] != "T":
         raise FileFormatError(
-            f"expected {_FIRST}, {_SECOND} and {_THIRD} to begin with, got {first}"
+            f"it is of the format without tags ({identity[:20]!r}); convert it with a newer "
+            "Phantom (phantom2… or moddump)"
         )
-    names = (f"i{integer}", "i1", "i2", "i4", "i8", f"f{real}", "f4", "f8")
-    return [np.dtype(f"{order}{name}") for name in names]
-
-
-def _header(records: _Records, types: list[np.dtype]) -> dict[str, np.ndarray]:
-    found: dict[str, list[Any]] = {}
+    numbers: dict[str, list[Any]] = {}
     for dtype in types:
-        (count,) = records.numbers(types[0], 1)
+        (count,) = records.numbers(types[0], 1).tolist()
         if not 0 <= count <= _MOST_ARRAYS:
             raise FileFormatError(f"the header cannot hold {count} numbers of {dtype}")
         if count:
-            tags = records.tags(int(count))
-            for tag, value in zip(tags, records.numbers(dtype, int(count)), strict=True):
-                found.setdefault(tag, []).append(value)
-    return {tag: np.array(values) for tag, values in found.items()}
-
-
-def _blocks(records: _Records, types: list[np.dtype], header: dict[str, np.ndarray]) -> PhantomDump:
-    (groups,) = records.numbers(types[0], 1)
-    blocks = int(header.get("nblocks", np.ones(1))[0])
-    if blocks != 1:
+            tags = records.tags(count)
+            for tag, value in zip(tags, records.numbers(dtype, count), strict=True):
+                numbers.setdefault(tag, []).append(value)
+    header = {tag: np.array(values) for tag, values in numbers.items()}
+    (groups,) = records.numbers(types[0], 1).tolist()
+    if (blocks := int(header.get("nblocks", np.ones(1))[0])) != 1:
         raise FileFormatError(
             f"it is in {blocks} blocks, one for each MPI task; write it with a single one"
         )
     if not 1 <= groups <= _KINDS:
         raise FileFormatError(f"expected 1 to {_KINDS} groups of arrays, got {groups}")
-    sizes = [_group(records) for _ in range(int(groups))]
-    found = [_arrays(records, types, count, numbers) for count, numbers in sizes]
-    count = sizes[0][0]
-    particles = dict(found[0])
+    sizes = [_group(records) for _ in range(groups)]
+    arrays = [_arrays(records, types, count, many) for count, many in sizes]
+    particles = arrays[0]
     # Magnetic fields and radiation have separate groups; the second group holds the sinks.
-    for (other, _), arrays in zip(sizes[2:], found[2:], strict=True):
-        particles |= arrays if other == count else {}
-    return PhantomDump(header, particles, found[1] if len(found) > 1 else {})
+    for (count, _), more in zip(sizes[2:], arrays[2:], strict=True):
+        particles = particles | more if count == sizes[0][0] else particles
+    return PhantomDump(header, particles, arrays[1] if groups > 1 else {})
 
 
-def _group(records: _Records) -> tuple[int, np.ndarray]:
+def _types(records: _Records) -> list[np.dtype]:
+    """Return the number types of the header, in file order."""
+    content, order = records.read(), records.order
+    integer, real = _SIZES[len(content)]
+    i, r = f"{order}i{integer}", f"{order}f{real}"
+    first = content.view([("a", i), ("r", r), ("b", i), ("version", i), ("c", i)])[0]
+    if (first["a"], first["b"], first["c"]) != (_FIRST, _SECOND, _THIRD):
+        raise FileFormatError(
+            f"expected {_FIRST}, {_SECOND} and {_THIRD} to begin with, got {first}"
+        )
+    return [np.dtype(t) for t in (i, "i1", *(f"{order}{n}" for n in ("i2", "i4", "i8")), r)] + [
+        np.dtype(f"{order}{n}") for n in ("f4", "f8")
+    ]
+
+
+def _group(records: _Records) -> tuple[int, list[int]]:
     """Return the array length of a group, and its number of arrays per type."""
     order = records.order
     (group,) = records.numbers([("count", f"{order}i8"), ("numbers", f"{order}i4", _KINDS)], 1)
-    numbers = group["numbers"]
-    if group["count"] < 0 or (numbers < 0).any() or numbers.sum() > _MOST_ARRAYS:
-        raise FileFormatError(
-            f"a group of {group['count']} numbers, in {numbers} arrays, cannot be"
-        )
-    return int(group["count"]), numbers
+    count, numbers = int(group["count"]), group["numbers"].tolist()
+    if count < 0 or min(numbers) < 0 or sum(numbers) > _MOST_ARRAYS:
+        raise FileFormatError(f"a group of {count} numbers, in {numbers} arrays, cannot be")
+    return count, numbers
 
 
-def _arrays(
-    records: _Records, types: list[np.dtype], count: int, numbers: np.ndarray
-) -> dict[str, DumpArray]:
-    found: dict[str, DumpArray] = {}
+def _arrays(records: _Records, types: list[np.dtype], count: int, numbers: list[int]) -> Arrays:
+    arrays: Arrays = {}
     for dtype, many in zip(types, numbers, strict=True):
-        for _ in range(int(many)):
+        for _ in range(many):
             (tag,) = records.tags(1)
-            offset, length = records.skip()
-            if length != count * dtype.itemsize:
-                raise FileFormatError(f"{tag!r} has {length} bytes, expected {count} of {dtype}")
-            found.setdefault(tag, DumpArray(offset, dtype, count))
-    return found
+            values = records.numbers(dtype, count, f"{tag!r} ")
+            arrays.setdefault(tag, values)
+    return arrays

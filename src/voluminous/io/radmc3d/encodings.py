@@ -1,17 +1,17 @@
 """Readers and writers for RADMC-3D's three file encodings: text, binary and Fortran records.
 
-Integers and reals come in the same order in all three. A file is read sequentially; `planes` then
+Integers and reals come in the same order in all three. A file is read sequentially; `data` then
 returns the cell values, which are read on first use.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,311 +23,107 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 Reals = NDArray[np.float64]
-_REALS = {4: "f4", 8: "f8"}
+Flags = NDArray[np.uint8]
+CUT = "it is cut short: "
 # The byte order is the one in which the format number is small.
 _LARGEST_FORMAT = 1 << 16
-_CUT = "it is cut short: "
 
 
-class EncodedFile:
-    """An input file, opened and closed by a `with` block."""
+class CellData(NamedTuple):
+    """Cell values as consecutive planes."""
+
+    plane: Callable[[int], np.ndarray]
+    dtype: np.dtype = np.dtype(np.float64)
+    mapped: bool = False  # values are not read yet
+
+
+class BinaryFile:
+    """A binary file of either byte order: integers of eight bytes, then reals of four or eight.
+
+    It is opened and closed by a `with` block.
+    """
+
+    order, whole, real = "<", "i8", "f8"
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file = path.open("rb")
-        self._size = os.fstat(self._file.fileno()).st_size
+        self.path, self.size = path, path.stat().st_size
+        self.file = path.open("rb")
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
 
     def format(self, precision: bool) -> int:
         """Return the format number; in files of cell values the precision follows it."""
-        raise NotImplementedError
-
-    def integers(self, count: int, what: str) -> list[int]:
-        """Read `count` integers."""
-        raise NotImplementedError
-
-    def reals(self, count: int, what: str) -> Reals:
-        """Read `count` double-precision numbers."""
-        raise NotImplementedError
-
-    def flags(self, what: str) -> NDArray[np.uint8]:
-        """Read the rest of the file as numbers that are 0 or 1."""
-        raise NotImplementedError
-
-    def end(self) -> None:
-        """Check that the file is read to its end."""
-        raise NotImplementedError
-
-    def width(self, cells: int) -> int:
-        """Return the number of values per cell in the rest of the file; 0 if it is ambiguous."""
-        return 0
-
-    def planes(self, count: int, size: int) -> ValuePlanes:
-        """Return the rest of the file as `count` planes of `size` numbers."""
-        raise NotImplementedError
-
-
-class ValuePlanes:
-    """Cell values as consecutive planes."""
-
-    dtype: np.dtype = np.dtype(np.float64)
-    mapped = False  # values are not read yet
-
-    def plane(self, index: int) -> np.ndarray:
-        raise NotImplementedError
-
-
-# Text
-
-_WHOLE = re.compile(rb"[+-]?\d{1,18}")
-# Fortran omits the letter E before an exponent of three digits: 1.0-100.
-_NUMBER = re.compile(rb"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdDqQ]?([+-]\d+)|[eEdDqQ](\d+))?")
-_WORDS = re.compile(rb"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
-_LETTERS = bytes.maketrans(b"dDqQ", b"eeee")
-_LONGEST_LINE = 1 << 26
-_BLOCK = 1 << 22
-_SHOWN = 32
-# Number of values at the end of a file that show the number format, if they have this length.
-_LAST, _FIXED = 9, 8
-
-
-def number(token: bytes) -> float:
-    """Return a number in Fortran notation; raise ValueError for any other text."""
-    found = _NUMBER.fullmatch(token)
-    if found is None:
-        if _WORDS.fullmatch(token):
-            return float(token)
-        raise ValueError(f"expected a number, got {_shown(token)}")
-    digits, signed, unsigned = found.groups()
-    return float(digits + b"e" + (signed or unsigned or b"0"))
-
-
-def _shown(token: bytes) -> str:
-    text = token[:_SHOWN].decode("ascii", "backslashreplace")
-    return repr(text) + (" …" if len(token) > _SHOWN else "")
-
-
-class TextFile(EncodedFile):
-    """A text file read as by Fortran: each read starts on a new line and skips the rest of it."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._line = 0
-
-    def format(self, precision: bool) -> int:
-        return self.integers(1, "the format number")[0]
-
-    def integers(self, count: int, what: str) -> list[int]:
-        tokens: list[bytes] = []
-        while len(tokens) < count:
-            tokens += self._tokens(what, f"{count} whole number{'s' * (count > 1)}")
-            for token in tokens[:count]:
-                if not _WHOLE.fullmatch(token):
-                    raise self._error(what, f"expected a whole number, got {_shown(token)}")
-        return [int(token) for token in tokens[:count]]
-
-    def reals(self, count: int, what: str) -> Reals:
-        values: list[float] = []
-        while len(values) < count:
-            tokens = self._tokens(what, f"{count} numbers, after {len(values)}")
-            try:
-                values += map(number, tokens)
-            except ValueError as error:
-                raise self._error(what, str(error)) from None
-        if len(values) > count:
-            raise self._error(what, f"expected {count} numbers, found {len(values)}")
-        return np.array(values)
-
-    def _tokens(self, what: str, expected: str) -> list[bytes]:
-        while line := self._file.readline(_LONGEST_LINE):
-            self._line += 1
-            if tokens := line.split():
-                return tokens
-        raise self._error(what, f"expected {expected}, but the file ends")
-
-    def _error(self, what: str, message: str) -> FileFormatError:
-        return FileFormatError(f"line {self._line}: {what}: {message}")
-
-    def flags(self, what: str) -> NDArray[np.uint8]:
-        text = np.frombuffer(self._file.read(), np.uint8)
-        digit = text > 32
-        wrong = digit & ((text < 48) | (text > 49))
-        wrong[1:] |= digit[1:] & digit[:-1]
-        if wrong.any():
-            self._line += 1 + int(np.count_nonzero(text[: int(np.argmax(wrong))] == 10))
-            raise self._error(what, "expected 0 or 1, one per line")
-        return text[digit] - np.uint8(48)
-
-    def end(self) -> None:
-        while line := self._file.readline(_LONGEST_LINE):
-            self._line += 1
-            if tokens := line.split():
-                raise self._error("the end", f"expected nothing more, got {_shown(tokens[0])}")
-
-    def width(self, cells: int) -> int:
-        place = self._file.tell()
-        tokens = self._file.readline(_LONGEST_LINE).split()
-        self._file.seek(place)
-        return len(tokens)
-
-    def planes(self, count: int, size: int) -> TextPlanes:
-        left = self._size - self._file.tell()
-        if left < 2 * count * size - 1:  # one digit and one space per flag
-            raise FileFormatError(
-                f"{_CUT}{count * size} numbers are promised, but only {left} characters are left"
-            )
-        return TextPlanes(self.path, self._file.tell(), self._line, count * size)
-
-
-class TextPlanes(ValuePlanes):
-    """The numbers in the rest of a text file, as one plane."""
-
-    def __init__(self, path: Path, offset: int, line: int, size: int) -> None:
-        self.path, self.offset, self.line, self.size = path, offset, line, size
-
-    def plane(self, index: int) -> Reals:
-        values, found, line, text = np.empty(self.size), 0, self.line + 1, b""
-        with self.path.open("rb") as file:
-            file.seek(self.offset)
-            while block := file.read(_BLOCK):
-                block = text + block
-                cut = max(block.rfind(space) for space in (b"\n", b" ", b"\t")) + 1
-                block, text = block[:cut], block[cut:]
-                found = self._put(values, found, block, line)
-                line += block.count(b"\n")
-        self._check_end(text)
-        found = self._put(values, found, text, line)
-        if found != self.size:
-            short = _CUT if found < self.size else ""
-            raise FileFormatError(f"{short}expected {self.size} numbers, found {found}")
-        return values
-
-    def _put(self, values: Reals, first: int, text: bytes, line: int) -> int:
-        read = _numbers(text, line)
-        if first < self.size:
-            values[first : first + len(read)] = read[: self.size - first]
-        return first + len(read)
-
-    def _check_end(self, last: bytes) -> None:
-        """Refuse a file truncated within a number: no final newline, and a shorter last number."""
-        with self.path.open("rb") as file:
-            file.seek(max(self.path.stat().st_size - 2048, self.offset))
-            numbers = [token.lstrip(b"+-") for token in file.read().split()[1:]][-_LAST:]
-        if not last or len(numbers) < _LAST:
-            return
-        *others, length = map(len, numbers)
-        if len(set(others)) == 1 and length < others[0] and others[0] >= _FIXED:
-            raise FileFormatError(f"{_CUT}it ends within a number, {_shown(last)}")
-
-
-def _numbers(text: bytes, line: int) -> Reals:
-    """Return the numbers in a text that begins at line `line` of the file."""
-    if not text or text.isspace():
-        return np.empty(0)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # older NumPy warns if the text is not a number
-            return np.fromstring(text.translate(_LETTERS).decode("ascii"), sep=" ")
-    except (ValueError, DeprecationWarning):
-        values: list[float] = []
-        for k, row in enumerate(text.split(b"\n")):
-            try:
-                values += map(number, row.split())
-            except ValueError as error:
-                raise FileFormatError(f"line {line + k}: {error}") from None
-        return np.array(values)
-
-
-# Binary
-
-
-class BinaryFile(EncodedFile):
-    """A binary file of either byte order: integers of eight bytes, then reals of four or eight."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._order, self._precision = "<", 8
-
-    def format(self, precision: bool) -> int:
         (number,) = self.integers(1, "the format number")
         if not 0 <= number < _LARGEST_FORMAT:
-            swapped = int(np.array(number, "<i8").byteswap())
-            if 0 <= swapped < _LARGEST_FORMAT:
-                self._order, number = ">", swapped
+            self.order, number = ">", int(np.array(number, "<i8").byteswap())
         if precision:
-            (self._precision,) = self.integers(1, "the precision")
-            if self._precision not in _REALS:
-                raise FileFormatError(
-                    f"the precision must be 4 or 8 bytes per number, got {self._precision}"
-                )
+            (size,) = self.integers(1, "the precision")
+            if size not in (4, 8):
+                raise FileFormatError(f"the precision must be 4 or 8 bytes per number, got {size}")
+            self.real = f"f{size}"
         return number
 
     def integers(self, count: int, what: str) -> list[int]:
-        found: list[int] = self._read(count, "i8", what).tolist()
-        return found
+        """Read `count` integers."""
+        numbers: list[int] = self.numbers(count, self.whole, what).tolist()
+        return numbers
 
     def reals(self, count: int, what: str) -> Reals:
-        return self._read(count, "f8", what).astype(np.float64)
+        """Read `count` double-precision numbers."""
+        return self.numbers(count, "f8", what).astype(np.float64)
 
-    def _read(self, count: int, kind: str, what: str) -> np.ndarray:
-        dtype = np.dtype(self._order + kind)
-        left = self._size - self._file.tell()
-        if left < count * dtype.itemsize:
+    def numbers(self, count: int, kind: str, what: str) -> np.ndarray:
+        dtype = np.dtype(self.order + kind)
+        return np.frombuffer(self.content(count * dtype.itemsize, what), dtype)
+
+    def content(self, size: int, what: str) -> bytes:
+        place = self.file.tell()
+        if self.size - place < size:
             raise FileFormatError(
-                f"byte {self._file.tell()}: {what}: expected {count} numbers of {dtype.itemsize} "
-                f"bytes, but only {left} bytes are left"
+                f"{CUT}byte {place}: {what}: expected {size} bytes, but only {self.size - place} "
+                "are left"
             )
-        return np.frombuffer(self._file.read(count * dtype.itemsize), dtype)
+        return self.file.read(size)
 
-    def flags(self, what: str) -> NDArray[np.uint8]:
-        place = self._file.tell()
-        flags = np.frombuffer(self._file.read(), np.uint8)
-        if (wrong := flags > 1).any():
-            at = int(np.argmax(wrong))
-            raise FileFormatError(f"byte {place + at}: {what}: expected 0 or 1, got {flags[at]}")
-        return flags
+    def flags(self, what: str) -> Flags:
+        """Read the rest of the file as numbers that are 0 or 1."""
+        return _checked_flags(np.frombuffer(self.file.read(), np.uint8), what)
 
     def end(self) -> None:
-        if self._file.tell() != self._size:
-            raise FileFormatError(f"byte {self._file.tell()}: expected nothing more")
+        """Check that the file is read to its end."""
+        if self.file.tell() != self.size:
+            raise FileFormatError(f"byte {self.file.tell()}: expected nothing more")
 
     def width(self, cells: int) -> int:
-        return (self._size - self._file.tell()) // (cells * self._precision)
+        """Return the number of values per cell in the rest of the file."""
+        return (self.size - self.file.tell()) // (cells * int(self.real[1]))
 
-    def planes(self, count: int, size: int) -> BinaryPlanes:
-        dtype = np.dtype(self._order + _REALS[self._precision])
-        offset = self._file.tell()
-        expected = offset + count * size * dtype.itemsize
-        if self._size != expected:
+    def data(self, count: int, size: int) -> CellData:
+        """Return the rest of the file as `count` planes of `size` numbers."""
+        dtype, offset, path = np.dtype(self.order + self.real), self.file.tell(), self.path
+        plane = size * dtype.itemsize
+        self.check_size(offset + count * plane, f"{count * size} numbers of {dtype.itemsize} bytes")
+        return CellData(lambda k: mapped(path, offset + k * plane, (size,), dtype), dtype, True)
+
+    def check_size(self, expected: int, what: str) -> None:
+        if self.size != expected:
+            short = CUT if self.size < expected else ""
             raise FileFormatError(
-                f"{_CUT if self._size < expected else ''}{count * size} numbers of "
-                f"{dtype.itemsize} bytes from byte {offset} on make {expected} bytes, but it has "
-                f"{self._size}"
+                f"{short}{what} from byte {self.file.tell()} on make {expected} bytes, but it has "
+                f"{self.size}"
             )
-        return BinaryPlanes(self.path, offset, size, dtype)
 
 
-class BinaryPlanes(ValuePlanes):
-    """ValuePlanes read from a binary file on use."""
-
-    mapped = True
-
-    def __init__(self, path: Path, offset: int, size: int, dtype: np.dtype) -> None:
-        self.path, self.offset, self.size, self.dtype = path, offset, size, dtype
-
-    def plane(self, index: int) -> np.ndarray:
-        offset = self.offset + index * self.size * self.dtype.itemsize
-        return mapped(self.path, offset, (self.size,), self.dtype)
+def _checked_flags(flags: np.ndarray, what: str) -> Flags:
+    wrong = (flags != 0) & (flags != 1)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise FileFormatError(f"{what}: expected 0 or 1, but flag {at + 1} is {flags[at]}")
+    return flags.astype(np.uint8)
 
 
 # Fortran records: a four-byte length (in bytes) precedes and follows each record
@@ -337,7 +133,7 @@ _MARK = 4
 _FIRST = (4, 8, 16)
 
 
-class RecordFile(EncodedFile):
+class RecordFile(BinaryFile):
     """An unformatted Fortran file of either byte order.
 
     Integers have four bytes in grid files and eight in files of cell values.
@@ -345,110 +141,186 @@ class RecordFile(EncodedFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        first = self._file.read(_MARK)
-        self._file.seek(0)
-        self._order = ">" if int.from_bytes(first, "big") in _FIRST else "<"
-        self._whole, self._left = "i4", b""
+        self.order = ">" if int.from_bytes(self.file.peek(_MARK)[:_MARK], "big") in _FIRST else "<"
+        self.left = b""
 
     def format(self, precision: bool) -> int:
-        self._whole = "i8" if precision else "i4"
-        number, *_ = self.integers(1 + precision, "the format number")
-        return number
+        self.whole = "i8" if precision else "i4"
+        return self.integers(1 + precision, "the format number")[0]
 
-    def integers(self, count: int, what: str) -> list[int]:
-        found: list[int] = self._read(count, self._whole, what).tolist()
+    def content(self, size: int, what: str) -> bytes:
+        """Read bytes that span one or more records."""
+        while len(self.left) < size:
+            (length,) = np.frombuffer(super().content(_MARK, what), self.order + "u4").tolist()
+            record = super().content(length + _MARK, what)
+            if int(np.frombuffer(record[length:], self.order + "u4")[0]) != length:
+                raise FileFormatError(f"{what}: a record does not end with its length")
+            self.left += record[:length]
+        found, self.left = self.left[:size], self.left[size:]
         return found
 
-    def reals(self, count: int, what: str) -> Reals:
-        return self._read(count, "f8", what).astype(np.float64)
-
-    def _read(self, count: int, kind: str, what: str) -> np.ndarray:
-        """Read numbers that span one or more records."""
-        dtype = np.dtype(self._order + kind)
-        needed = count * dtype.itemsize
-        while len(self._left) < needed:
-            self._left += self._record(what)
-        found, self._left = self._left[:needed], self._left[needed:]
-        return np.frombuffer(found, dtype)
-
-    def _record(self, what: str) -> bytes:
-        place = self._file.tell()
-        length = self._mark()
-        if not 0 <= length <= self._size - place - 2 * _MARK:
-            raise FileFormatError(f"byte {place}: {what}: expected a record, but the file ends")
-        content = self._file.read(length)
-        if self._mark() != length:
-            raise FileFormatError(f"byte {place}: {what}: a record does not end with its length")
-        return content
-
-    def _mark(self) -> int:
-        mark = self._file.read(_MARK)
-        return int(np.frombuffer(mark, self._order + "i4")[0]) if len(mark) == _MARK else -1
-
-    def flags(self, what: str) -> NDArray[np.uint8]:
-        self._check_boundary(what)
-        place = self._file.tell()
-        record = np.dtype([(name, f"{self._order}i4") for name in ("before", "flag", "after")])
-        content = self._file.read()
-        if len(content) % record.itemsize:
+    def flags(self, what: str) -> Flags:
+        content = self.file.read()
+        if self.left or len(content) % (3 * _MARK):
             raise FileFormatError(f"{what}: the file ends within a record")
-        rows = np.frombuffer(content, record)
-        marked = (rows["before"] == _MARK) & (rows["after"] == _MARK)
-        wrong = ~marked | (rows["flag"] < 0) | (rows["flag"] > 1)
-        if wrong.any():
-            at = place + int(np.argmax(wrong)) * record.itemsize
-            raise FileFormatError(f"byte {at}: {what}: expected a record with 0 or 1")
-        return rows["flag"].astype(np.uint8)
+        before, flags, after = np.frombuffer(content, self.order + "i4").reshape(-1, 3).T
+        if (before != _MARK).any() or (after != _MARK).any():
+            raise FileFormatError(f"{what}: expected records of one number")
+        return _checked_flags(flags, what)
 
-    def _check_boundary(self, what: str) -> None:
-        if self._left:
-            raise FileFormatError(f"byte {self._file.tell()}: {what}: a record is too long")
-
-    def end(self) -> None:
-        self._check_boundary("the end")
-        if self._file.tell() != self._size:
-            raise FileFormatError(f"byte {self._file.tell()}: expected nothing more")
-
-    def planes(self, count: int, size: int) -> RecordPlanes:
-        self._check_boundary("the data")
-        offset = self._file.tell()
-        length = self._mark()
-        dtype = np.dtype(self._order + "f8")
-        if length < dtype.itemsize or length % dtype.itemsize:
+    def data(self, count: int, size: int) -> CellData:
+        """Return planes in records of equal length; the last one of a plane may be padded."""
+        offset, path, dtype = self.file.tell(), self.path, np.dtype(self.order + "f8")
+        (length,) = np.frombuffer(super().content(_MARK, "the data"), self.order + "u4").tolist()
+        if self.left or length < dtype.itemsize or length % dtype.itemsize:
             raise FileFormatError(
                 f"byte {offset}: expected a record of numbers of 8 bytes, got one of {length} bytes"
             )
-        planes = RecordPlanes(self.path, offset, size, length // dtype.itemsize, dtype)
-        expected = offset + count * planes.records * (length + 2 * _MARK)
-        if expected != self._size:
-            raise FileFormatError(
-                f"{_CUT if self._size < expected else ''}{count} times {size} numbers in records "
-                f"of {length} bytes make {expected} bytes, but it has {self._size}"
-            )
-        return planes
-
-
-class RecordPlanes(ValuePlanes):
-    """ValuePlanes in records of equal length; the last record of a plane may be padded."""
-
-    def __init__(
-        self, path: Path, offset: int, size: int, per_record: int, dtype: np.dtype
-    ) -> None:
-        self.path, self.offset, self.size, self.dtype = path, offset, size, dtype
-        self.per_record, self.records = per_record, -(-size // per_record)
-
-    def plane(self, index: int) -> Reals:
-        mark = self.dtype.str[0] + "i4"
-        record = np.dtype(
-            [("before", mark), ("data", self.dtype, (self.per_record,)), ("after", mark)]
+        mark, values = self.order + "u4", (dtype, (length // dtype.itemsize,))
+        record = np.dtype([("before", mark), ("values", *values), ("after", mark)])
+        records = -(-size * dtype.itemsize // length)
+        self.check_size(
+            offset + count * records * record.itemsize,
+            f"{count} times {size} numbers in records of {length} bytes",
         )
-        offset = self.offset + index * self.records * record.itemsize
-        rows = np.memmap(self.path, record, "r", offset, (self.records,))
-        length = self.per_record * self.dtype.itemsize
-        if (rows["before"] != length).any() or (rows["after"] != length).any():
-            raise FileFormatError(f"records of {length} bytes are expected from byte {offset} on")
-        found: Reals = rows["data"].reshape(-1)[: self.size]
-        return found
+
+        def plane(k: int) -> np.ndarray:
+            start = offset + k * records * record.itemsize
+            rows = np.memmap(path, record, "r", start, (records,))
+            if (rows["before"] != length).any() or (rows["after"] != length).any():
+                raise FileFormatError(f"expected records of {length} bytes from byte {start} on")
+            return rows["values"].reshape(-1)[:size]
+
+        return CellData(plane, dtype)
+
+
+# Text
+
+_WHOLE = re.compile(rb"[+-]?\d{1,18}")
+_LETTERS = bytes.maketrans(b"dDqQ", b"eeee")
+# Fortran omits the letter E before an exponent of three digits: 1.0-100.
+_NO_LETTER = re.compile(rb"([\d.])([+-]\d)")
+_LONGEST_LINE = 1 << 26
+_BLOCK = 1 << 22
+_SHOWN = 32
+# Number of values at the end of a file that show the number format, if they have this length.
+_LAST, _FIXED = 9, 8
+
+
+class TextFile(BinaryFile):
+    """A text file read as by Fortran: each read starts on a new line and skips the rest of it."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.line = 0
+
+    def format(self, precision: bool) -> int:
+        return self.integers(1, "the format number")[0]
+
+    def integers(self, count: int, what: str) -> list[int]:
+        tokens: list[bytes] = []
+        while len(tokens) < count:
+            tokens += self.tokens(f"{what}: expected {count} whole number{'s' * (count > 1)}")
+            for token in tokens[:count]:
+                if not _WHOLE.fullmatch(token):
+                    raise FileFormatError(
+                        f"line {self.line}: {what}: expected a whole number, got {_shown(token)}"
+                    )
+        return [int(token) for token in tokens[:count]]
+
+    def reals(self, count: int, what: str) -> Reals:
+        values = np.empty(0)
+        while len(values) < count:
+            tokens = self.tokens(f"{what}: expected {count} numbers, after {len(values)}")
+            values = np.append(values, fortran_numbers(b" ".join(tokens), self.line))
+        if len(values) > count:
+            raise FileFormatError(
+                f"line {self.line}: {what}: expected {count} numbers, found {len(values)}"
+            )
+        return values
+
+    def tokens(self, expected: str) -> list[bytes]:
+        while line := self.file.readline(_LONGEST_LINE):
+            self.line += 1
+            if tokens := line.split():
+                return tokens
+        raise FileFormatError(f"line {self.line}: {expected}, but the file ends")
+
+    def flags(self, what: str) -> Flags:
+        text = np.frombuffer(self.file.read(), np.uint8)
+        digit = text > 32
+        wrong = digit & ((text < 48) | (text > 49))
+        wrong[1:] |= digit[1:] & digit[:-1]
+        if wrong.any():
+            line = self.line + 1 + np.count_nonzero(text[: int(np.argmax(wrong))] == 10)
+            raise FileFormatError(f"line {line}: {what}: expected 0 or 1, one per line")
+        flags: Flags = text[digit] - np.uint8(48)
+        return flags
+
+    def end(self) -> None:
+        while line := self.file.readline(_LONGEST_LINE):
+            self.line += 1
+            if tokens := line.split():
+                raise FileFormatError(
+                    f"line {self.line}: the end: expected nothing more, got {_shown(tokens[0])}"
+                )
+
+    def width(self, cells: int) -> int:
+        place = self.file.tell()
+        tokens = self.file.readline(_LONGEST_LINE).split()
+        self.file.seek(place)
+        return len(tokens)
+
+    def data(self, count: int, size: int) -> CellData:
+        """Return the numbers in the rest of the file as one plane."""
+        size, offset, line = count * size, self.file.tell(), self.line + 1
+        if self.size - offset < 2 * size - 1:  # one digit and one space per number
+            raise FileFormatError(
+                f"{CUT}{size} numbers are promised, but only {self.size - offset} characters are "
+                "left"
+            )
+        return CellData(lambda _: _values(self.path, offset, line, size))
+
+
+def _values(path: Path, offset: int, line: int, size: int) -> Reals:
+    values, count, lines = np.empty(size), 0, [b""]
+    with path.open("rb") as file:
+        file.seek(offset)
+        while block := file.readlines(_BLOCK):
+            numbers = fortran_numbers(b"".join(block), line)
+            values[count : count + len(numbers)] = numbers[: max(size - count, 0)]
+            count, line, lines = count + len(numbers), line + len(block), block
+    if not lines[-1].endswith(b"\n"):  # the last number may be cut
+        *others, last = [len(t.lstrip(b"+-")) for t in b" ".join(lines[-_LAST:]).split()[-_LAST:]]
+        if len(others) == _LAST - 1 and {*others} == {max(others)} and last < max(others) >= _FIXED:
+            raise FileFormatError(f"{CUT}it ends within a number, {_shown(lines[-1])}")
+    if count != size:
+        short = CUT if count < size else ""
+        raise FileFormatError(f"{short}expected {size} numbers, found {count}")
+    return values
+
+
+def fortran_numbers(text: bytes, line: int) -> Reals:
+    """Return the numbers in a text that begins at line `line` of the file."""
+    if not text.strip():
+        return np.empty(0)
+    text = text.translate(_LETTERS)
+    for pattern in (None, _NO_LETTER):
+        numbers = pattern.sub(rb"\1e\2", text) if pattern else text
+        with warnings.catch_warnings(), suppress(ValueError, DeprecationWarning):
+            warnings.simplefilter("error")  # older NumPy warns if the text is not a number
+            return np.fromstring(numbers.decode("ascii"), sep=" ")
+    tokens = text.split()
+    if len(tokens) > 1:  # find the wrong one
+        for k, row in enumerate(text.split(b"\n")):
+            for token in row.split():
+                fortran_numbers(token, line + k)
+    raise FileFormatError(f"line {line}: expected a number, got {_shown(tokens[0])}")
+
+
+def _shown(token: bytes) -> str:
+    text = token[:_SHOWN].decode("ascii", "backslashreplace")
+    return repr(text) + (" …" if len(token) > _SHOWN else "")
 
 
 # Writing
@@ -463,47 +335,46 @@ class TextOut:
     """Writes a text file: one line per call or per cell."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
+        self.file = file
 
     def format(self, number: int, single: bool | None = None) -> None:
-        """Write the format number."""
+        """Write the format number, and the precision in data files (`single` is not None)."""
         self.integers(number)
 
     def integers(self, *numbers: int) -> None:
-        self._file.write((" ".join(map(str, numbers)) + "\n").encode())
+        self.file.write((" ".join(map(str, numbers)) + "\n").encode())
 
-    def rows(self, columns: list[np.ndarray]) -> None:
+    def rows(self, *columns: np.ndarray) -> None:
         """Write columns side by side."""
-        line = " ".join([_REAL] * len(columns)) + "\n"
         for first in range(0, len(columns[0]), _PIECE):
-            piece = np.stack([c[first : first + _PIECE] for c in columns], axis=1)
-            self._file.write((line * len(piece) % tuple(piece.ravel().tolist())).encode())
+            self.row(np.stack([c[first : first + _PIECE] for c in columns], axis=1))
 
-    def flags(self, flags: NDArray[np.uint8]) -> None:
+    def row(self, piece: np.ndarray) -> None:
+        line = " ".join([_REAL] * piece.shape[1]) + "\n"
+        self.file.write((line * len(piece) % tuple(piece.ravel().tolist())).encode())
+
+    def flags(self, flags: Flags) -> None:
         lines = np.full((len(flags), 2), ord("\n"), np.uint8)
         lines[:, 0] = ord("0") + flags
-        self._file.write(lines.tobytes())
+        self.file.write(lines.tobytes())
 
 
 class BinaryOut(TextOut):
     """Writes a binary file."""
 
-    _real = "<f8"
+    real = "<f8"
 
     def format(self, number: int, single: bool | None = None) -> None:
-        """Write the format number, and the precision in data files (`single` is not None)."""
         self.integers(number)
         if single is not None:
-            self._real = "<f4" if single else "<f8"
+            self.real = "<f4" if single else "<f8"
             self.integers(4 if single else 8)
 
     def integers(self, *numbers: int) -> None:
-        self._file.write(np.array(numbers, "<i8").tobytes())
+        self.file.write(np.array(numbers, "<i8").tobytes())
 
-    def rows(self, columns: list[np.ndarray]) -> None:
-        for first in range(0, len(columns[0]), _PIECE):
-            piece = np.stack([c[first : first + _PIECE] for c in columns], axis=1)
-            self._file.write(piece.astype(self._real).tobytes())
+    def row(self, piece: np.ndarray) -> None:
+        self.file.write(piece.astype(self.real).tobytes())
 
-    def flags(self, flags: NDArray[np.uint8]) -> None:
-        self._file.write(flags.tobytes())
+    def flags(self, flags: Flags) -> None:
+        self.file.write(flags.tobytes())

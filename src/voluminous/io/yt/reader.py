@@ -15,8 +15,8 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import is_installed, require
-from ...units import parse_unit, unit_name
-from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
+from ...units import UnitLike, unit_name
+from ..contract import FieldChoice, FieldInfo, Reader
 from ..hdf5 import is_hdf5, opened
 from .layout import length_unit
 from .source import quiet, source_of, units_of_field
@@ -25,17 +25,16 @@ from .volume import fields_of, volume_of
 if TYPE_CHECKING:
     from ...volume import Volume
 
-
 # Required in the root of an HDF5 file: groups or data sets, and attributes.
-_HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
-    "FLASH": ({"bounding box", "node type"}, set()),
-    "Chombo": ({"Chombo_global"}, {"num_levels"}),
-    "GDF": ({"gridded_data_format"}, set()),
-    "GAMER": ({"Info/KeyInfo"}, set()),
-    "Chimera": ({"fluid/agr_c", "fluid/grav_x_c"}, set()),
-    "Parthenon": ({"Info", "Levels", "LogicalLocations", "Locations/x"}, set()),
-    "Cholla": (set(), {"bounds", "domain", "dims"}),
-    "yt": ({"data"}, {"data_type", "container_type"}),
+_HDF5_CODES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "FLASH": (("bounding box", "node type"), ()),
+    "Chombo": (("Chombo_global",), ("num_levels",)),
+    "GDF": (("gridded_data_format",), ()),
+    "GAMER": (("Info/KeyInfo",), ()),
+    "Chimera": (("fluid/agr_c", "fluid/grav_x_c"), ()),
+    "Parthenon": (("Info", "Levels", "LogicalLocations", "Locations/x"), ()),
+    "Cholla": ((), ("bounds", "domain", "dims")),
+    "yt": (("data",), ("data_type", "container_type")),
 }
 _RAMSES_FILE = re.compile(r"(info|amr|hydro|header)_(\d{5})\.(txt|out\d{5})")
 _ENZO_ENDING = re.compile(r"\.(hierarchy|cpu\d{4,})$")
@@ -44,13 +43,16 @@ _ENZO_ENDING = re.compile(r"\.(hierarchy|cpu\d{4,})$")
 def code_output(path: Path, head: bytes) -> Path | None:
     """Return the path to pass to yt for the supported output that contains `path`."""
     for recognise in (_ramses, _enzo, _amrex, _hdf5, _amrvac, _enzo_e):
-        try:
-            found = recognise(path, head)
-        except Exception:  # damaged beyond recognition
-            continue
-        if found is not None:
-            return found
+        with contextlib.suppress(Exception):  # damaged beyond recognition
+            if (output := recognise(path, head)) is not None:
+                return output
     return None
+
+
+def _only(files: Iterable[Path | None]) -> Path | None:
+    """Return the file if there is exactly one; among several outputs the user must choose."""
+    existing = [file for file in files if file is not None]
+    return existing[0] if len(existing) == 1 else None
 
 
 def _ramses(path: Path, head: bytes) -> Path | None:
@@ -65,43 +67,29 @@ def _ramses(path: Path, head: bytes) -> Path | None:
 
 
 def _enzo(path: Path, head: bytes) -> Path | None:
-    if path.is_dir():
-        return _only(file for h in path.glob("*.hierarchy") if (file := _parameters(h)))
-    return _parameters(path)
-
-
-def _parameters(path: Path) -> Path | None:
     """Return Enzo's parameter file (one with a file of grids beside it) that a file belongs to."""
+    if path.is_dir():
+        return _only(_enzo(hierarchy, b"") for hierarchy in path.glob("*.hierarchy"))
     parameters = path.with_name(_ENZO_ENDING.sub("", path.name))
-    if not parameters.is_file():
-        return None
-    return parameters if parameters.with_name(parameters.name + ".hierarchy").is_file() else None
-
-
-def _only(files: Iterable[Path]) -> Path | None:
-    """Return the file if there is exactly one; among several outputs the user must choose."""
-    found = list(files)
-    return found[0] if len(found) == 1 else None
+    hierarchy = parameters.with_name(parameters.name + ".hierarchy")
+    return parameters if parameters.is_file() and hierarchy.is_file() else None
 
 
 def _amrex(path: Path, head: bytes) -> Path | None:
     directory = path if path.is_dir() else path.parent
-    header = directory / "Header"
     if not (path.is_dir() or path.name == "Header") or not (directory / "Level_0").is_dir():
         return None
-    with open(header, "rb") as file:
+    with open(directory / "Header", "rb") as file:
         version, count = file.readline(80), file.readline(80)
     return directory if re.match(rb"[\w-]+-V\d", version) and count.strip().isdigit() else None
 
 
 def _hdf5(path: Path, head: bytes) -> Path | None:
-    if not is_hdf5(head):
-        return None
-
-    with opened(path) as file:
-        for places, attributes in _HDF5_CODES.values():
-            if all(p in file for p in places) and all(a in file.attrs for a in attributes):
-                return path
+    if is_hdf5(head):
+        with opened(path) as file:
+            for places, attributes in _HDF5_CODES.values():
+                if all(p in file for p in places) and all(a in file.attrs for a in attributes):
+                    return path
     return None
 
 
@@ -117,15 +105,17 @@ def _amrvac(path: Path, head: bytes) -> Path | None:
 def _enzo_e(path: Path, head: bytes) -> Path | None:
     if path.is_dir():
         listed = _only(path.glob("*.block_list"))
-        return None if listed is None else _enzo_e(listed, _start(listed))
+        return None if listed is None else _enzo_e(listed, _head(listed))
     if not path.name.endswith(".block_list"):
         return None
     words = head.partition(b"\n")[0].decode("ascii").split()
-    found = len(words) == 2 and words[0].startswith("B") and (path.parent / words[1]).is_file()
-    return path if found else None
+    named = len(words) == 2 and words[0].startswith("B") and (path.parent / words[1]).is_file()
+    return path if named else None
 
 
-def _start(path: Path) -> bytes:
+def _head(path: Path) -> bytes:
+    if path.is_dir():
+        return b""
     with open(path, "rb") as file:
         return file.read(512)
 
@@ -148,30 +138,33 @@ class YtReader(Reader):
     def matches(self, path: Path, head: bytes) -> bool:
         return code_output(path, head) is not None
 
-    def read(
-        self,
-        path: Path,
-        fields: FieldChoice = None,
-        *,
-        unit: UnitLike = None,
-        units: Any = None,
-        bounds: Any = None,
-        **options: Any,
-    ) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
+        unit: UnitLike = options.get("unit")
         with quiet(f"reading {self.description}"):
-            ds = _loaded(path, **options)
+            ds = _loaded(path, options)
+            bounds = options.get("bounds")
             data = ds if bounds is None else _box(ds, bounds, unit)
-            return volume_of(data, fields, unit=unit, units=units)
+            return volume_of(data, fields, unit=unit, units=options.get("units"))
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        told = {name: options.get(name) for name in ("units_override", "load")}
+        wanted = options.get("units") or {}
         with quiet(f"reading {self.description}"):
-            ds = _loaded(path, **told)
-            places, shape = fields_of(source_of(ds)).on_disk, (_cell_count(ds),)
-            wanted = options.get("units") or {}
+            ds = _loaded(path, options)
+            source = source_of(ds)
+            if source.kind == "particles":
+                count = int(sum(ds.particle_type_counts.values()))
+            elif source.kind == "grids":
+                count = int(ds.index.grid_dimensions.prod(axis=1).sum())
+            else:
+                count = sum(len(level) for level, _ in source.cells())
+            known = fields_of(source)
+            units = {
+                place: unit_name(units_of_field(ds, known.fields[place], wanted.get(name))[1])
+                for place, name in known.on_disk.items()
+            }
             return tuple(
-                FieldInfo(name, place, shape, "float64", _unit(ds, name, place, wanted))
-                for place, name in places.items()
+                FieldInfo(name, place, (count,), "float64", units[place])
+                for place, name in known.on_disk.items()
             )
 
 
@@ -195,15 +188,15 @@ class AnyYtReader(YtReader):
             return False
 
 
-def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
+def _loaded(path: Path, options: dict[str, Any]) -> Any:
     head = _head(path)
     output = code_output(path, head) or path
     if is_hdf5(head):
         _check_places(path)
-    options = dict(load or {})
-    if units_override is not None:
-        options["units_override"] = units_override
-    ds = _kind(output, str(options.pop("hint", "")))(str(output), **options)
+    load = dict(options.get("load") or {})
+    if options.get("units_override") is not None:
+        load["units_override"] = options["units_override"]
+    ds = _kind(output, str(load.pop("hint", "")))(str(output), **load)
     ds.index  # noqa: B018 - a damaged file raises here
     return ds
 
@@ -216,12 +209,10 @@ def _check_places(path: Path) -> None:
             raise InputError("its blocks have ghost cells; write it with ghost_zones = false")
         level = file["level_0"].attrs if "Chombo_global" in file and "level_0" in file else {}
         normal = {"geometry": 1, "logr": 0, "g_x2stretch": 1, "g_x3stretch": 1}
-        bent = {name: level[name] for name, one in normal.items() if level.get(name, one) != one}
-        if bent:
-            bent_by = ", ".join(f"{name} = {value}" for name, value in bent.items())
+        if any(level.get(name, value) != value for name, value in normal.items()):
             raise InputError(
-                f"Chombo grids of PLUTO are read if they are Cartesian with equal cells, "
-                f"got {bent_by}"
+                "Chombo grids of PLUTO are read if they are Cartesian with equal cells; this one "
+                f"has { ({name: level.get(name) for name in normal}) }"
             )
         begins = [level.get(f"domBeg{axis}", 0) for axis in (1, 2, 3)]
         if any(begins) and not path.with_name("pluto.ini").is_file():
@@ -267,37 +258,12 @@ def _kind(path: Path, hint: str) -> Any:
     )
 
 
-def _head(path: Path) -> bytes:
-    if path.is_dir():
-        return b""
-    with open(path, "rb") as file:
-        return file.read(256)
-
-
-def _box(ds: Any, bounds: Any, unit: Any) -> Any:
+def _box(ds: Any, bounds: Any, unit: UnitLike) -> Any:
     from ...grids import CartesianGrid
 
     if str(ds.geometry) != "cartesian":
         raise InputError(f"bounds are of Cartesian data, these are in {ds.geometry} coordinates")
-    width = float(ds.domain_width.to("code_length").d.max())
-    unit, factor = length_unit(ds, width, unit)
-    box = CartesianGrid.uniform(1, bounds, unit=unit)
-    factor *= 1.0 if box.unit is None else unit.to(box.unit)
-    left, right = (ds.arr(ends / factor, "code_length") for ends in box.bounds.T)
-    return ds.box(left, right)
-
-
-def _cell_count(ds: Any) -> int:
-    source = source_of(ds)
-    if source.kind == "particles":
-        return int(sum(ds.particle_type_counts.values()))
-    if source.kind == "grids":
-        return int(ds.index.grid_dimensions.prod(axis=1).sum())
-    return sum(len(level) for level, _ in source.cells())
-
-
-def _unit(ds: Any, name: str, place: str, wanted: Any) -> str:
-    if name in wanted:
-        return unit_name(parse_unit(wanted[name]))
-    kind, _, last = place.partition("/")
-    return unit_name(units_of_field(ds, (kind, last))[1])
+    length, factor = length_unit(ds, float(ds.domain_width.to("code_length").d.max()), unit)
+    box = CartesianGrid.uniform(1, bounds, unit=length)
+    factor *= 1.0 if box.unit is None else length.to(box.unit)
+    return ds.box(*(ds.arr(ends / factor, "code_length") for ends in box.bounds.T))

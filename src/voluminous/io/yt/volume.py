@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -10,101 +9,15 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import InputError, unknown_name
+from ...units import parse_unit
 from ..contract import FieldChoice, UnitLike
 from .fields import Field, YtFields, cell_fields, particle_fields
-from .layout import lattice_of, length_unit
-from .source import YtSource, converted, meta_of, plain_values, quiet, source_of, units_of_field
+from .layout import Load, code_numbers, lattice_of, layout, length_unit
+from .source import YtSource, meta_of, plain_values, quiet, source_of, units_of_field
 
 if TYPE_CHECKING:
+    from ...grids.contract import Grid
     from ...volume import Volume
-    from .layout import Load
-
-
-_DENSITY = "density"
-# yt's kernel names.
-_KERNELS = {"wendland2": "wendland-c2", "wendland4": "wendland-c4", "wendland6": "wendland-c6"}
-
-
-def particle_kind(ds: Any) -> str:
-    """Return the particle type to show: gas, or all if there is no gas."""
-    for kind in getattr(ds, "_sph_ptypes", ()):
-        if (kind, "particle_mass") in ds.field_info and (kind, _DENSITY) in ds.field_info:
-            return str(kind)
-    return "all"
-
-
-def volume_of_particles(
-    source: YtSource, known: YtFields, fields: FieldChoice, unit: UnitLike, units: dict[str, Any]
-) -> Volume:
-    """Return the volume of a particle data set; see `from_yt`."""
-    from ...particles import from_particles, get_kernel
-
-    ds, kind = source.ds, particle_kind(source.ds)
-    chosen = known.chosen(fields) if fields is not None or known.on_disk else {}
-    dense = [name for name, field in chosen.items() if field[1] == _DENSITY]
-    carried = {
-        name: _values(source, field, units.get(name))
-        for name, field in chosen.items()
-        if name not in dense
-    }
-    unit, factor = length_unit(ds, float(ds.domain_width.to("code_length").d.max()), unit)
-    positions = _plain(source, (kind, "particle_position"), "code_length") * factor
-    if not len(positions):
-        raise InputError("the region has no particles; is it inside the domain?")
-    from astropy import units as u
-
-    name = _KERNELS.get(str(ds.kernel_name), str(ds.kernel_name))
-    size = _sizes(source, kind, factor, get_kernel(name).support)
-    masses = _plain(source, (kind, "particle_mass"), "g") * u.g
-    volume = from_particles(positions, masses, fields=carried, kernel=name, unit=unit, **size)
-    if dense or fields is None:
-        _set_density(volume, dense[0] if dense else _DENSITY, units)
-    else:
-        del volume[_DENSITY]
-    volume.meta.update(meta_of(ds))
-    return volume
-
-
-def _sizes(source: YtSource, kind: str, factor: float, support: float) -> dict[str, Any]:
-    """Return the size arguments: densities for mesh cells, smoothing lengths for particles."""
-    from astropy import units as u
-
-    ds = source.ds
-    if "arepo" in str(ds.dataset_type):
-        return {"density": _plain(source, (kind, _DENSITY), "g/cm**3") * u.g / u.cm**3}
-    if (kind, "smoothing_length") not in ds.field_info:
-        return {}
-    # In yt it is the support radius of the kernel.
-    radius = _plain(source, (kind, "smoothing_length"), "code_length")
-    return {"smoothing_length": radius * factor / support}
-
-
-def _values(source: YtSource, field: Field, wanted: Any) -> Any:
-    """Return particle values as a Quantity, in the requested unit or yt's."""
-    from astropy import units as u
-
-    own, unit = units_of_field(source.ds, field)
-    values = _plain(source, field, own)
-    if wanted is not None:
-        unit, factor = converted(field, unit, wanted)
-        values = values * factor
-    return u.Quantity(values, unit if unit is not None else u.dimensionless_unscaled)
-
-
-def _plain(source: YtSource, field: Field, unit: UnitLike) -> np.ndarray:
-    return plain_values(source.region[field], unit)
-
-
-def _set_density(volume: Volume, name: str, units: dict[str, Any]) -> None:
-    from astropy import units as u
-
-    wanted = units.get(name, "g / cm3")
-    unit, factor = converted(("gas", _DENSITY), volume.field_unit(_DENSITY), wanted)
-    values = volume.array(_DENSITY) * factor
-    if name != _DENSITY:
-        del volume[_DENSITY]
-    volume[name] = u.Quantity(values, unit)
-
 
 # Fields of up to this many bytes in total are read at once; beyond, each is read on first use.
 _AT_ONCE = 256 << 20
@@ -181,18 +94,19 @@ def volume_of(
     """Return the volume with all fields unread; see `from_yt`."""
     from ...volume import Volume
 
+    wanted = dict(units or {})
     with quiet("from_yt"):
         source = source_of(data)
         known = fields_of(source)
         if source.kind == "particles":
-            return volume_of_particles(source, known, fields, unit, dict(units or {}))
+            return _volume_of_particles(source, known, fields, unit, wanted)
         chosen = known.chosen(fields)
-        grid, load = _layout(source, unit)
+        grid, load = _sampled(source, unit) if source.kind == "sampled" else _laid_out(source, unit)
         volume = Volume(grid)
         volume.meta.update(meta_of(source.ds))
         for name, field in chosen.items():
-            volume[name] = _deferred(source.ds, field, load, (units or {}).get(name))
-    for name in units or {}:
+            volume[name] = _deferred(source.ds, field, load, wanted.get(name))
+    for name in wanted:
         if name not in chosen:
             raise unknown_name("field", name, chosen)
     return volume
@@ -201,43 +115,99 @@ def volume_of(
 def fields_of(source: YtSource) -> YtFields:
     """Return the fields of a source."""
     if source.kind == "particles":
-        return particle_fields(source.ds, particle_kind(source.ds))
+        return particle_fields(source.ds, _particle_kind(source.ds))
     return cell_fields(source.ds)
 
 
-def _layout(source: YtSource, unit: UnitLike) -> tuple[Any, Load]:
-    if source.kind == "sampled":
-        return _sampled(source, unit)
-    from .layout import layout
-
+def _laid_out(source: YtSource, unit: UnitLike) -> tuple[Grid, Load]:
     return layout(source, lattice_of(source.ds, unit))
 
 
-def _sampled(source: YtSource, unit: UnitLike) -> tuple[Any, Load]:
+def _sampled(source: YtSource, unit: UnitLike) -> tuple[Grid, Load]:
     from ...grids import CartesianGrid
 
     region = source.region
     if str(source.ds.geometry) != "cartesian":
         raise InputError(f"arrays sampled in {source.ds.geometry} coordinates cannot be used")
-    ends = np.array([_code_lengths(region.left_edge), _code_lengths(region.right_edge)])
+    ends = np.array([code_numbers(region.left_edge), code_numbers(region.right_edge)])
     unit, factor = length_unit(source.ds, float(np.ptp(ends, axis=0).max()), unit)
     grid = CartesianGrid.uniform(region.ActiveDimensions.tolist(), (ends * factor).T, unit=unit)
     return grid, lambda field, wanted: plain_values(region[field], wanted)
 
 
-def _code_lengths(values: Any) -> np.ndarray:
-    return np.asarray(values.to("code_length").d)
+def _deferred(ds: Any, field: Field, load: Load, wanted: Any) -> Deferred:
+    own, unit, factor = units_of_field(ds, field, wanted)
+
+    def values() -> Any:
+        with quiet():
+            numbers = load(field, own)
+        if factor == 1:
+            return numbers
+        return [n * factor for n in numbers] if isinstance(numbers, list) else numbers * factor
+
+    return Deferred(values, np.float64, unit)
 
 
-def _deferred(ds: Any, field: tuple[str, str], load: Load, wanted: Any) -> Deferred:
-    own, unit = units_of_field(ds, field)
-    factor = 1.0
-    if wanted is not None:
-        unit, factor = converted(field, unit, wanted)
-    return Deferred(functools.partial(_load, load, field, own, factor), np.float64, unit)
+# Particles
+
+_DENSITY = "density"
+# yt's kernel names.
+_KERNELS = {"wendland2": "wendland-c2", "wendland4": "wendland-c4", "wendland6": "wendland-c6"}
 
 
-def _load(load: Load, field: tuple[str, str], unit: UnitLike, factor: float) -> Any:
-    with quiet():
-        values = load(field, unit)
-    return values if factor == 1 else values * factor
+def _particle_kind(ds: Any) -> str:
+    """Return the particle type to show: gas, or all if there is no gas."""
+    for kind in getattr(ds, "_sph_ptypes", ()):
+        if (kind, "particle_mass") in ds.field_info and (kind, _DENSITY) in ds.field_info:
+            return str(kind)
+    return "all"
+
+
+def _volume_of_particles(
+    source: YtSource, known: YtFields, fields: FieldChoice, unit: UnitLike, units: dict[str, Any]
+) -> Volume:
+    """Return the volume of a particle data set; see `from_yt`.
+
+    Mesh cells have densities; in yt the smoothing length is the support radius of the kernel.
+    """
+    from astropy import units as u
+
+    from ...particles import from_particles, get_kernel
+
+    ds, kind = source.ds, _particle_kind(source.ds)
+
+    def plain(name: str, unit: str) -> np.ndarray:
+        return plain_values(source.region[kind, name], unit)
+
+    def carried(field: Field, wanted: Any) -> u.Quantity:
+        own, unit, factor = units_of_field(ds, field, wanted)
+        values = plain_values(source.region[field], own)
+        return u.Quantity(
+            values if factor == 1 else values * factor,
+            u.dimensionless_unscaled if unit is None else unit,
+        )
+
+    chosen = known.chosen(fields) if fields is not None or known.on_disk else {}
+    dense = [name for name, field in chosen.items() if field[1] == _DENSITY]
+    values = {n: carried(f, units.get(n)) for n, f in chosen.items() if n not in dense}
+    unit, factor = length_unit(ds, float(ds.domain_width.to("code_length").d.max()), unit)
+    positions = plain("particle_position", "code_length") * factor
+    if not len(positions):
+        raise InputError("the region has no particles; is it inside the domain?")
+    kernel, sizes = _KERNELS.get(str(ds.kernel_name), str(ds.kernel_name)), {}
+    if "arepo" in str(ds.dataset_type):
+        sizes["density"] = plain(_DENSITY, "g/cm**3") * u.g / u.cm**3
+    elif (kind, "smoothing_length") in ds.field_info:
+        radius = plain("smoothing_length", "code_length")
+        sizes["smoothing_length"] = radius * factor / get_kernel(kernel).support
+    masses = plain("particle_mass", "g") * u.g
+    volume = from_particles(positions, masses, fields=values, kernel=kernel, unit=unit, **sizes)
+    if dense or fields is None:
+        name = dense[0] if dense else _DENSITY
+        density = volume[_DENSITY].to(parse_unit(units.get(name, "g / cm3")))
+        del volume[_DENSITY]
+        volume[name] = density
+    else:
+        del volume[_DENSITY]
+    volume.meta.update(meta_of(ds))
+    return volume

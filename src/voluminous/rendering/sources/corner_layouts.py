@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -111,14 +112,11 @@ def faces(packet: Any, data: Any, index: Int, stride: Any, active: Mask) -> Corn
     return [[f[0:2], f[2:4]] for f in found]
 
 
-def faces_size(shape: Any) -> int:
-    """Return how many numbers `FacePackets` holds for a volume of this shape."""
-    nx, ny, nz = (int(n) for n in shape)
-    return 4 * (nx + 2) * (ny + 1) * (nz + 1)
+def _checked_unit(array: np.ndarray, backend: Backend, count: int) -> float:
+    """Return the number a field is divided by so that single precision can hold it, mostly 1.
 
-
-def _check_size(count: int, backend: Backend) -> None:
-    """Refuse a field that does not fit into memory beside the volume."""
+    Refuses a field of which `count` values do not fit into memory beside the volume.
+    """
     if count > LARGEST:
         raise InputError(
             f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "
@@ -126,10 +124,6 @@ def _check_size(count: int, backend: Backend) -> None:
         )
     advice = "use scheme='first-order', which needs no copy, or a coarser or smaller volume"
     check_memory(count * backend.dtype.itemsize, "a field between cell centres", advice)
-
-
-def field_unit(array: np.ndarray, backend: Backend) -> float:
-    """Return the number a field is divided by so that single precision can hold it, mostly 1."""
     ends = np.fmin.reduce(array, axis=None), np.fmax.reduce(array, axis=None)
     most = max(abs(float(end)) for end in ends)
     if backend.precision == "double" or not 0.0 < most < np.inf or 1e-25 < most < 1e25:
@@ -137,74 +131,10 @@ def field_unit(array: np.ndarray, backend: Backend) -> float:
     return unit_near(most)
 
 
-def make_faces(array: np.ndarray, backend: Backend, unit: float) -> FacePackets:
-    """Return the quads of a field, divided by a unit.
-
-    They are gathered from the array itself, some layers at a time.
-    """
-    nx, ny, nz = array.shape
-    plane = (ny + 1) * (nz + 1)
-    data = dr.empty(backend.Float, faces_size(array.shape))
-    layers = max(1, SLAB // plane)
-    for first in range(0, nx + 2, layers):
-        last = min(first + layers, nx + 2)
-        low, high = min(max(first - 1, 0), nx - 1), min(max(last - 1, 1), nx)
-        part = device_array(array[low:high].reshape(-1), backend)
-        _fill(data, part, (first, last), (low, high), array.shape, backend, unit)
-    stride = dr.opaque(backend.UInt, plane)
-    return FacePackets(data, unit, stride, backend.packet(4))
-
-
-def _fill(
-    data: Any,
-    part: Any,
-    layers: tuple[int, int],
-    held: tuple[int, int],
-    shape: Any,
-    backend: Backend,
-    unit: float,
-) -> None:
-    """Write the quads of some layers, given the layers of the field in memory."""
-    Int, UInt = backend.Int, backend.UInt
-    first, last = layers
-    _, ny, nz = shape
-    lane = dr.arange(UInt, (last - first) * (ny + 1) * (nz + 1))
-    row = backend.quotient(lane, dr.opaque(UInt, nz + 1))
-    i = backend.quotient(row, dr.opaque(UInt, ny + 1))
-    j, k = Int(row - i * dr.opaque(UInt, ny + 1)), Int(lane - row * dr.opaque(UInt, nz + 1))
-    layer = dr.clip(
-        Int(i) + dr.opaque(Int, first - 1), dr.opaque(Int, held[0]), dr.opaque(Int, held[1] - 1)
-    ) - dr.opaque(Int, held[0])
-    base = layer * dr.opaque(Int, ny)
-    inside = dr.opaque(Int, ny - 1)
-    lines = [(base + dr.clip(j + a, 0, inside)) * dr.opaque(Int, nz) for a in (-1, 0)]
-    zs = [dr.clip(k + a, 0, dr.opaque(Int, nz - 1)) for a in (-1, 0)]
-    scale = backend.wide(1.0 / unit)
-    values = [
-        backend.Float(backend.Wide(dr.gather(type(part), part, UInt(line + z))) * scale)
-        for line in lines
-        for z in zs
-    ]
-    target = lane + dr.opaque(UInt, first * (ny + 1) * (nz + 1))
-    dr.scatter(data, backend.packet(4)(values), target)
-    dr.eval(data)
-
-
-def make_nodes(padded: np.ndarray, backend: Backend, unit: float) -> NodalValues:
-    """Return values at the vertices of a dual grid, divided by a unit."""
-    if unit != 1.0 or padded.dtype != backend.dtype:
-        padded = (
-            (padded / unit).astype(backend.dtype) if unit != 1.0 else padded.astype(backend.dtype)
-        )
-    _, ny, nz = padded.shape
-    data = backend.Float(padded.reshape(-1))
-    return NodalValues(data, unit, (dr.opaque(backend.UInt, ny * nz), dr.opaque(backend.UInt, nz)))
-
-
-def make_corner_packets(
+def tree_lattices(
     grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[CornerPackets]:
-    """Return the values of fields at the corners of a tree's cells, each divided by a unit.
+    """Return the `Grid.lattice` of trees: values at the corners of their cells.
 
     The number of fields computed at once depends on the memory.
     """
@@ -213,29 +143,20 @@ def make_corner_packets(
     made: list[CornerPackets] = []
     while left := arrays[len(made) :]:
         many = left[:_FIELDS] if fits(2 * corner_bytes(grid, _FIELDS, backend)) else left[:1]
-        units = [field_unit(array, backend) for array in many]
+        units = [_checked_unit(array, backend, 8 * grid.size) for array in many]
         scaled = [array / unit for array, unit in zip(many, units, strict=True)]
         data = CornerValues(grid, scaled, backend).compute()
         made += [CornerPackets(d, u, backend.packet(4)) for d, u in zip(data, units, strict=True)]
     return made
 
 
-def tree_lattices(
-    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
-) -> list[CornerPackets]:
-    """Return the `Grid.lattice` of trees: values at the corners of their cells."""
-    _check_size(8 * grid.size, backend)
-    return make_corner_packets(grid, arrays, backend)
-
-
 def curvilinear_lattices(
     grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[NodalValues]:
     """Return the `Grid.lattice` of curvilinear grids."""
-    return [
-        make_nodes(dual_values(array, grid), backend, _checked_unit(array, backend))
-        for array in arrays
-    ]
+    units = [_checked_unit(array, backend, _padded_size(array.shape)) for array in arrays]
+    pairs = zip(arrays, units, strict=True)
+    return [make_nodes(dual_values(array, grid), backend, unit) for array, unit in pairs]
 
 
 def cartesian_lattices(
@@ -245,18 +166,50 @@ def cartesian_lattices(
     return [_cartesian_lattice(array, backend) for array in arrays]
 
 
-def _checked_unit(array: np.ndarray, backend: Backend) -> float:
-    _check_size(int(np.prod([n + 2 for n in array.shape], dtype=object)), backend)
-    return field_unit(array, backend)
+def _padded_size(shape: tuple[int, ...]) -> int:
+    return math.prod(int(n) + 2 for n in shape)
 
 
 def _cartesian_lattice(array: np.ndarray, backend: Backend) -> FacePackets | NodalValues:
-    unit = _checked_unit(array, backend)
-    size = faces_size(array.shape) * backend.dtype.itemsize
-    small = size <= _LARGEST_QUADS and fits(4 * size)
-    if small:
-        return make_faces(array, backend, unit)
-    return make_nodes(np.pad(array, 1, mode="edge"), backend, unit)
+    unit = _checked_unit(array, backend, _padded_size(array.shape))
+    nx, ny, nz = (int(n) for n in array.shape)
+    size = 4 * (nx + 2) * (ny + 1) * (nz + 1) * backend.dtype.itemsize
+    padded = np.pad(array, 1, mode="edge")
+    if size <= _LARGEST_QUADS and fits(4 * size):
+        return make_faces(padded, backend, unit)
+    return make_nodes(padded, backend, unit)
+
+
+def make_nodes(padded: np.ndarray, backend: Backend, unit: float) -> NodalValues:
+    """Return values at the vertices of a dual grid, divided by a unit."""
+    scaled = padded if unit == 1.0 else padded / unit
+    _, ny, nz = padded.shape
+    data = backend.Float(scaled.astype(backend.dtype, copy=False).reshape(-1))
+    return NodalValues(data, unit, (dr.opaque(backend.UInt, ny * nz), dr.opaque(backend.UInt, nz)))
+
+
+def make_faces(padded: np.ndarray, backend: Backend, unit: float) -> FacePackets:
+    """Return the quads of the values at the vertices of a dual grid, divided by a unit."""
+    UInt, (layers, ny, nz) = backend.UInt, padded.shape
+    plane = (ny - 1) * (nz - 1)
+    data, scale = dr.empty(backend.Float, 4 * layers * plane), backend.wide(1.0 / unit)
+    step = max(1, SLAB // plane)
+    for first in range(0, layers, step):
+        part = device_array(padded[first : first + step].reshape(-1), backend)
+        lane = dr.arange(UInt, min(step, layers - first) * plane)
+        row = backend.quotient(lane, dr.opaque(UInt, nz - 1))
+        layer = backend.quotient(row, dr.opaque(UInt, ny - 1))
+        # Rows have one value more than quads, and layers one row more.
+        corner = lane + row + layer * dr.opaque(UInt, nz)
+        values = [
+            backend.Float(backend.Wide(dr.gather(type(part), part, index)) * scale)
+            for line in (corner, corner + dr.opaque(UInt, nz))
+            for index in (line, line + 1)
+        ]
+        target = lane + dr.opaque(UInt, first * plane)
+        dr.scatter(data, backend.packet(4)(values), target)
+        dr.eval(data)
+    return FacePackets(data, unit, dr.opaque(UInt, plane), backend.packet(4))
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,22 +15,22 @@ from ...backend.types import Float, Int, Mask
 from ...errors import InputError
 from ...grids.contract import Corners, Segment
 from ...memory import check_memory, fits
+from ...progress import reporter
 from ...schemes.base import Coefficients, Scheme
 from ..cache import SLABS, Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
-from .empty_space import CELLS, get_blocks, pruned_walk, tabled
+from .channel_layout import ChannelLayout
+from .empty_space import CELLS, get_blocks, pruned_walk
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
 
-
-def packet_widths(count: int) -> list[int]:
-    """Return the widths (4, 2 or 1) of the packets that hold `count` numbers."""
-    widths = [4] * (count // 4)
-    for width in (2, 1):
-        if count & width:
-            widths.append(width)
-    return widths
+_ADVICE = (
+    "use precision='single', scheme='first-order' (which can do without a table), "
+    "or a coarser or smaller volume"
+)
+# Tabulated coefficients below this fraction of their peak are neglected: below rounding.
+_FAINT = {"single": 1e-9, "double": 1e-18}
 
 
 @dataclass
@@ -40,7 +40,7 @@ class CoefficientTable:
     Attributes
     ----------
     packets : list of arrays
-        Interleaved numbers, one flat array per packet.
+        Interleaved numbers, one flat array per packet of 4, 2 or 1.
     numbers : PerChannel or SharedProfiles
         Layout of the numbers.
     largest : list of float
@@ -51,9 +51,9 @@ class CoefficientTable:
         Blocks that rays may skip; or a walk through part of the grid.
     """
 
-    packets: list[Any]
+    packets: list[Float]
     widths: list[int]
-    numbers: Any
+    numbers: ChannelLayout
     largest: list[float]
     backend: Backend
     bounds: list[float]
@@ -62,22 +62,47 @@ class CoefficientTable:
     walk_kind: ClassVar[str | None] = None
     tolerance: ClassVar[tuple[Float, ...]] = ()
 
-    def gather(self, index: Int, active: Mask) -> list[Any]:
+    @classmethod
+    def empty(cls, evaluator: CellEvaluator, size: int) -> CoefficientTable:
+        numbers, backend = evaluator.numbers, evaluator.backend
+        widths = [4] * (numbers.count // 4) + [w for w in (2, 1) if numbers.count & w]
+        if size * max(widths) > LARGEST:
+            raise InputError(
+                f"a table of {size} x {max(widths)} numbers exceeds the {LARGEST} that an array "
+                "can hold; render the volume in parts, or with scheme='first-order'"
+            )
+        packets = [dr.empty(backend.Float, size * width) for width in widths]
+        bounds = numbers.in_units(evaluator.largest)
+        return cls(packets, widths, numbers, [0.0] * numbers.count, backend, bounds)
+
+    def store(self, values: list[Float], first: int, *also: Any) -> None:
+        """Write the numbers of consecutive places, in one kernel with `also`."""
+        real, UInt = self.backend.Float, self.backend.UInt
+        values = [flush_subnormal(real(v)) for v in values]
+        index = dr.arange(UInt, max(len(v) for v in values)) + dr.opaque(UInt, first)
+        position = 0
+        for data, width in zip(self.packets, self.widths, strict=True):
+            part = values[position : position + width]
+            dr.scatter(data, part[0] if width == 1 else self.backend.packet(width)(part), index)
+            position += width
+        size = [dr.abs(v) for v in values]
+        dr.eval(self.packets, size, *also)
+        for k, v in enumerate(size):
+            self.largest[k] = max(self.largest[k], float(dr.max(v)[0]))
+
+    def gather(self, index: Int, active: Mask) -> list[Float]:
         """Return all numbers at a flat index."""
         values: list[Float] = []
         for data, width in zip(self.packets, self.widths, strict=True):
-            got = dr.gather(self.backend.packet(width), data, self.backend.UInt(index), active)
-            values += [got] if width == 1 else list(got)
+            packet = dr.gather(self.backend.packet(width), data, self.backend.UInt(index), active)
+            values += [packet] if width == 1 else list(packet)
         return values
 
     def at(self, segment: Segment) -> Coefficients:
         return self.numbers.split(self.gather(segment.cell, segment.active))
 
-    def inputs(self) -> Any:
-        return self.packets, self.numbers.inputs()
-
     def interpolate(self, corners: Corners, active: Mask) -> list[Float]:
-        total: list[Any] = []
+        total: list[Float] = []
         for vertex, weight in zip(corners.vertex, corners.weight, strict=True):
             values = self.gather(vertex, active)
             if total:
@@ -86,35 +111,48 @@ class CoefficientTable:
                 total = [weight * v for v in values]
         return total
 
+    def visible(self, faint: float) -> np.ndarray:
+        """Return which places have coefficients above a fraction of their peak."""
+        visible: Any = False
+        largest = iter(self.largest)
+        for data, width in zip(self.packets, self.widths, strict=True):
+            for numbers in np.asarray(data).reshape(-1, width).T:
+                visible = visible | (np.abs(numbers) > faint * next(largest))
+        return np.asarray(visible)
 
-def cell_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTable:
-    """Return the coefficients of all cells."""
-    return _cells(evaluator, backend, 0, evaluator.grid.size, report)
 
-
-def _cells(evaluator: Any, backend: Backend, low: int, high: int, report: Any) -> CoefficientTable:
-    table = _empty_table(evaluator, backend, high - low)
+def cell_table(evaluator: CellEvaluator, low: int, high: int) -> CoefficientTable:
+    """Return the coefficients of consecutive cells."""
+    table = CoefficientTable.empty(evaluator, high - low)
     for first in range(low, high, SLAB):
-        last = min(first + SLAB, high)
-        _classify_into(table, evaluator, first, last - first, first - low)
-        report(last - low, high - low)
+        values, bad = evaluator.classify(first, min(SLAB, high - first))
+        table.store(values, first - low, bad)
+        if dr.any(bad):
+            evaluator.refuse(values, bad, first)
+        reporter()(0, 1)
     return table
 
 
-def vertex_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTable:
+def vertex_table(evaluator: CellEvaluator) -> CoefficientTable:
     """Return the coefficients at all vertices: plain means over the cells that touch them.
 
     RADMC-3D's rule: cells outside the domain are excluded, not counted as zero. Each cell is
     classified once or twice.
     """
-    grid = evaluator.grid
-    table = _empty_table(evaluator, backend, grid.vertex_count)
+    grid, UInt, Float = evaluator.grid, evaluator.backend.UInt, evaluator.backend.Float
+    table = CoefficientTable.empty(evaluator, grid.vertex_count)
     cells, held = None, (0, 0)
     for (first, last), around in _vertex_pieces(grid):
         if around != held or cells is None:
-            cells, held = _cells(evaluator, backend, *around, _unheard), around
-        _store(table, _means(cells, grid, (first, last), around[0]), first)
-        report(last, grid.vertex_count)
+            cells, held = cell_table(evaluator, *around), around
+        vertex = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
+        begin = dr.opaque(UInt, around[0])
+        total, number = [Float(0)] * evaluator.numbers.count, Float(0)
+        for cell, there in grid.vertex_cells(vertex, evaluator.backend):
+            values = cells.gather(UInt(cell) - begin, there)
+            total = [t + v for t, v in zip(total, values, strict=True)]
+            number += dr.select(there, 1.0, 0.0)
+        table.store([t / number for t in total], first)
     return table
 
 
@@ -136,68 +174,6 @@ def _vertex_pieces(grid: Grid) -> Iterator[tuple[tuple[int, int], tuple[int, int
         yield (first * vertices, last * vertices), (low * plane, high * plane)
 
 
-def _unheard(done: int, total: int) -> None:
-    """Report nothing."""
-
-
-def _means(cells: CoefficientTable, grid: Grid, vertices: tuple[int, int], low: int) -> list[Any]:
-    """Return the means at consecutive vertices, from a table of cells that begins with `low`."""
-    backend = cells.backend
-    UInt, Float = backend.UInt, backend.Float
-    first, last = vertices
-    vertex = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
-    begin = dr.opaque(UInt, low)
-    total = [Float(0)] * cells.numbers.count
-    number = Float(0)
-    for cell, there in grid.vertex_cells(vertex, backend):
-        values = cells.gather(UInt(cell) - begin, there)
-        total = [t + v for t, v in zip(total, values, strict=True)]
-        number += dr.select(there, 1.0, 0.0)
-    return [t / number for t in total]
-
-
-def _empty_table(evaluator: Any, backend: Backend, size: int) -> CoefficientTable:
-    count = evaluator.numbers.count
-    widths = packet_widths(count)
-    if size * max(widths) > LARGEST:
-        raise InputError(
-            f"a table of {size} x {max(widths)} numbers exceeds the {LARGEST} that an array can "
-            "hold; render the volume in parts, or with scheme='first-order'"
-        )
-    packets = [dr.empty(backend.Float, size * w) for w in widths]
-    bounds = evaluator.numbers.in_units(evaluator.largest())
-    return CoefficientTable(packets, widths, evaluator.numbers, [0.0] * count, backend, bounds)
-
-
-def _classify_into(
-    table: CoefficientTable, evaluator: Any, first: int, count: int, place: int
-) -> None:
-    """Classify cells from `first` on and write them into a table from `place` on."""
-    values = evaluator.classify(first, count)
-    bad = evaluator.unusable(values)
-    _store(table, values, place, bad)
-    if dr.any(bad):
-        evaluator.refuse(values, bad, first)
-
-
-def _store(table: CoefficientTable, values: list[Float], first: int, *also: Any) -> None:
-    """Write the numbers of consecutive places into a table, in one kernel with `also`."""
-    real = table.backend.Float
-    values = [flush_subnormal(real(v)) for v in values]
-    lane = dr.arange(table.backend.UInt, max(len(v) for v in values))
-    index = lane + dr.opaque(table.backend.UInt, first)
-    position = 0
-    for data, width in zip(table.packets, table.widths, strict=True):
-        part = values[position : position + width]
-        packet = part[0] if width == 1 else table.backend.packet(width)(part)
-        dr.scatter(data, packet, index)
-        position += width
-    size = [dr.abs(v) for v in values]
-    dr.eval(table.packets, size, *also)
-    for k, v in enumerate(size):
-        table.largest[k] = max(table.largest[k], float(dr.max(v)[0]))
-
-
 class OnRay:
     """The medium evaluated in every cell that a ray visits; the same bits as from a table.
 
@@ -207,93 +183,73 @@ class OnRay:
     blocks = walk = walk_kind = None
     tolerance: tuple[Float, ...] = ()
 
-    def __init__(self, evaluator: CellEvaluator, backend: Backend) -> None:
-        self.evaluator, self.backend = evaluator, backend
-        self.numbers = evaluator.numbers
-        volume = evaluator.volume
-        self.fields = {
-            name: _whole_field(volume.array(name), backend)
-            for name in evaluator.medium.names
-            if name in volume
-        }
-        evaluator.centers.whole()  # made before rays are traced
-        self.largest = self.bounds = self.numbers.in_units(evaluator.largest())
-
-    def inputs(self) -> Any:
-        return self.fields, self.evaluator.centers.whole(), self.numbers.inputs()
+    def __init__(self, evaluator: CellEvaluator) -> None:
+        self.evaluator, self.backend = evaluator, evaluator.backend
+        self.numbers, volume = evaluator.numbers, evaluator.volume
+        self.numbers.normalise(evaluator.largest)
+        self.fields: dict[str, Float] = {}
+        for name in evaluator.medium.names:
+            if name in volume:
+                array = volume.array(name)
+                if array.dtype.kind != "f":
+                    size = array.size * (4 if array.dtype.itemsize <= 2 else 8)
+                    advice = "crop or coarsen the volume"
+                    check_memory(size, "an integer field as floating point", advice)
+                self.fields[name] = device_array(array.reshape(-1), self.backend)
+        evaluator.all_coordinates  # noqa: B018 (made before rays are traced)
+        self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
 
     def at(self, segment: Segment) -> Coefficients:
-        cell, active = segment.cell, segment.active
-        Wide = self.backend.Wide
-        values = {
-            name: Wide(dr.gather(type(data), data, cell, active))
-            for name, data in self.fields.items()
-        }
-        found = self.evaluator.evaluate({**self.evaluator.centers.at(cell, active), **values})
-        for k in range(self.numbers.emissions, len(found)):
-            found[k] = dr.select(found[k] >= 0, found[k], math.nan)
-        return self.numbers.split([self._narrow(v) for v in found])
-
-    def _narrow(self, value: Float) -> Any:
-        return flush_subnormal(self.backend.Float(value))
-
-
-def _whole_field(array: np.ndarray, backend: Backend) -> Any:
-    if array.dtype.kind != "f":
-        size = array.size * (4 if array.dtype.itemsize <= 2 else 8)
-        check_memory(size, "an integer field as floating point", "crop or coarsen the volume")
-    return device_array(array.reshape(-1), backend)
-
-
-_ADVICE = (
-    "use precision='single', scheme='first-order' (which can do without a table), "
-    "or a coarser or smaller volume"
-)
-# Tabulated coefficients below this fraction of their peak are neglected: below rounding.
-_FAINT = {"single": 1e-9, "double": 1e-18}
+        cell, active, Wide = segment.cell, segment.active, self.backend.Wide
+        fields = self.evaluator.coordinates(cell, active)
+        for name, data in self.fields.items():
+            fields[name] = Wide(dr.gather(type(data), data, cell, active))
+        values = self.evaluator.evaluate(fields)
+        for k in range(self.numbers.emissions, len(values)):
+            values[k] = dr.select(values[k] >= 0, values[k], math.nan)
+        return self.numbers.split([flush_subnormal(self.backend.Float(v)) for v in values])
 
 
 def tabulated(
-    evaluator: CellEvaluator,
-    cache: Cache,
-    scheme: Scheme,
-    steps: float,
-    report: Callable[..., None],
-    whole: bool,
-) -> Any:
-    """Return a new or cached table, or the medium on the ray where a table does not pay."""
-    volume, backend, numbers = evaluator.volume, evaluator.backend, evaluator.numbers
-    needed = table_bytes(evaluator, scheme, backend)
-    crowded = scheme.coefficients_at == "cell" and _crowded(
-        numbers, needed, volume.grid.size / steps
-    )
-    if crowded and not volume.tables:  # not even hashed: that takes a while for 1024³
-        return _on_ray(evaluator, backend)
-    everywhere = scheme.everywhere
+    evaluator: CellEvaluator, cache: Cache, scheme: Scheme, steps: float, whole: bool
+) -> CoefficientTable | OnRay:
+    """Return a new or cached table, or the medium on the ray where a table does not pay.
+
+    Parameters
+    ----------
+    steps : float
+        Estimate of the number of cells that all rays cross.
+    whole : bool
+        No cells are hidden.
+    """
+    backend, numbers, grid = evaluator.backend, evaluator.numbers, evaluator.grid
+    by_cell = scheme.coefficients_at == "cell"
+    places = grid.size if by_cell else grid.vertex_count
+    needed = places * numbers.count * backend.dtype.itemsize
+    crowded = by_cell and _crowded(numbers, needed, grid.size / steps)
+    if crowded and not evaluator.volume.tables:  # not even hashed: it takes a while for 1024³
+        return OnRay(evaluator)
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
-    key = _key(evaluator, scheme, cache, (faint, everywhere))
-    found = None if key is None else cache.get(key)
-    if found is not None:
-        return replace(found, numbers=numbers.reuse(found.numbers))
+    key: Hashable = None
+    if (own := numbers.key()) is not None:
+        digests = cache.statistics.digests(evaluator.medium.names)
+        key = (own, scheme.coefficients_at, (faint, scheme.everywhere), backend, digests)
+        found: CoefficientTable | None = cache.get(key)
+        if found is not None:
+            return replace(found, numbers=numbers.reuse(found.numbers))
     if crowded:
-        return _on_ray(evaluator, backend)
+        return OnRay(evaluator)
     check_memory(needed + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
-    numbers.normalise(evaluator.largest())
-    make = cell_table if scheme.coefficients_at == "cell" else vertex_table
-    table = make(evaluator, backend, report)
-    if not everywhere:
+    numbers.normalise(evaluator.largest)
+    table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)
+    if not scheme.everywhere:
         table.blocks = get_blocks(evaluator, cache, faint, CELLS)
-        table.walk = _pruned(table, volume.grid, scheme, faint) if whole else None
+        if whole and by_cell and grid.can_be_pruned:
+            table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)
 
 
-def _pruned(table: CoefficientTable, grid: Grid, scheme: Scheme, faint: float) -> Any:
-    if scheme.coefficients_at != "cell" or not grid.can_be_pruned:
-        return None
-    return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
-
-
-def _crowded(numbers: Int, needed: int, cells_per_step: float) -> bool:
+def _crowded(numbers: ChannelLayout, needed: int, cells_per_step: float) -> bool:
     """Return True if the medium is better evaluated on the ray than for all cells beforehand.
 
     That is so where the rays visit few of the cells. But a table that can be cached and leaves
@@ -302,27 +258,4 @@ def _crowded(numbers: Int, needed: int, cells_per_step: float) -> bool:
     """
     if not fits(needed + SLABS):
         return True
-    if cells_per_step < 0.5:
-        return False
-    return numbers.key() is None or not fits(4 * needed)
-
-
-def _on_ray(evaluator: CellEvaluator, backend: Backend) -> OnRay:
-    evaluator.numbers.normalise(evaluator.largest())
-    return OnRay(evaluator, backend)
-
-
-def table_bytes(evaluator: CellEvaluator, scheme: Scheme, backend: Backend) -> int:
-    """Return the memory of a scheme's table."""
-    grid = evaluator.grid
-    places = grid.vertex_count if scheme.coefficients_at == "vertex" else grid.size
-    return places * evaluator.numbers.count * backend.dtype.itemsize
-
-
-def _key(evaluator: CellEvaluator, scheme: Scheme, cache: Cache, left_out: tuple[Any, ...]) -> Any:
-    own = evaluator.numbers.key()
-    if own is None:
-        return None
-    backend = evaluator.backend
-    names = evaluator.medium.names
-    return (own, scheme.coefficients_at, left_out, backend, cache.statistics.digests(names))
+    return cells_per_step >= 0.5 and (numbers.key() is None or not fits(4 * needed))

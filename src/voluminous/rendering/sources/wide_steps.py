@@ -10,16 +10,20 @@ fewer where fields are smooth, and stay the same elsewhere.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...backend import dr, from_host
-from ...backend.types import Float, Int
+from ...backend.types import Float, Int, Mask
+from ...expressions import Expression
 from ...expressions.interval import Interval
 from ...grids.cartesian.coarse_walk import WIDEST
 from ...grids.cartesian.leap import BITS
+from ...media.context import Context
+from ...media.contract import Medium
 from ...media.profiles import Shaped
 from ..precision import plain_widths
 from .cells import CellEvaluator, device_array
@@ -39,8 +43,8 @@ class Limit:
         The limit where they are fully visible, as a fraction of the width.
     """
 
-    part: Any
-    expr: Any
+    part: Medium
+    expr: Expression
     width: float
     fraction: float
 
@@ -49,7 +53,7 @@ class Limit:
         """Return everything that blocks depend on, besides the part of the medium."""
         return (self.expr.text, self.width, self.fraction)
 
-    def kept(self, exact: Any, taken: list[Any], context: Any) -> Any:
+    def holds(self, exact: Float, approximate: list[Float], context: Context) -> Mask:
         """Return where approximate values are within the limit of the exact ones (traced).
 
         The limit scales with the root of the largest visibility of any of the values: this takes a
@@ -59,13 +63,13 @@ class Limit:
         width = context.kept_number(self.width)
         most = context.kept_number(self.width * self.fraction)
         shown = self.part.prominence(exact, context)
-        for value in taken:
+        for value in approximate:
             shown = dr.maximum(shown, self.part.prominence(value, context))
-        kept, root = ~dr.isnan(exact), dr.sqrt(shown)
-        for value in taken:
+        holds, root = ~dr.isnan(exact), dr.sqrt(shown)
+        for value in approximate:
             off = dr.abs(value - exact)
-            kept &= (off * root <= most) & (off <= width)
-        return kept
+            holds &= (off * root <= most) & (off <= width)
+        return holds
 
 
 def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit, ...] | None:
@@ -97,37 +101,6 @@ _DEEPEST = 0.4
 _WORTHWHILE = 0.1
 
 
-@dataclass
-class FieldSamples:
-    """The fields that a medium needs, unmodified, and the errors allowed in its expressions.
-
-    Attributes
-    ----------
-    data : dict of str to array
-        Values at the centres of cells, flat.
-    shape : tuple of int
-        Cells along each axis.
-    limits : tuple of Limit
-        Error allowed in each expression.
-    """
-
-    data: dict[str, Any]
-    shape: tuple[int, ...]
-    limits: tuple[Limit, ...]
-    evaluator: CellEvaluator
-
-    def at(self, node: list[Any]) -> dict[str, Any]:
-        """Return all fields at a centre; number 0 lies outside and repeats the first."""
-        Int, backend = self.evaluator.backend.Int, self.evaluator.backend
-        flat = Int(0)
-        for i, n in zip(node, self.shape, strict=True):
-            flat = flat * dr.opaque(Int, n) + dr.clip(i - 1, 0, dr.opaque(Int, n - 1))
-        return {
-            name: backend.Wide(dr.gather(type(data), data, backend.UInt(flat)))
-            for name, data in self.data.items()
-        }
-
-
 def wide_steps(
     evaluator: CellEvaluator,
     visible: np.ndarray,
@@ -135,39 +108,27 @@ def wide_steps(
     limits: tuple[Limit, ...],
 ) -> np.ndarray | None:
     """Return log2 of the step width allowed in each block, or None if few may be wide."""
-    backend, volume = evaluator.backend, evaluator.volume
-    names = evaluator.medium.names
-    data = {n: device_array(volume.array(n).reshape(-1), backend) for n in names}
-    fields = FieldSamples(data, volume.grid.shape, limits, evaluator)
-    most = _widest(evaluator, visible, ranges)
-    steps = np.zeros(visible.shape, np.uint8)
+    # The width that keeps the optical depth low enough; for a single shell with proportional j and
+    # α any depth is allowed.
+    most, parts = np.full(visible.shape, WIDEST, np.uint8), evaluator.medium.components()
+    if len(parts) > 1 or not isinstance(parts[0], Shaped):
+        some = {name: Interval(r.lo[visible], r.hi[visible]) for name, r in ranges.items()}
+        dense = evaluator.numbers.densest(evaluator.most_in(some))
+        most[visible] = sum(dense * (1 << k) <= _DEEPEST for k in range(1, WIDEST + 1))
+    cubes, steps = _Cubes(evaluator, limits), np.zeros(visible.shape, np.uint8)
     for step in range(WIDEST, 0, -1):
         left = visible & (steps == 0) & (most >= step)
-        cubes = _resized(left, BITS - step, np.any)
-        good = _resized(_good(fields, cubes, step), step - BITS, np.all)
-        steps[left & good[tuple(slice(n) for n in left.shape)]] = step
+        inside = _resized(left, BITS - step, np.any)
+        smooth, place = np.zeros(inside.shape, bool), np.nonzero(inside)
+        if len(place[0]):
+            first = [from_host(evaluator.backend.Int, p << step) for p in place]
+            smooth[place] = np.asarray(cubes.smooth(first, 1 << step))
+        smooth = _resized(smooth, step - BITS, np.all)
+        steps[left & smooth[tuple(slice(n) for n in left.shape)]] = step
     return steps if np.count_nonzero(steps) > _WORTHWHILE * np.count_nonzero(visible) else None
 
 
-def _widest(
-    evaluator: CellEvaluator, visible: np.ndarray, ranges: dict[str, Interval]
-) -> np.ndarray:
-    """Return log2 of the step width in each block that keeps the optical depth low enough.
-
-    For a single shell with proportional j and α any depth is allowed.
-    """
-    found = np.full(visible.shape, WIDEST, np.uint8)
-    parts = evaluator.medium.components()
-    if len(parts) > 1 or not isinstance(parts[0], Shaped):
-        own = {name: Interval(r.lo[visible], r.hi[visible]) for name, r in ranges.items()}
-        dense = evaluator.numbers.densest(evaluator.most_in(own))
-        found[visible] = np.sum(
-            [dense * (1 << k) <= _DEEPEST for k in range(1, WIDEST + 1)], axis=0
-        )
-    return found
-
-
-def _resized(cubes: np.ndarray, bits: int, all_or_any: Any) -> np.ndarray:
+def _resized(cubes: np.ndarray, bits: int, all_or_any: Callable[..., Any]) -> np.ndarray:
     """Return a mask of cubes 2^bits times smaller, or of larger ones by `all_or_any`."""
     if bits >= 0:
         for axis in range(3):
@@ -176,90 +137,92 @@ def _resized(cubes: np.ndarray, bits: int, all_or_any: Any) -> np.ndarray:
     side = 1 << -bits
     padded = np.pad(cubes, [(0, -n % side) for n in cubes.shape])
     nx, ny, nz = (n // side for n in padded.shape)
-    found = all_or_any(padded.reshape(nx, side, ny, side, nz, side), axis=(1, 3, 5))
-    return np.asarray(found)
-
-
-def _good(fields: FieldSamples, cubes: np.ndarray, step: int) -> np.ndarray:
-    """Return which cubes of 2^step dual cells may be crossed in one step."""
-    place = np.nonzero(cubes)
-    found = np.zeros(cubes.shape, bool)
-    if len(place[0]):
-        Int = fields.evaluator.backend.Int
-        first = [from_host(Int, p << step) for p in place]
-        found[place] = np.asarray(_Cubes(fields, first, 1 << step).smooth())
-    return found
+    return np.asarray(all_or_any(padded.reshape(nx, side, ny, side, nz, side), axis=(1, 3, 5)))
 
 
 class _Cubes:
-    """Cubes of dual cells, one per lane: the fields at their corners, and at all centres inside.
+    """Cubes of dual cells, one per lane.
 
     Rays take expressions as linear between entry into a cube and exit from it, with fields that are
-    trilinear between the corners. Both approximations are compared with the exact values.
+    trilinear between the corners. Both approximations are compared with the exact values at all
+    centres inside.
     """
 
-    def __init__(self, fields: FieldSamples, first: list[Float], side: int) -> None:
-        self.fields, self.first, self.side = fields, first, side
-        self.backend = fields.evaluator.backend
-        self.context = fields.evaluator.context(self.backend.Wide)
-        self.corners = [
-            fields.at([f + side * b for f, b in zip(first, up, strict=True)]) for up in _UP
-        ]
+    def __init__(self, evaluator: CellEvaluator, limits: tuple[Limit, ...]) -> None:
+        self.backend, self.limits = evaluator.backend, limits
+        self.context = evaluator.context(self.backend.Wide)
+        volume = evaluator.volume
+        self.shape = volume.grid.shape
+        self.data = {
+            name: device_array(volume.array(name).reshape(-1), self.backend)
+            for name in evaluator.medium.names
+        }
 
-    def smooth(self) -> Any:
+    def smooth(self, first: list[Int], side: int) -> Mask:
+        """Return which cubes, given by their first dual cells, may be crossed in one step."""
         UInt, backend = self.backend.UInt, self.backend
-        row = dr.opaque(UInt, self.side + 1)
+        corners = [
+            self._fields([f + side * b for f, b in zip(first, up, strict=True)]) for up in _UP
+        ]
+        exprs = {limit.expr.text: limit.expr for limit in self.limits}
+        planes = {text: self._plane(expr, corners) for text, expr in exprs.items()}
+        row = dr.opaque(UInt, side + 1)
         count = row * row * row
-        exprs = {limit.expr.text: limit.expr for limit in self.fields.limits}
-        planes = {text: (expr, self._affine(expr)) for text, expr in exprs.items()}
 
-        def going_on(number: Int, good: Any) -> Any:
+        def going_on(number: Int, good: Mask) -> Mask:
             return good & (number < count)
 
-        def body(number: Int, good: Any) -> tuple[Any, Any]:
+        def body(number: Int, good: Mask) -> tuple[Int, Mask]:
             plane = backend.quotient(number, row)
             layer = backend.quotient(plane, row)
-            inner = [layer, plane - layer * row, number - plane * row]
-            return number + 1, self._alike([backend.Int(i) for i in inner], planes)
+            inner = [backend.Int(i) for i in (layer, plane - layer * row, number - plane * row)]
+            exact = self._fields([f + i for f, i in zip(first, inner, strict=True)])
+            fraction = [backend.Wide(i) * (1.0 / side) for i in inner]
+            near = self._trilinear(corners, fraction)
+            good = dr.full(backend.Bool, True, 1)
+            for limit in self.limits:
+                mean, *rises = planes[limit.expr.text]
+                flat = mean + sum(r * (2.0 * f - 1.0) for r, f in zip(rises, fraction, strict=True))
+                value, trilinear = (self.context.evaluate(limit.expr, f) for f in (exact, near))
+                good &= limit.holds(value, [trilinear, flat], self.context)
+            return number + 1, good
 
-        lanes = dr.width(self.first[0])
+        lanes = dr.width(first[0])
         state = (dr.zeros(UInt, lanes), dr.full(backend.Bool, True, lanes))
         _, good = dr.while_loop(state, going_on, body, label="coarse")
         return good
 
-    def _affine(self, expr: Any) -> list[Any]:
+    def _fields(self, node: list[Int]) -> dict[str, Float]:
+        """Return all fields at a centre; number 0 lies outside and repeats the first."""
+        Int, backend = self.backend.Int, self.backend
+        flat = Int(0)
+        for i, n in zip(node, self.shape, strict=True):
+            flat = flat * dr.opaque(Int, n) + dr.clip(i - 1, 0, dr.opaque(Int, n - 1))
+        return {
+            name: backend.Wide(dr.gather(type(data), data, backend.UInt(flat)))
+            for name, data in self.data.items()
+        }
+
+    def _plane(self, expr: Expression, corners: list[dict[str, Float]]) -> list[Float]:
         """Return the least-squares plane through an expression's values at the corners.
 
         Its mean, and half its rise along each axis.
         """
-        values = [self.context.evaluate(expr, corner) for corner in self.corners]
-        means = [sum(values) * 0.125]
-        for axis in range(3):
-            means.append(
-                sum(v if up[axis] else -v for v, up in zip(values, _UP, strict=True)) * 0.125
-            )
-        return means
+        values = [self.context.evaluate(expr, corner) for corner in corners]
+        rises = [
+            sum(v if up[axis] else -v for v, up in zip(values, _UP, strict=True)) * 0.125
+            for axis in range(3)
+        ]
+        return [sum(values) * 0.125, *rises]
 
-    def _alike(self, inner: list[Float], planes: dict[str, tuple[Any, list[Any]]]) -> Any:
-        exact = self.fields.at([f + i for f, i in zip(self.first, inner, strict=True)])
-        fraction = [self.backend.Wide(i) * (1.0 / self.side) for i in inner]
-        near = self._trilinear(fraction)
-        values = {}
-        for text, (expr, (mean, *rises)) in planes.items():
-            flat = mean + sum(r * (2.0 * f - 1.0) for r, f in zip(rises, fraction, strict=True))
-            taken = [self.context.evaluate(expr, near), flat]
-            values[text] = self.context.evaluate(expr, exact), taken
-        alike = dr.full(self.backend.Bool, True, 1)
-        for limit in self.fields.limits:
-            alike &= limit.kept(*values[limit.expr.text], self.context)
-        return alike
-
-    def _trilinear(self, fraction: list[Float]) -> dict[str, Any]:
+    def _trilinear(
+        self, corners: list[dict[str, Float]], fraction: list[Float]
+    ) -> dict[str, Float]:
         weights = []
         for up in _UP:
             parts = [f if b else 1.0 - f for f, b in zip(fraction, up, strict=True)]
             weights.append(parts[0] * parts[1] * parts[2])
         return {
-            name: sum(w * c[name] for w, c in zip(weights, self.corners, strict=True))
-            for name in self.fields.data
+            name: sum(w * c[name] for w, c in zip(weights, corners, strict=True))
+            for name in self.data
         }

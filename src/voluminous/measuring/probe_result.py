@@ -1,28 +1,30 @@
-"""What one ray saw."""
+"""`Probe`, the segments of one ray: as a table, a text and a plot."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ...errors import InputError, unknown_name
-from ...figures import divided, new_figure
-from ...files import replacing
-from ...notebook import page
-from ...notebook import table as html_table
-from ...regrid.table import table
-from ...units import parse_unit
+from ..errors import InputError, unknown_name
+from ..figures import divided, new_figure
+from ..files import replacing
+from ..notebook import page
+from ..notebook import table as html_table
+from ..regrid.table import table
+from ..units import Unit, parse_unit
 
 if TYPE_CHECKING:
+    import pandas
+    from astropy.table import QTable
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Column = tuple[np.ndarray, Any]
-# What astropy calls the formats of tables.
+Column: TypeAlias = tuple[np.ndarray, Unit]
+# astropy's names of the formats of tables.
 _TABLES = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 _PLOTS = (".png", ".pdf", ".svg")
 _DPI = 150
@@ -30,7 +32,7 @@ _DPI = 150
 
 @dataclass(frozen=True, repr=False)
 class Probe:
-    """What one ray saw, segment by segment, from the observer on.
+    """The segments of one ray, from the observer on.
 
     There are n segments, c channels, and e extinctions: one if the medium is grey, else one per
     channel. Distances are counted from the observer, or, for an orthographic camera, from the plane
@@ -41,18 +43,18 @@ class Probe:
     begin, end : float64 array (n,)
         Distances at which each segment begins and ends, in the volume's unit.
     position : float64 array (n, 3)
-        The segments' middles.
+        The midpoints of the segments.
     cell : int array (n,)
-        Flat number of the cell; of schemes that interpolate fields, of that in which the middle is.
+        Flat number of the cell; for schemes that interpolate fields, of that of the midpoint.
     index : int array (n, 3) or None
         The cell's number along each axis, if the grid has three.
     level : int array (n,)
         How often the base cell was refined.
     hidden : bool array (n,)
-        Cells that lack a value are transparent.
+        Whether the cell lacks a value; such cells are transparent.
     fields : dict of str to array (n,)
-        Fields that the medium looks at, and what was asked for: in the cell, or, of schemes that
-        interpolate, in the middle of the segment.
+        The medium's fields, and those asked for: in the cell, or, for schemes that interpolate, at
+        the midpoint of the segment.
     scalars : dict of str to array (n,)
         The medium's expressions.
     j : float64 array (n, c)
@@ -65,27 +67,26 @@ class Probe:
     theta : float64 array (n, e)
         Its transparency θ.
     b : float64 array (n, c)
-        What it emits at its front.
+        The intensity that it emits at its front.
     depth : float64 array (n, e)
         Optical depth from the observer to the end of the segment.
     gathered : float64 array (n, c)
-        What the observer sees of all up to the end of the segment.
+        The intensity that the observer receives from all up to the end of the segment.
     arriving : float64 array (n, c)
-        Intensity that comes out of the front of the segment: of it, of all behind it, and of the
-        background.
+        Intensity at the front of the segment: from it, from all behind it, and from the background.
     background : float64 array (c,)
     intensity : array (c,)
-        The pixel: what `render` gives.
+        The intensity of the pixel, as `render` gives it.
     transparency, optical_depth : array (e,)
-        Of all that the ray met.
+        Of the whole ray.
     stopped : bool
-        The ray stopped before it had crossed everything: nothing behind matters.
+        Whether the ray stopped early: nothing behind matters.
     pixel, at : (int, int), (float, float)
         The pixel (ix, iy), and the point of the image plane.
     units : dict of str to str
         Units of "length", "intensity", and of all fields and scalars.
     provenance : dict
-        How it was made.
+        The settings.
     """
 
     begin: np.ndarray
@@ -121,36 +122,36 @@ class Probe:
         return len(self.begin)
 
     def columns(self) -> dict[str, Column]:
-        """Return everything that there is per segment: arrays of shape (n,), and their units.
+        """Return all values per segment: arrays of shape (n,), and their units.
 
         Channels and extinctions are counted from 0 where there are several: ``j_0``, ``j_1``, …
         """
         length, light = parse_unit(self.units["length"]), parse_unit(self.units["intensity"])
-        found: dict[str, Column] = {"begin": (self.begin, length), "end": (self.end, length)}
-        found |= {f"{a}_mid": (p, length) for a, p in zip("xyz", self.position.T, strict=True)}
-        found["cell"] = (self.cell, None)
-        if self.index is not None:
-            names = [f"i{axis}" for axis in self.axes]
-            found |= {n: (i, None) for n, i in zip(names, self.index.T, strict=True)}
-        found |= {"level": (self.level, None), "hidden": (self.hidden, None)}
-        for name, values in {**self.fields, **self.scalars}.items():
-            found[name] = (values, parse_unit(self.units[name]))
         per = None if length is None else length**-1
         bright = per if light is None else light if per is None else light * per
-        for name, unit in (("j", bright), ("alpha", per)):
-            found |= _numbered(name, getattr(self, name), unit)
-        for name in ("tau", "theta", "depth"):
-            found |= _numbered(name, getattr(self, name), None)
-        for name in ("b", "gathered", "arriving"):
-            found |= _numbered(name, getattr(self, name), light)
-        return found
+        columns: dict[str, Column] = {"begin": (self.begin, length), "end": (self.end, length)}
+        columns |= {f"{a}_mid": (p, length) for a, p in zip("xyz", self.position.T, strict=True)}
+        columns["cell"] = (self.cell, None)
+        if self.index is not None:
+            names = [f"i{axis}" for axis in self.axes]
+            columns |= {n: (i, None) for n, i in zip(names, self.index.T, strict=True)}
+        columns |= {"level": (self.level, None), "hidden": (self.hidden, None)}
+        for name, values in {**self.fields, **self.scalars}.items():
+            columns[name] = (values, parse_unit(self.units[name]))
+        units = {"j": bright, "alpha": per, "tau": None, "theta": None, "depth": None}
+        units |= {"b": light, "gathered": light, "arriving": light}
+        for name, unit in units.items():
+            several = getattr(self, name).T
+            for c, values in enumerate(several):
+                columns[name if len(several) == 1 else f"{name}_{c}"] = (values, unit)
+        return columns
 
-    def table(self) -> Any:
+    def table(self) -> QTable:
         """Return an astropy `QTable`, one row per segment, with units.
 
-        Its ``meta`` tells the pixel, the background and how it was made.
+        Its ``meta`` holds the pixel, the background and the settings.
         """
-        made = table(self.columns(), "astropy")
+        made: QTable = table(self.columns(), "astropy")
         made.meta = {"pixelx": self.pixel[0], "pixely": self.pixel[1], "u": self.at[0]}
         made.meta |= {"v": self.at[1], "stopped": self.stopped}
         made.meta |= {k: str(self.provenance[k]) for k in ("software", "scheme")}
@@ -159,8 +160,8 @@ class Probe:
         made.meta |= {f"intens{c}": float(v) for c, v in enumerate(self.intensity)}
         return made
 
-    def to_pandas(self) -> Any:
-        """Return a pandas `DataFrame`, one row per segment; it knows no units.
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas `DataFrame`, one row per segment, without units.
 
         Raises
         ------
@@ -189,7 +190,11 @@ class Probe:
                 self.plot().savefig(temporary, dpi=_DPI, format=suffix[1:])
 
     def plot(
-        self, figure: Figure | None = None, *, ax: Any = None, show: Sequence[str] | None = None
+        self,
+        figure: Figure | None = None,
+        *,
+        ax: Axes | Sequence[Axes] | None = None,
+        show: Sequence[str] | None = None,
     ) -> Figure:
         """Draw fields, coefficients, optical depth and intensity along the ray.
 
@@ -233,25 +238,15 @@ class Probe:
             ("pixel (ix, iy)", f"{self.pixel}"),
             ("on the image plane", " ".join([*(f"{v:.6g}" for v in self.at), length]).strip()),
             ("segments", f"{len(self)}"),
-            ("intensity", f"{_listed(self.intensity)} {light}".strip()),
-            ("transparency", _listed(self.transparency)),
-            ("optical depth", _listed(self.optical_depth)),
+            ("intensity", f"{', '.join(_numbers(self.intensity, 6))} {light}".strip()),
+            ("transparency", ", ".join(_numbers(self.transparency, 6))),
+            ("optical depth", ", ".join(_numbers(self.optical_depth, 6))),
             ("to see more", "probe.plot(), print(probe), probe.table()"),
         ]
         return page("Probe", html_table(rows))
 
     def __repr__(self) -> str:
         return f"<Probe of pixel {self.pixel}: {len(self)} segments>"
-
-
-def _listed(values: Any) -> str:
-    return ", ".join(f"{value:.6g}" for value in np.ravel(values))
-
-
-def _numbered(name: str, values: np.ndarray, unit: Any) -> dict[str, Column]:
-    if values.shape[1] == 1:
-        return {name: (values[:, 0], unit)}
-    return {f"{name}_{c}": (column, unit) for c, column in enumerate(values.T)}
 
 
 def check_suffix(path: Path) -> str:
@@ -268,48 +263,34 @@ _FIELDS = 3
 
 def _text(probe: Probe, rows: int | None) -> str:
     channel = int(np.argmax(np.abs(probe.intensity)))
-    lines = _heading(probe, channel)
-    if not len(probe):
-        return "\n".join([*lines, "The ray meets nothing."])
-    columns = _text_columns(probe, channel)
-    width = [max(map(len, column)) for column in columns]
-    table = [
-        "  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=True))
-        for row in zip(*columns, strict=True)
-    ]
-    return "\n".join([*lines, "", *table[:2], *_some(table[2:], rows)])
-
-
-def _heading(probe: Probe, channel: int) -> list[str]:
-    unit, how = probe.units["intensity"], probe.provenance
-    scheme = f"{how['scheme']}, {how['precision']} precision"
+    extinction = min(channel, probe.tau.shape[1] - 1)
+    length, light, how = probe.units["length"], probe.units["intensity"], probe.provenance
     lines = [
-        f"Pixel {probe.pixel}: {len(probe)} segments, {scheme}",
-        f"intensity {_in_parentheses(probe.intensity)}{unit and ' ' + unit}"
-        f" = {_in_parentheses(probe.gathered[-1:].ravel()) or '0'} gathered + "
-        f"{_in_parentheses(probe.transparency)} x {_in_parentheses(probe.background)} behind; "
-        f"optical depth {_in_parentheses(probe.optical_depth)}",
+        f"Pixel {probe.pixel}: {len(probe)} segments, {how['scheme']}, "
+        f"{how['precision']} precision",
+        f"intensity {_vector(probe.intensity)}{light and ' ' + light}"
+        f" = {_vector(probe.gathered[-1:].ravel()) or '0'} gathered + "
+        f"{_vector(probe.transparency)} x {_vector(probe.background)} behind; "
+        f"optical depth {_vector(probe.optical_depth)}",
     ]
     if len(probe.intensity) > 1:
         lines.append(f"below: channel {channel} of {len(probe.intensity)}")
     if probe.stopped:
         lines.append("stopped early: nothing behind can be seen (cutoff=0 goes on)")
-    return lines
-
-
-def _text_columns(probe: Probe, channel: int) -> list[list[str]]:
-    length, light = probe.units["length"], probe.units["intensity"]
-    extinction = min(channel, probe.tau.shape[1] - 1)
-    columns: list[list[str]] = [
-        ["distance", length, *_numbers(0.5 * (probe.begin + probe.end), digits=6)],
-        ["length", length, *_numbers(probe.end - probe.begin, digits=3)],
-        ["cell", "", *_cell_names(probe)],
+    if not len(probe):
+        return "\n".join([*lines, "The ray meets nothing."])
+    where = probe.cell[:, None] if probe.index is None else probe.index
+    cells = [",".join(map(str, index)) for index in where]
+    cells = ["hidden" if h else name for h, name in zip(probe.hidden, cells, strict=True)]
+    columns = [
+        ["distance", length, *_numbers(0.5 * (probe.begin + probe.end), 6)],
+        ["length", length, *_numbers(probe.end - probe.begin, 3)],
+        ["cell", "", *cells],
     ]
     if probe.level.any():
         columns.append(["level", "", *map(str, probe.level)])
     shown = {**probe.fields, **probe.scalars}
-    for name in list(shown)[:_FIELDS]:
-        columns.append([name, probe.units[name], *_numbers(shown[name])])
+    columns += [[name, probe.units[name], *_numbers(shown[name])] for name in list(shown)[:_FIELDS]]
     columns += [
         ["j", _per(light, length), *_numbers(probe.j[:, channel])],
         ["alpha", _per("", length), *_numbers(probe.alpha[:, extinction])],
@@ -319,34 +300,26 @@ def _text_columns(probe: Probe, channel: int) -> list[list[str]]:
         ["gathered", light, *_numbers(probe.gathered[:, channel])],
         ["arriving", light, *_numbers(probe.arriving[:, channel])],
     ]
-    return columns
-
-
-def _cell_names(probe: Probe) -> list[str]:
-    where = probe.cell[:, None] if probe.index is None else probe.index
-    names = [",".join(map(str, index)) for index in where]
-    return ["hidden" if h else name for h, name in zip(probe.hidden, names, strict=True)]
+    aligned = [[cell.rjust(max(map(len, column))) for cell in column] for column in columns]
+    head, units, *body = ("  ".join(row) for row in zip(*aligned, strict=True))
+    if rows is not None and len(body) > rows:
+        half = max(1, rows // 2)
+        omitted = f"… {len(body) - 2 * half} segments …".center(len(head)).rstrip()
+        body = [*body[:half], omitted, *body[-half:]]
+    return "\n".join([*lines, "", head, units, *body])
 
 
 def _per(unit: str, length: str) -> str:
     return f"{unit or '1'} / {length}" if length else unit
 
 
-def _numbers(values: Any, digits: int = 4) -> list[str]:
-    return [f"{value:.{digits}g}" for value in values]
+def _numbers(values: np.ndarray, digits: int = 4) -> list[str]:
+    return [f"{value:.{digits}g}" for value in np.ravel(values)]
 
 
-def _in_parentheses(values: np.ndarray) -> str:
-    texts = _numbers(values, digits=6)
-    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})" if texts else ""
-
-
-def _some(table: list[str], rows: int | None) -> list[str]:
-    if rows is None or len(table) <= rows:
-        return table
-    half = max(1, rows // 2)
-    left_out = f"… {len(table) - 2 * half} segments …"
-    return [*table[:half], left_out.center(len(table[0])).rstrip(), *table[-half:]]
+def _vector(values: np.ndarray) -> str:
+    texts = _numbers(values, 6)
+    return f"({', '.join(texts)})" if len(texts) > 1 else "".join(texts)
 
 
 _SIZE = (8.0, 9.0)
@@ -357,54 +330,51 @@ _RGB = ("#d1342f", "#2c9c3f", "#2f62d1")
 _FIRST, _SECOND = "#1f5fa8", "#b3541e"
 # A quantity that varies by more than this is drawn logarithmically.
 _WIDE = 30.0
-
-
-def _plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | None) -> Figure:
-    import matplotlib
-
-    panels = _panels(figure, ax)
-    chosen = _chosen(probe, show)
-    low = panels[0].get_position().height * panels[0].get_figure().get_size_inches()[1]
-    size = matplotlib.rcParams["font.size"] * min(1.0, max(0.7, low / _HEIGHT))
-    with matplotlib.rc_context({"font.size": size}):
-        _draw(panels, probe, chosen)
-    drawn: Figure = panels[0].get_figure()
-    return drawn
-
-
-def _draw(panels: Any, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
-    if len(probe):
-        _draw_fields(panels[0], probe, chosen)
-        _draw_coefficients(panels[1], probe)
-        _draw_depth(panels[2], probe)
-        _draw_light(panels[3], probe)
-    for panel, title in zip(panels, _TITLES, strict=True):
-        panel.set_title(title, loc="left", fontsize="medium")
-        panel.grid(alpha=0.25)
-        _shade_hidden(panel, probe)
-    panels[-1].set_xlabel(_distance_label(probe), fontsize="medium")
-    panels[-1].xaxis.get_offset_text().set_fontsize("medium")
-    panels[-1].margins(x=0.01)
-    panels[-1].tick_params(axis="x", labelsize="medium")
-
-
-def _panels(figure: Figure | None, ax: Any) -> Any:
-    if ax is None:
-        if figure is None:
-            figure = new_figure()
-            figure.set_size_inches(_SIZE)
-        return figure.subplots(4, 1, sharex=True)
-    if figure is not None:
-        raise InputError("give ax or figure, not both")
-    return divided(ax, 4)
-
-
 _TITLES = (
     "what is there",
     "what it emits, and what it takes away",
     "how much is in front",
     "what the observer gathers, and what arrives from behind",
 )
+
+
+def _plot(
+    probe: Probe,
+    figure: Figure | None,
+    ax: Axes | Sequence[Axes] | None,
+    show: Sequence[str] | None,
+) -> Figure:
+    import matplotlib
+
+    if ax is not None and figure is not None:
+        raise InputError("give ax or figure, not both")
+    chosen = _chosen(probe, show)
+    if ax is None and figure is None:
+        figure = new_figure()
+        figure.set_size_inches(_SIZE)
+    panels = divided(ax, 4) if figure is None else figure.subplots(4, 1, sharex=True)
+    drawn: Figure = panels[0].get_figure()
+    low = panels[0].get_position().height * drawn.get_size_inches()[1]
+    size = matplotlib.rcParams["font.size"] * min(1.0, max(0.7, low / _HEIGHT))
+    observer = probe.provenance["camera"].get("type") == "perspective"
+    origin = "from the observer" if observer else "behind the image plane (the observer is left)"
+    with matplotlib.rc_context({"font.size": size}):
+        if len(probe):
+            _draw_fields(panels[0], probe, chosen)
+            _draw_coefficients(panels[1], probe)
+            _draw_depth(panels[2], probe)
+            _draw_light(panels[3], probe)
+        for panel, title in zip(panels, _TITLES, strict=True):
+            panel.set_title(title, loc="left", fontsize="medium")
+            panel.grid(alpha=0.25)
+            for k in np.flatnonzero(probe.hidden):
+                panel.axvspan(probe.begin[k], probe.end[k], color="0.9", zorder=0, lw=0)
+        label = _named(f"distance {origin}", probe.units["length"])
+        panels[-1].set_xlabel(label, fontsize="medium")
+        panels[-1].xaxis.get_offset_text().set_fontsize("medium")
+        panels[-1].margins(x=0.01)
+        panels[-1].tick_params(axis="x", labelsize="medium")
+    return drawn
 
 
 def _chosen(probe: Probe, show: Sequence[str] | None) -> dict[str, np.ndarray]:
@@ -424,7 +394,7 @@ def _chosen(probe: Probe, show: Sequence[str] | None) -> dict[str, np.ndarray]:
 
 
 def _draw_fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
-    """Draw one or two fields with an axis each; more of them by parts of their largest value."""
+    """Draw one or two fields with an axis each; more as fractions of their largest value."""
     if len(chosen) > 2:
         for name, values in chosen.items():
             largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
@@ -432,45 +402,42 @@ def _draw_fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> No
         panel.set_ylabel("part of the largest")
         panel.legend(fontsize="small")
         return
-    colors = (_FIRST, _SECOND)
     axes = [panel, panel.twinx()] if len(chosen) > 1 else [panel]
-    for axis, (name, values), color in zip(axes, chosen.items(), colors, strict=False):
-        _labelled(axis, _named(name, probe.units[name]), color)
+    for axis, (name, values), color in zip(axes, chosen.items(), (_FIRST, _SECOND), strict=False):
+        _label(axis, _named(name, probe.units[name]), color)
         axis.plot(*_steps(probe, values), color=color)
-        _set_scale(axis, values)
+        finite = values[np.isfinite(values)]
+        if finite.size and finite.min() > 0 and finite.max() > _WIDE * finite.min():
+            axis.set_yscale("log")
 
 
 def _draw_coefficients(panel: Axes, probe: Probe) -> None:
-    length = probe.units["length"]
-    light = probe.units["intensity"]
-    unit = f"{light or '1'} / {length}" if length else light
-    _labelled(panel, _named("emissivity j", unit), None)
+    length, light = probe.units["length"], probe.units["intensity"]
+    _label(panel, _named("emissivity j", _per(light, length)))
     for values, style in _lines(probe.j):
         panel.plot(*_steps(probe, values), **style)
-    other = panel.twinx()
+    other: Any = panel.twinx()
     grey = probe.alpha.shape[1] == 1
     how = "grey" if grey else "dashed"
-    _labelled(other, _named(f"extinction α ({how})", f"1 / {length}" if length else ""), None)
+    _label(other, _named(f"extinction α ({how})", f"1 / {length}" if length else ""))
     for values, style in _lines(probe.alpha):
         if grey:
             other.fill_between(*_steps(probe, values), color="0.5", alpha=0.25, linewidth=0)
         else:
-            other.plot(*_steps(probe, values), **{**style, "linestyle": "--"})
+            other.plot(*_steps(probe, values), **style, linestyle="--")
     for axis in (panel, other):
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
 
 
 def _draw_depth(panel: Axes, probe: Probe) -> None:
     """Draw optical depth and transparency between the observer and each place."""
-    x = _walls(probe)
-    _labelled(panel, "optical depth τ", _FIRST if probe.depth.shape[1] == 1 else None)
-    other: Any = panel.twinx()
-    _labelled(other, "transparency (dashed)", _SECOND if probe.depth.shape[1] == 1 else None)
+    x, other, grey = _walls(probe), panel.twinx(), probe.depth.shape[1] == 1
+    _label(panel, "optical depth τ", _FIRST if grey else None)
+    _label(other, "transparency (dashed)", _SECOND if grey else None)
     for values, style in _lines(probe.depth, _FIRST):
         panel.plot(x, np.append(0.0, values), **style)
-    through = np.cumprod(probe.theta, axis=0)
-    for values, style in _lines(through, _SECOND):
-        other.plot(x, np.append(1.0, values), **{**style, "linestyle": "--"})
+    for values, style in _lines(np.cumprod(probe.theta, axis=0), _SECOND):
+        other.plot(x, np.append(1.0, values), **style, linestyle="--")
     panel.set_ylim(bottom=0.0)
     other.set_ylim(-0.03, 1.05)
     if probe.depth[-1].max() > 1.0:
@@ -479,28 +446,29 @@ def _draw_depth(panel: Axes, probe: Probe) -> None:
 
 
 def _draw_light(panel: Axes, probe: Probe) -> None:
-    """Draw what is gathered from the observer on, and what arrives from behind."""
+    """Draw the intensity gathered from the observer on, and that which arrives from behind."""
     x = _walls(probe)
     lines = zip(_lines(probe.gathered), probe.arriving.T, probe.background, strict=True)
     for (gathered, style), arriving, behind in lines:
         panel.plot(x, np.append(0.0, gathered), **style)
-        panel.plot(x, np.append(arriving, behind), **{**style, "linestyle": "--"})
-        panel.plot(x[:1], arriving[:1], "o", color=style["color"], clip_on=False, zorder=5)
+        panel.plot(x, np.append(arriving, behind), **style, linestyle="--")
+        panel.plot(x[:1], arriving[:1], "o", **style, clip_on=False, zorder=5)
+    styles: dict[str, dict[str, Any]] = {
+        "gathered up to here": {},
+        "arriving from behind": {"linestyle": "--"},
+        "the pixel": {"linestyle": "", "marker": "o"},
+    }
     from matplotlib.lines import Line2D
 
-    handles = [
-        Line2D([], [], color="0.3", label="gathered up to here"),
-        Line2D([], [], color="0.3", linestyle="--", label="arriving from behind"),
-        Line2D([], [], color="0.3", linestyle="", marker="o", label="the pixel"),
-    ]
+    handles = [Line2D([], [], color="0.3", label=name, **how) for name, how in styles.items()]
     low, high = panel.get_ylim()
     panel.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
     panel.legend(handles=handles, fontsize="small", loc="upper center", ncols=3)
-    _labelled(panel, _named("intensity", probe.units["intensity"]), None)
+    _label(panel, _named("intensity", probe.units["intensity"]))
 
 
 def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a line that is level in each segment, and broken where nothing was visited."""
+    """Return a line that is constant in each segment, and broken where no cell was visited."""
     x = np.stack([probe.begin, probe.end, probe.end], axis=1)
     y = np.repeat(values[:, None], 3, axis=1).astype(float)
     gap = probe.begin[1:] - probe.end[:-1] > 1e-3 * (probe.end[:-1] - probe.begin[:-1])
@@ -514,35 +482,17 @@ def _walls(probe: Probe) -> np.ndarray:
 
 def _lines(columns: np.ndarray, alone: str = "0.15") -> list[tuple[np.ndarray, dict[str, Any]]]:
     count = columns.shape[1]
-    colors: Sequence[str] = [f"C{c}" for c in range(count)]
-    if count in (1, 3):
-        colors = (alone,) if count == 1 else _RGB
+    colors = {1: (alone,), 3: _RGB}.get(count) or tuple(f"C{c}" for c in range(count))
     return [(v, {"color": c}) for v, c in zip(columns.T, colors, strict=True)]
 
 
-def _set_scale(axis: Axes, values: np.ndarray) -> None:
-    known = values[np.isfinite(values)]
-    if known.size and known.min() > 0 and known.max() > _WIDE * known.min():
-        axis.set_yscale("log")
-
-
-def _labelled(axis: Axes, label: str, color: str | None) -> None:
-    label = label.replace(" [" if " [" in label else " (", "\n[" if " [" in label else "\n(")
+def _label(axis: Axes, label: str, color: str | None = None) -> None:
+    bracket = " [" if " [" in label else " ("
+    label = label.replace(bracket, "\n" + bracket[1:])
     axis.set_ylabel(label, color=color or "black", fontsize="medium")
     axis.yaxis.get_offset_text().set_fontsize("medium")
     axis.tick_params(axis="y", colors=color or "black", labelsize="medium")
 
 
-def _shade_hidden(panel: Axes, probe: Probe) -> None:
-    for k in np.flatnonzero(probe.hidden):
-        panel.axvspan(float(probe.begin[k]), float(probe.end[k]), color="0.9", zorder=0, lw=0)
-
-
 def _named(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
-
-
-def _distance_label(probe: Probe) -> str:
-    observer = probe.provenance["camera"].get("type") == "perspective"
-    origin = "from the observer" if observer else "behind the image plane (the observer is left)"
-    return _named(f"distance {origin}", probe.units["length"])

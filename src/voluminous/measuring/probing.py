@@ -1,0 +1,430 @@
+"""`probe`: one ray, with the fields, coefficients and intensity in each of its segments."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from numbers import Integral
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..backend import dr
+from ..errors import InputError
+from ..expressions import Expression, NumpyOps
+from ..grids.two_walks import cell_of
+from ..media.ranges import RangeContext
+from ..progress import Progress, with_progress
+from ..rendering import prepare
+from ..rendering.job import RenderJob
+from ..rendering.options import background_array
+from ..rendering.run import run
+from ..rendering.sources.channel_layout import before as before_background
+from ..rendering.tracer import Batches, Paths, RayTracer
+from ..schemes.base import Position, Scheme, interpolated_at
+from ..schemes.path import Path
+from ..units import Unit, parse_unit, plain, unit_name
+from .probe_result import Probe
+from .quantity import CellQuantity
+
+if TYPE_CHECKING:
+    from ..backend.types import Float, Mask
+    from ..cameras import Camera, Frame
+    from ..grids.contract import Segment
+    from ..media import Medium
+    from ..volume import Volume
+
+Rows: TypeAlias = dict[str, np.ndarray]
+"""Recorded numbers by name, of shape (segment, numbers), ordered from the observer on."""
+
+# The two halves of a segment; its coefficients are the mean of theirs.
+_HALVES = ((0.0, 0.5), (0.5, 1.0))
+# Recorded rows, in multiples of the cells that a straight line through the middle crosses.
+_ROOM = 2
+
+
+@with_progress
+def probe(
+    volume: Volume,
+    medium: Medium,
+    camera: Camera,
+    pixel: tuple[int, int] | None = None,
+    *,
+    at: Any = None,
+    also: str | Expression | Sequence[str | Expression] = (),
+    scheme: str | Scheme | None = None,
+    tolerance: float | None = 1e-3,
+    background: Any = 0.0,
+    precision: str = "single",
+    device: str = "auto",
+    order: str = "front-to-back",
+    cutoff: float | None = None,
+    progress: Progress = None,
+) -> Probe:
+    """Return the segments of one ray, as `render` solves them.
+
+    The ray passes through the medium alone. With `samples` a pixel of a picture is the mean of
+    several rays, and with `objects` there are stars and lines between the segments; a probe has
+    neither.
+
+    Parameters
+    ----------
+    volume, medium, camera
+        As for `render`.
+    pixel : (int, int)
+        ix and iy, counted from 0 at the lower left: the ray through the centre of
+        ``image.intensity[iy, ix]``.
+    at : (float, float) or Quantity, optional
+        A point of the image plane instead, in the unit of its coordinates.
+    also : str, Expression or sequence of them
+        Further fields or expressions to return, with their values in the cells.
+    scheme, tolerance, background, precision, device, order, cutoff
+        As for `render`. With a tolerance the whole picture is drawn once, since the tolerance of a
+        pixel depends on the brightest one. With ``tolerance=None`` steps are as wide as those of
+        the picture: up to eight cells, and none in empty space. ``cutoff=0`` follows the ray to its
+        end.
+    progress : bool or callable, optional
+        As for `render`.
+
+    Returns
+    -------
+    Probe
+        Arrays per segment; `Probe.table`, `Probe.plot`, and ``print(probe)``.
+
+    Raises
+    ------
+    InputError, UnknownNameError, UnitsError
+        For a pixel, point or field that does not exist, and for what `render` refuses.
+    """
+    job, _ = prepare(
+        volume,
+        medium,
+        camera,
+        scheme=scheme,
+        tolerance=tolerance,
+        precision=precision,
+        device=device,
+        order=order,
+        cutoff=cutoff,
+        progress=progress,
+    )
+    place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)
+    seen = volume.seen_by(camera)
+    quantities = [
+        CellQuantity.of(seen, expr, "also")
+        for expr in (also if isinstance(also, (list, tuple)) else [also])
+    ]
+    more = [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
+    behind = background_array(background, job.frame.pixels, job.medium.channels)
+    (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))
+    flat = iy * job.frame.pixels[0] + ix
+    tracer = _Recording(job, _source_of(job, flat, brightest), brightest)
+    ray = tracer.follow(flat, place.offset, _ROOM * int(job.volume.grid.cells_across) + 64)
+    full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
+    return _assembled(job, seen, place, ray, more, full[iy, ix])
+
+
+class _Place(NamedTuple):
+    """A point of the image plane and the pixel that contains it, or the nearest one."""
+
+    pixel: tuple[int, int]
+    offset: tuple[float, float]  # from the pixel's centre, in pixels
+    at: tuple[float, float]
+
+
+def _place(pixel: Any, at: Any, frame: Frame, unit: Unit) -> _Place:
+    if (pixel is None) == (at is None):
+        raise InputError("say which ray: pixel=(ix, iy), or at=(u, v) on the image plane")
+    if pixel is not None:
+        pair = tuple(pixel) if isinstance(pixel, (list, tuple)) or np.ndim(pixel) == 1 else ()
+        whole = len(pair) == 2 and all(isinstance(i, Integral) for i in pair)
+        if not whole or not all(0 <= i < n for i, n in zip(pair, frame.pixels, strict=True)):
+            raise InputError(
+                "pixel must be two whole numbers (ix, iy), counted from 0 at the lower left corner "
+                f"of the image of {frame.pixels[0]} x {frame.pixels[1]} pixels, got {pixel!r}"
+            )
+        ix, iy = map(int, pair)
+        u, v = (float(c[i]) for c, i in zip(frame.coordinates(), (ix, iy), strict=True))
+        return _Place((ix, iy), (0.0, 0.0), (u, v))
+    point = np.asarray(plain(at, unit, "at"))
+    if point.shape != (2,) or not np.all(np.isfinite(point)):
+        raise InputError(f"at must be two finite numbers (u, v) on the image plane, got {at!r}")
+    count = np.array(frame.pixels)
+    x = (point - frame.shift) / frame.pixel + 0.5 * (count - 1)
+    nearest = np.clip(np.floor(x + 0.5), 0, count - 1).astype(int)
+    (ix, iy), (dx, dy), (u, v) = nearest.tolist(), (x - nearest).tolist(), point.tolist()
+    return _Place((ix, iy), (dx, dy), (u, v))
+
+
+class _Recorder(Scheme):
+    """Wrap a scheme and write the solution of each segment to a row of some columns.
+
+    The carried state is the number of segments so far, the coefficients at the end of the last
+    segment (only for schemes with coefficients at vertices), and the wrapped scheme's state.
+    """
+
+    def __init__(self, scheme: Scheme, names: tuple[str, ...], capacity: int) -> None:
+        self.scheme, self.names, self.capacity = scheme, names, capacity
+        self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
+        self.controlled = scheme.controlled
+        self.columns: dict[str, list[Float]] = {}
+        self.own = 1
+
+    def start(self, position: Position, source: Any) -> list[Any]:
+        numbers, backend = source.numbers, source.backend
+        counts = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
+        counts |= dict.fromkeys(("alpha", "transparency", "tau"), numbers.extinctions)
+        counts["emission"] = numbers.emissions
+        for name, count in (counts | {f"field {name}": 1 for name in self.names}).items():
+            kind = backend.UInt if name == "cell" else backend.Wide
+            self.columns[name] = [dr.zeros(kind, self.capacity) for _ in range(count)]
+        dr.eval(self.columns)
+        self.limit = dr.opaque(backend.UInt, self.capacity)
+        carried = [backend.UInt(0)]
+        if self.coefficients_at == "vertex":
+            corners = position.walk.entry_corners(position.track, position.cursor)
+            carried += source.interpolate(corners, position.cursor.inside)
+        self.own = len(carried)
+        return [*carried, *self.scheme.start(position, source)]
+
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
+    ) -> list[Float]:
+        (row, *before), inner = carried[: self.own], carried[self.own :]
+        if before:
+            before = interpolated_at(position, source, before, moved)
+        return [row, *before, *self.scheme.after_skip(position, source, inner, moved)]
+
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+        """Forward to the wrapped scheme; hidden segments are recorded, too."""
+        inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
+        return [*onward[: self.own], *inner]
+
+    def solve(
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
+        (row, *before), inner = carried[: self.own], carried[self.own :]
+        solution, inner = self.scheme.solve(segment, source, inner)
+        (j, alpha), fields, after = self._coefficients(source, segment, before)
+        Wide, walk = source.backend.Wide, segment.walk
+        begin, end = (
+            (Wide(segment.track.entry) + Wide(t)) * Wide(walk.scale)
+            for t in (segment.begin, segment.end)
+        )
+        cell = cell_of(segment)  # wide steps are through many
+        values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
+        values |= {"j": j, "alpha": alpha, "tau": solution.depth}
+        values |= {"emission": solution.emission, "transparency": solution.transparency}
+        values |= {f"field {name}": [fields[name]] for name in self.names}
+        recorded = segment.active & (segment.length > 0.0)  # not two walls in one place
+        for name, numbers in values.items():
+            for column, number in zip(self.columns[name], numbers, strict=True):
+                dr.scatter(column, type(column)(number), row, recorded & (row < self.limit))
+        return solution, [row + dr.select(recorded, source.backend.UInt(1), 0), *after, *inner]
+
+    def _coefficients(
+        self, source: Any, segment: Segment, before: list[Float]
+    ) -> tuple[Any, dict[str, Float], list[Float]]:
+        """Return mean coefficients, fields at the midpoint, and coefficients at the end."""
+        if self.coefficients_at == "cell":
+            return source.at(segment), {}, []
+        if self.coefficients_at == "vertex":
+            corners = segment.walk.exit_corners(segment.track, segment)
+            after = list(source.interpolate(corners, segment.active))
+            mean = [0.5 * (a + b) for a, b in zip(before, after, strict=True)]
+            return source.numbers.split(mean), {}, after
+        cubics = source.along(segment).polynomials()
+        make = source.stretch if self.scheme.controlled else source.straight
+        stretch = make(cubics, segment.length)
+        halves = [source.means(stretch.panel(*half)) for half in _HALVES]
+        means = [
+            [0.5 * (a + b) for a, b in zip(*parts, strict=True)]
+            for parts in zip(*halves, strict=True)
+        ]
+        return means, stretch.fields(0.5), []
+
+    def read(self, count: int) -> Rows:
+        """Return the first ``count`` rows."""
+        return {
+            name: np.array([np.asarray(c)[:count] for c in columns]).reshape(len(columns), count).T
+            for name, columns in self.columns.items()
+        }
+
+
+class _Watched(RayTracer):
+    """Ray tracer that remembers the tolerance with which one pixel was drawn last."""
+
+    watched: int
+    allowed: Any = ()
+
+    def batches(
+        self, seconds: float | None = None, focus: tuple[float, float] | None = None
+    ) -> Batches[Paths]:
+        self.allowed = self.source.tolerance
+        return super().batches(seconds, focus)
+
+    def pixels(self, pixel: np.ndarray) -> Paths:
+        if self.watched in pixel:
+            self.allowed = self.source.tolerance
+        return super().pixels(pixel)
+
+
+def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
+    """Return the source with which a pixel is finally drawn.
+
+    With error control, the tolerance depends on the whole picture, so the picture is drawn.
+    """
+
+    def watched(*scene: Any) -> _Watched:
+        tracer = _Watched(*scene)
+        tracer.watched = pixel
+        return tracer
+
+    if job.scheme.controlled:
+        tracer = run(job, brightest_background, watched).tracer
+        assert isinstance(tracer, _Watched)
+        source = copy.copy(tracer.source)
+        source.tolerance = tracer.allowed
+    else:
+        source = copy.copy(job.source())
+    # If steps are single cells, rays also visit empty ones.
+    if source.blocks is None or not getattr(source.blocks, "coarse", False):
+        source.blocks = source.walk = None
+    return source
+
+
+class _Ray(NamedTuple):
+    """A ray and its recorded segments."""
+
+    origin: np.ndarray  # (3,)
+    direction: np.ndarray  # (3,), away from the observer
+    rows: Rows
+    path: Path  # the result of the march, as numbers
+    stopped: bool
+    numbers: Any  # the layout of channels
+
+
+class _Recording(RayTracer):
+    """Ray tracer that records one ray."""
+
+    def follow(self, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
+        inner, medium = self.scheme, self.job.medium
+        names = medium.names if inner.coefficients_at == "field" else ()
+        self.scheme = recorder = _Recorder(inner, names, capacity)
+        ray = self.ray_through(*(np.array([part]) for part in (pixel, *offset)))
+        state = self.march(ray)
+        dr.eval(state, recorder.columns)
+        self.scheme = inner
+        count = int(state.carried[0][0])
+        if count > capacity:
+            return self.follow(pixel, offset, count)
+        rows = recorder.read(count)
+        origin, direction = (
+            np.array([float(np.asarray(part).reshape(-1)[0]) for part in vector])
+            for vector in (ray.origin, ray.direction)
+        )
+        if self.job.backward:
+            rows = {name: values[::-1] for name, values in rows.items()}
+            rows |= {"begin": -rows["end"], "end": -rows["begin"]}
+            direction = -direction
+        parts = (state.path.emission, state.path.transparency, state.path.depth)
+        path = Path(*([np.asarray(v)[0] for v in part] for part in parts))
+        stopped = bool(np.asarray(state.cursor.inside)[0])
+        return _Ray(origin, direction, rows, path, stopped, self.source.numbers)
+
+
+def _assembled(
+    job: RenderJob,
+    volume: Volume,
+    place: _Place,
+    ray: _Ray,
+    more: list[Expression],
+    background: np.ndarray,
+) -> Probe:
+    """Return a probe of the volume as the camera sees it, with the fields `more` asked for."""
+    rows, path, grid, scheme = ray.rows, ray.path, volume.grid, job.scheme
+    begin, end = rows["begin"][:, 0], rows["end"][:, 0]
+    position = ray.origin + 0.5 * (begin + end)[:, None] * ray.direction
+    cell, hidden = rows["cell"][:, 0].astype(np.int64), np.zeros(len(begin), bool)
+    if job.hidden is not None:
+        hidden = (job.hidden.words[cell >> 5] >> (cell & 31).astype(np.uint32)) & 1 == 1
+    elif scheme.coefficients_at == "field":  # which walks between the cells' centres
+        cell = np.asarray(grid.locate(position), dtype=np.int64)
+    index = None
+    if grid.is_structured:
+        index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
+        index = np.where(cell[:, None] >= 0, index, -1)
+
+    def in_cells(expr: Expression) -> np.ndarray:
+        values = {c: volume.evaluate_cells(expr, c, c + 1)[0] for c in np.unique(cell) if c >= 0}
+        return np.array([values.get(c, np.nan) for c in cell], dtype=np.float64)
+
+    def on_the_ray(expr: Expression) -> np.ndarray:
+        if scheme.coefficients_at != "field":
+            return in_cells(expr)
+        recorded = {name: rows[f"field {name}"][:, 0] for name in expr.names}
+        with np.errstate(all="ignore"):
+            values = np.asarray(expr.evaluate(NumpyOps(), recorded), dtype=np.float64)
+        return np.where(hidden, np.nan, values)
+
+    own = [Expression(name) for name in job.medium.names]
+    fields = {e.text: on_the_ray(e) for e in own}
+    fields |= {e.text: in_cells(e) for e in more if e.text not in fields}
+    known = [feature.expr for feature in job.medium.known_features() if feature.expr.names]
+    scalars = {e.text: on_the_ray(e) for e in known if e.text not in fields}
+    units = {e.text: unit_name(volume.expression_unit(e)) for e in (*own, *more, *known)}
+    light = job.medium.intensity_unit(RangeContext(volume.unit, volume.expression_unit))
+    units |= {"length": unit_name(volume.unit), "intensity": unit_name(parse_unit(light))}
+
+    def mixed(emissions: list[np.ndarray]) -> np.ndarray:
+        """Return emissions in channels: in kernels they may be those of a medium's parts."""
+        return np.asarray(ray.numbers.mix(emissions))
+
+    b, theta = mixed(list(rows["emission"].T)).astype(np.float64), rows["transparency"]
+    gathered, arriving = _folded(b, theta, background.astype(np.float64))
+    through = np.stack(path.transparency)
+    return Probe(
+        begin=begin,
+        end=end,
+        position=position,
+        cell=cell,
+        index=index,
+        level=np.where(cell >= 0, grid.levels.reshape(-1)[cell], 0),
+        hidden=hidden,
+        fields=fields,
+        scalars=scalars,
+        j=mixed(list(rows["j"].T)).astype(np.float64) / grid.scale,
+        alpha=rows["alpha"] / grid.scale,
+        tau=rows["tau"],
+        theta=theta,
+        b=b,
+        depth=np.cumsum(rows["tau"], axis=0),
+        gathered=gathered,
+        arriving=arriving,
+        background=np.array(background, dtype=np.float64),
+        intensity=before_background(background, mixed(path.emission), through),
+        transparency=through,
+        optical_depth=np.stack(path.depth),
+        stopped=ray.stopped,
+        pixel=place.pixel,
+        at=place.at,
+        axes=tuple(grid.coordinates),
+        units=units,
+        provenance={**job.provenance(), "camera": job.camera.describe()},
+    )
+
+
+def _folded(
+    b: np.ndarray, theta: np.ndarray, background: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the intensity gathered from the segments up to each, and that in front of each.
+
+    The latter comes from all behind it and the background. Pairs (b, θ) compose to
+    (b₁ + θ₁ b₂, θ₁ θ₂).
+    """
+    before = np.cumprod(np.vstack([np.ones_like(theta[:1]), theta[:-1]]), axis=0)
+    arriving, light = np.empty_like(b), background
+    for k in reversed(range(len(b))):
+        light = b[k] + theta[k] * light
+        arriving[k] = light
+    return np.cumsum(before * b, axis=0), arriving
