@@ -12,7 +12,7 @@ from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.expressions import Expression
-from voluminous.grids.cartesian.coarse_walk import WIDEST
+from voluminous.grids.cartesian.dual_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
 from voluminous.media.context import Context, no_unit
 from voluminous.rendering.sources.empty_space import DUAL

@@ -33,26 +33,6 @@ def test_nrrd_in_every_encoding(tmp_path, dtype, endian, encoding):
     np.testing.assert_array_equal(volume.grid.bounds[:, 0], -0.5)
 
 
-@pytest.mark.parametrize("space", ["4", "left-posterior-superior-time", "LPST"])
-def test_nrrd_in_space_and_time(tmp_path, space):
-    values = RNG.random((4, 5, 6, 3)).astype(np.float32)
-    told = f"space dimension: {space}" if space == "4" else f"space: {space}"
-    lines = [
-        *("NRRD0004", "type: float", "dimension: 4", told, "sizes: 4 5 6 3", "endian: little"),
-        "space directions: (0.5,0,0,0) (0,0.75,0,0) (0,0,2,0) (0,0,0,9)",
-        *("kinds: domain domain domain domain", "space origin: (-10,20,30,7)", "encoding: raw"),
-    ]
-    path = tmp_path / "v.nrrd"
-    path.write_bytes("\n".join(lines).encode() + b"\n\n" + values.tobytes("F"))
-    volume = vm.open(path, time=2)
-    np.testing.assert_array_equal(volume.array("v"), values[..., 2])
-    np.testing.assert_allclose(volume.grid.bounds[:, 0], [-10.25, 19.625, 29])
-    assert volume.meta.get("orientation") == (None if space == "4" else "LPS")
-    path.write_bytes(path.read_bytes().replace(b"(0,0,2,0)", b"(0,0,2,1)"))
-    with pytest.raises(vm.FileFormatError, match="along space or time"):
-        vm.open(path)
-
-
 def test_vectors_turn_with_the_coordinates(tmp_path):
     pytest.importorskip("nrrd")
     parts = RNG.random((3, 4, 5, 6)).astype(np.float32)

@@ -227,9 +227,13 @@ def test_files_in_pieces(tmp_path, kind):
         write(writer, data, tmp_path / f"piece {number}", CompressorType=number % 2)
         listed += f'<Piece Extent="{extent}" Source="piece {number}"/>'
     path = tmp_path / "all.pvti"
+    lines = "".join(f'<PDataArray type="Float64" Name="{axis}"/>' for axis in "xyz")
     path.write_text(
         f'<VTKFile type="P{kind}"><P{kind} WholeExtent="0 8 0 6 0 5" GhostLevel="0" '
-        f'Origin="1 2 3"><PPointData Scalars="f"/>{listed}</P{kind}></VTKFile>'
+        'Origin="1 2 3" Spacing="1 1 1">'
+        '<PPointData Scalars="f"><PDataArray type="Float32" Name="f"/></PPointData>'
+        '<PCellData><PDataArray type="Int16" Name="c"/></PCellData>'
+        f"<PCoordinates>{lines}</PCoordinates>{listed}</P{kind}></VTKFile>"
     )
     volume = vm.open(path)
     assert volume.fields == ("f",)

@@ -229,7 +229,7 @@ def test_images_that_bio_formats_wrote(tmp_path):
     ("change", "message"),
     [
         (lambda image: image.update(datasets=[]), "expected an image with axes"),
-        (lambda image: _scale(image, [1, 1, 0, 1, 1]), "have size 0.0 along z.*give spacing"),
+        (lambda image: _scale(image, [1, 1, 0, 1, 1]), "span space"),
         (lambda image: _scale(image, [1, 1]), "expected 5 numbers, got 2"),
     ],
 )

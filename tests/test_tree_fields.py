@@ -12,7 +12,6 @@ from contracts.bundle import Bundle, box_limits, on_a_sphere
 from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import get_backend
-from voluminous.derivatives.neighbours import NeighbourDifferences
 from voluminous.rendering.sources.vertex_values import CornerValues
 
 UNEVEN = ([-1.0, -0.3, 0.1, 0.8], [0.0, 0.5, 0.75, 2.0], [-1.0, -0.8, 1.0])
@@ -132,23 +131,6 @@ def test_linear_fields_are_exact_inside(name, precision):
     assert inner.sum() > 20
     slack = {"single": 2e-6, "double": 1e-12}[precision]
     assert np.abs(values - expected)[inner].max() <= slack * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("name", ["octree", "ratio 3", "anisotropic", "holes"])
-def test_slopes_are_the_derivatives_of_expressions(name):
-    """The same rule, in kernels and in NumPy, that `d_dx(...)` is made of.
-
-    All walls here are exact in binary: points on walls are in the same cells.
-    """
-    grid = grid_named(name)
-    field = np.random.default_rng(3).random(grid.size)
-    values = CornerValues(grid, [field], get_backend("cpu", "double"))
-    values.compute()
-    expected, _ = NeighbourDifferences(grid, lambda first, last: field[first:last]).gradient(
-        [(0, grid.size)]
-    )
-    found = np.array(values.slopes[0]) / grid.scale
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])

@@ -250,11 +250,12 @@ def _as_float(value: Any, what: str) -> Any:
 
 def described(value: Any) -> Any:
     """Return a value as plain ones: quantities as texts such as "1.0 pc"."""
+    if isinstance(value, (list, tuple, range)):
+        return [described(v) for v in value]
+    value = as_quantity(value)
     if is_quantity(value):
         name = unit_name(parse_unit(value.unit))
         return _texts(np.asarray(value.value, dtype=np.float64).tolist(), name)
-    if isinstance(value, (list, tuple)):
-        return [described(v) for v in value]
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 

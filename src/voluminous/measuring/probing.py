@@ -12,7 +12,6 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
-from ..grids.two_walks import cell_of
 from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
@@ -211,7 +210,7 @@ class _Recorder(Scheme):
             (Wide(segment.track.entry) + Wide(t)) * Wide(walk.scale)
             for t in (segment.begin, segment.end)
         )
-        cell = cell_of(segment)  # wide steps are through many
+        cell = segment.own_cell  # wide steps are through many
         values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
         values |= {"j": j, "alpha": alpha, "tau": solution.depth}
         values |= {"emission": solution.emission, "transparency": solution.transparency}

@@ -17,6 +17,19 @@ _CORNERS = np.array([-0.5 - 0.5j, 0.5 - 0.5j, 0.5 + 0.5j, -0.5 + 0.5j])
 _LEAST = 1e-9
 # Pixels looked at together: what is made on the way fits into the processor's cache.
 _TOGETHER = 4096
+# How far the image of a ball may be off an ellipse, as a fraction of its size.
+_ROUND = 0.02
+# Where in a pixel rays tell how much of it is covered.
+_PARTS = (-0.375, -0.125, 0.125, 0.375)
+# Images of fewer pixels are too small for a ray to tell where on the ball it is.
+_FEW = 12.0
+# The mean of the cosine between rays and normals over the image of a ball.
+_MEAN_COSINE = 2.0 / 3.0
+# Side of tiles in pixels.
+_TILE = 64.0
+
+# Which ball, x, y and the covered part of pixels.
+Covered = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass
@@ -27,68 +40,56 @@ class Ellipses:
     a: np.ndarray
     b: np.ndarray
 
-    def coverage(
-        self, pixels: tuple[int, int]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    @classmethod
+    def through(
+        cls, right: np.ndarray, left: np.ndarray, up: np.ndarray, down: np.ndarray
+    ) -> Ellipses:
+        """Return the ellipses with one axis from `left` to `right`, through `up` and `down`."""
+        center, a = 0.5 * (right + left), 0.5 * (right - left)
+        b, off = 0.5 * (up - down), 0.5 * (up + down) - center
+        with np.errstate(invalid="ignore", divide="ignore"):
+            part = (off * a.conj()).real / np.abs(a) ** 2
+            return cls(center, a, b / np.sqrt(np.maximum(1.0 - part**2, 1e-12)))
+
+    def coverage(self, pixels: tuple[int, int]) -> Covered:
         """Return which ellipse, x, y and the covered part of all pixels that are touched.
 
         Where the centre is NaN there is none.
         """
-        c, across = self.center, np.hypot(self.a.real, self.b.real)
-        along = np.hypot(self.a.imag, self.b.imag)
+        cx, cy = self.center.real.copy(), self.center.imag.copy()
+        width, height = (np.hypot(part(self.a), part(self.b)) for part in (np.real, np.imag))
         owner, x, y = window_pixels(
-            c.real - across, c.real + across, c.imag - along, c.imag + along, pixels
+            np.stack([cx - width, cx + width]), np.stack([cy - height, cy + height]), pixels
         )
-        pixels_of, covered = self._pixels(), np.empty(len(owner))
+        # Pixels as they are where ellipses are unit circles.
+        right, up = self._turned(np.array([1.0, 1.0j])[:, None])
+        corners = self._turned(_CORNERS[:, None])
+        reach, size = np.max(np.abs(corners[:2]), axis=0), cross(self.a, self.b)
+        covered = np.empty(len(owner))
         for first in range(0, len(owner), _TOGETHER):
             part = slice(first, first + _TOGETHER)
-            covered[part] = pixels_of.covered(owner[part], x[part], y[part])
-        some = np.flatnonzero(covered > pixels_of.least.take(owner))
+            one = owner[part]
+            place = (x[part] - cx.take(one)) * right.take(one)
+            place += (y[part] - cy.take(one)) * up.take(one)
+            distance, far = np.abs(place), reach.take(one)
+            inside = np.where(distance + far <= 1.0, 1.0, 0.0)
+            edge = np.flatnonzero((distance + far > 1.0) & (distance - far < 1.0))
+            one = one.take(edge)
+            area = disc_in_polygon(place.take(edge) + corners.take(one, axis=1))
+            # Corners run clockwise where b is to the right of a: both signs turn.
+            inside[edge] = np.clip(area * size.take(one), 0.0, 1.0)
+            covered[part] = inside
+        some = np.flatnonzero(covered > (_LEAST * np.minimum(np.abs(size), 1.0)).take(owner))
         return owner.take(some), x.take(some), y.take(some), covered.take(some)
-
-    def _pixels(self) -> _Pixels:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            right, up = self._turned(np.array([1.0, 1.0j])[:, None])
-            corners = self._turned(_CORNERS[:, None])
-        x, y = self.center.real.copy(), self.center.imag.copy()
-        return _Pixels(x, y, right, up, corners, cross(self.a, self.b))
 
     def _turned(self, way: np.ndarray) -> np.ndarray:
         a, b = self.a, self.b
-        return np.asarray((cross(way, b) + 1j * cross(a, way)) / cross(a, b))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray((cross(way, b) + 1j * cross(a, way)) / cross(a, b))
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return how far points are from the centres: 1 on the ellipse; NaN for none."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.abs(self._turned(points - self.center))
-
-
-@dataclass
-class _Pixels:
-    """Pixels as they are where ellipses are unit circles, one per ellipse of centre x and y."""
-
-    x: np.ndarray
-    y: np.ndarray
-    right: np.ndarray
-    up: np.ndarray
-    corners: np.ndarray
-    size: np.ndarray
-
-    def __post_init__(self) -> None:
-        self.reach = np.max(np.abs(self.corners[:2]), axis=0)
-        self.least = _LEAST * np.minimum(np.abs(self.size), 1.0)
-
-    def covered(self, owner: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        place = (x - self.x.take(owner)) * self.right.take(owner)
-        place += (y - self.y.take(owner)) * self.up.take(owner)
-        distance, reach = np.abs(place), self.reach.take(owner)
-        found = np.where(distance + reach <= 1.0, 1.0, 0.0)
-        edge = np.flatnonzero((distance + reach > 1.0) & (distance - reach < 1.0))
-        owner = owner.take(edge)
-        area = disc_in_polygon(place.take(edge) + self.corners.take(owner, axis=1))
-        # Corners run clockwise where b is to the right of a: both signs turn.
-        found[edge] = np.clip(area * self.size.take(owner), 0.0, 1.0)
-        return found
+        return np.asarray(np.abs(self._turned(points - self.center)))
 
 
 def disc_in_polygon(corners: np.ndarray) -> np.ndarray:
@@ -121,18 +122,6 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(a.real * b.imag - a.imag * b.real)
 
 
-# How far the image of a ball may be off an ellipse, as a fraction of its size.
-_ROUND = 0.02
-# Where in a pixel rays tell how much of it is covered.
-_PARTS = (-0.375, -0.125, 0.125, 0.375)
-# Images of fewer pixels are too small for a ray to tell where on the ball it is.
-_FEW = 12.0
-# The mean of the cosine between rays and normals over the image of a ball.
-_MEAN_COSINE = 2.0 / 3.0
-
-Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
 @dataclass
 class Balls:
     """Centres (n, 3) and radii (n,), as plain numbers, and how they are looked at."""
@@ -141,68 +130,60 @@ class Balls:
     radius: np.ndarray
     view: View
 
-    def seen(self) -> Seen:
-        """Return which ball, x, y and the covered part of all pixels where there is one."""
-        outline, whole = self._outline()
-        parts = [outline.coverage(self.view.frame.pixels)]
-        parts += [self._by_rays(int(ball)) for ball in np.flatnonzero(whole)]
-        owner, x, y, covered = (np.concatenate(rows) for rows in zip(*parts, strict=True))
-        return owner, x, y, covered
+    def __post_init__(self) -> None:
+        # The sines of the angles between the centres of balls and their edges.
+        self.sine = np.zeros(len(self.radius))
+        if self.view.observer is not None:
+            distance = np.linalg.norm(self.center - self.view.observer, axis=1)
+            self.sine = self.radius / np.maximum(distance, self.radius)
 
-    def _outline(self) -> tuple[Ellipses, np.ndarray]:
-        """Return the images of the circles in which rays touch balls; and which are no ellipses.
+    def covered(self) -> Covered:
+        """Return which ball, x, y and the covered part of all pixels where there is one.
 
-        The diameter of the circle towards the picture's middle is seen as one axis of an ellipse,
-        in parallel and in flat projection. The other axis follows from any third point of it.
+        The diameter of the circle in which rays touch a ball towards the picture's middle is seen
+        as one axis of an ellipse, in parallel and in flat projection. The other axis follows from
+        any third point of the circle. Rays tell what is covered by images that are no ellipses.
         """
-        direction = self.view.directions(self.center)
-        sine = self._sines()
+        sine, view = self.sine, self.view
+        direction = view.directions(self.center)
         middle = self.center - (self.radius * sine)[:, None] * direction
         half = (self.radius * np.sqrt(1.0 - sine**2))[:, None]
-        e, f = (half * side for side in self.view.across(direction))
+        e, f = (half * side for side in view.across(direction))
         more = np.sqrt(0.5) * (e + f), np.sqrt(0.5) * (e - f), -np.sqrt(0.5) * (e + f)
         ends = [self._image(middle + way) for way in (e, -e, f, -f, *more)]
-        found = _ellipses(*ends[:4])
-        off = np.max([np.abs(found.distance(end) - 1.0) for end in ends[4:]], axis=0)
+        outline = Ellipses.through(*ends[:4])
+        off = np.max([np.abs(outline.distance(end) - 1.0) for end in ends[4:]], axis=0)
         # Of one that reaches behind a dome's observer, the outline is around everything else.
-        around = found.distance(self._image(self.center)) < 1.0
+        around = outline.distance(self._image(self.center)) < 1.0
         odd = ~(off < _ROUND) | ~around | (sine >= 1.0)
         unseen = np.all(np.isnan(ends[:4]), axis=0) & (sine < 1.0)
-        found.center[odd] = np.nan
-        return found, odd & ~unseen
-
-    def _sines(self) -> np.ndarray:
-        """Return the sines of the angles between the centres of balls and their edges."""
-        if self.view.observer is None:
-            return np.zeros(len(self.radius))
-        distance = np.linalg.norm(self.center - self.view.observer, axis=1)
-        return np.asarray(self.radius / np.maximum(distance, self.radius))
+        outline.center[odd] = np.nan
+        parts = [outline.coverage(view.frame.pixels)]
+        parts += [self._by_rays(int(ball)) for ball in np.flatnonzero(odd & ~unseen)]
+        owner, x, y, covered = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+        return owner, x, y, covered
 
     def _image(self, points: np.ndarray) -> np.ndarray:
         x, y, _ = self.view.place(points)
         return np.asarray(x + 1j * y)
 
-    def _by_rays(self, ball: int) -> Seen:
+    def _by_rays(self, ball: int) -> Covered:
         y, x = (a.ravel().astype(float) for a in np.indices(self.view.frame.pixels[::-1]))
-        owner = np.full(len(x), ball)
+        owner, radius = np.full(len(x), ball), self.radius[ball]
         way, miss, _ = self._nearest(owner, x, y)
-        inside = self._sines()[ball] >= 1.0
-        covered = np.where(inside | self._met(way, miss, ball), 1.0, 0.0)
-        footprint = np.abs(way) * max(self.view.frame.pixel)
-        edge = np.flatnonzero((np.abs(self.radius[ball] - miss) < footprint) & ~inside)
-        covered[edge] = np.mean(
-            [
-                self._met(*self._nearest(owner[edge], x[edge] + du, y[edge] + dv)[:2], ball)
-                for du in _PARTS
-                for dv in _PARTS
-            ],
-            axis=0,
-        )
+        if self.sine[ball] >= 1.0:
+            covered = np.ones(len(x))
+        else:
+            covered = np.where((miss < radius) & (way > 0.0), 1.0, 0.0)
+            footprint = np.abs(way) * max(self.view.frame.pixel)
+            edge = np.flatnonzero(np.abs(radius - miss) < footprint)
+            du, dv = (d.reshape(-1, 1) for d in np.meshgrid(_PARTS, _PARTS))
+            inner = x[edge] + du, y[edge] + dv
+            way, miss, _ = self._nearest(np.full(inner[0].size, ball), *map(np.ravel, inner))
+            met = ((miss < radius) & (way > 0.0)).reshape(du.size, -1)
+            covered[edge] = met.mean(axis=0)
         some = np.flatnonzero(covered)
         return owner[some], x[some].astype(np.int64), y[some].astype(np.int64), covered[some]
-
-    def _met(self, way: np.ndarray, miss: np.ndarray, ball: int) -> np.ndarray:
-        return np.asarray((miss < self.radius[ball]) & (way > 0.0))
 
     def _nearest(
         self, owner: np.ndarray, x: np.ndarray, y: np.ndarray
@@ -225,31 +206,18 @@ class Balls:
         dr.eval(way, miss, half)
         return np.asarray(way), np.asarray(miss), np.asarray(half)
 
-    def meet(self, found: Seen) -> tuple[np.ndarray, np.ndarray]:
+    def meet(self, pixels: Covered) -> tuple[np.ndarray, np.ndarray]:
         """Return the depths at which the rays of pixels meet balls, and cosines to the normal.
 
         From inside it is where they leave.
         """
-        owner, x, y, covered = found
+        owner, x, y, covered = pixels
         way, _, half = self._nearest(owner, x.astype(float), y.astype(float))
         near, far = way - half, way + half
         if self.view.observer is not None:
             near = np.where(near > 0.0, near, np.where(far > 0.0, far, np.nan))
         few = np.bincount(owner, covered, len(self.radius))[owner] < _FEW
         return near, np.where(few, _MEAN_COSINE, half / self.radius[owner])
-
-
-def _ellipses(right: np.ndarray, left: np.ndarray, up: np.ndarray, down: np.ndarray) -> Ellipses:
-    """Return the ellipses with one axis from `left` to `right`, through `up` and `down`."""
-    center, a = 0.5 * (right + left), 0.5 * (right - left)
-    b, off = 0.5 * (up - down), 0.5 * (up + down) - center
-    with np.errstate(invalid="ignore", divide="ignore"):
-        part = (off * a.conj()).real / np.abs(a) ** 2
-        return Ellipses(center, a, b / np.sqrt(np.maximum(1.0 - part**2, 1e-12)))
-
-
-# Side of tiles in pixels.
-_TILE = 64.0
 
 
 def nearby(x: np.ndarray, y: np.ndarray, depth: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
 from ..grids.boxes import expanded
 from .contract import Layers, SceneObject, View
 from .lines import Lines
-from .values import joined
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -24,8 +23,16 @@ if TYPE_CHECKING:
 _CHUNK = 1 << 20
 _ROUNDING = 1e-9
 _QUARTERS = 4
-# The domain as a single block.
-_ONE = np.zeros((1, 3), np.int64)
+# Around an edge are four places for blocks, by their sides along two axes: bits 2 i + j. Two next
+# to each other make a face that goes on, four the inside; all else is an edge of the body.
+_FACE_ALONG_FIRST, _FACE_ALONG_SECOND = (0b0101, 0b1010), (0b0011, 0b1100)
+_FLAT = (*_FACE_ALONG_FIRST, *_FACE_ALONG_SECOND, 0b1111)
+_SIDES = ((0, 0), (0, 1), (1, 0), (1, 1))
+_OTHERS = ((1, 2), (0, 2), (0, 1))
+# An arc is straight for so long (radian): half of that from its chord, 2e-4 of the radius.
+_STRAIGHT = np.pi / 90
+# Compared with the size of a domain these are one point.
+_POINT = 1e-12
 
 
 @dataclass
@@ -44,9 +51,9 @@ class BlockLattice:
         Corners of the boxes, in the same; None where there is but the domain.
     system : tuple of str
         Names of the own coordinates.
-    period : tuple of three int
+    period : list of three int
         After how many blocks an axis closes upon itself; 0 if it does not.
-    seams : tuple of three sequences of int
+    seams : list of three int arrays
         Blocks before which there is a line on surfaces that go on.
     """
 
@@ -55,8 +62,8 @@ class BlockLattice:
     size: np.ndarray
     boxes: tuple[np.ndarray, np.ndarray] | None = None
     system: tuple[str, ...] = CARTESIAN
-    period: tuple[int, ...] = (0, 0, 0)
-    seams: tuple[Any, ...] = ((), (), ())
+    period: Sequence[int] = (0, 0, 0)
+    seams: Sequence[Any] = ((), (), ())
 
 
 def level_count(grid: Grid) -> int:
@@ -70,19 +77,15 @@ def lattice_of(grid: Any, level: int) -> BlockLattice:
     """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
     if grid.patches is not None:
         return _of_patches(grid, level)
+    domain = np.zeros((1, 3), np.int64)
     if level == 0:
-        curved = grid.coordinates in (SPHERICAL, CYLINDRICAL)
-        return replace(_bent(grid, _ends(grid), _ONE), boxes=None) if curved else _of_bounds(grid)
-    nodes, size = _nodes(grid, level - 1)
+        if grid.coordinates in (SPHERICAL, CYLINDRICAL):
+            return replace(_bent(grid, [e[[0, -1]] for e in grid.edges], domain), boxes=None)
+        return BlockLattice(_between(list(grid.bounds)), domain, np.ones(3, np.int64))
+    nodes, size = _refined_nodes(grid, level - 1)
     if grid.base_edges:
-        corners = (nodes * size, (nodes + 1) * size)
-        return BlockLattice(grid.position, nodes, size, corners)
-    walls = [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)]
-    return _bent(grid, walls, nodes)
-
-
-def _of_bounds(grid: Grid) -> BlockLattice:
-    return BlockLattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
+        return BlockLattice(grid.position, nodes, size, (nodes * size, (nodes + 1) * size))
+    return _bent(grid, [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)], nodes)
 
 
 def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
@@ -93,9 +96,10 @@ def _of_patches(grid: Any, level: int) -> BlockLattice:
     """Return the patches of a level, and what they and finer ones cover in blocks."""
     patches = grid.patches
     low, high = patches.corners
-    boxes = tuple(corner[patches.level == level] for corner in (low, high))
+    own = patches.level == level
+    boxes = (low[own], high[own])
     if level == 0:
-        boxes = (np.vstack([0 * grid.extent, boxes[0]]), np.vstack([grid.extent, boxes[1]]))
+        boxes = (np.vstack([0 * grid.extent, low[own]]), np.vstack([grid.extent, high[own]]))
     cell, some = patches.sizes[level], patches.level >= level
     first, last = low[some] // cell, -(-high[some] // cell)
     common = np.gcd.reduce(np.concatenate([first, last]), axis=0)
@@ -104,27 +108,19 @@ def _of_patches(grid: Any, level: int) -> BlockLattice:
     return BlockLattice(lambda place: grid.position(place), block, cell * common, boxes)
 
 
-def _nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
+def _refined_nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the nodes of a level that are refined, counted in their own size, and that size."""
     size = np.array(grid.divisions)
     size[list(grid.places.axes)] >>= level
     # The first leaf in each of them: finer than it, and where it begins.
     first = (grid.places.aligned_levels() <= level) & (grid.levels > level)
-    found = [np.empty((3, 0), np.int64)]
+    nodes = [np.empty((3, 0), np.int64)]
     for begin in range(0, grid.size, _CHUNK):
         chosen = np.flatnonzero(first[begin : begin + _CHUNK])
         if chosen.size:
             low, _ = grid.boxes(begin, min(begin + _CHUNK, grid.size))
-            found.append(low[:, chosen] // size[:, None])
-    return np.concatenate(found, axis=1).T, size
-
-
-def _ends(grid: Grid) -> list[np.ndarray]:
-    return [np.array(_limits(e)) for e in grid.edges]
-
-
-def _limits(walls: np.ndarray) -> tuple[float, float]:
-    return float(walls[0]), float(walls[-1])
+            nodes.append(low[:, chosen] // size[:, None])
+    return np.concatenate(nodes, axis=1).T, size
 
 
 def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> BlockLattice:
@@ -133,49 +129,33 @@ def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> BlockLattic
     An azimuth that is one closed block is cut in quarters, and θ above and below the midplane in
     two: there would be no line to be seen of a sphere.
     """
-    phi = grid.coordinates.index("phi")
-    walls, block = list(walls), np.asarray(block)
-    if "theta" in grid.coordinates:
-        walls[1], block = _both_halves(grid, walls[1], block)
-    if grid.is_periodic and len(walls[phi]) == 2:
-        walls[phi], block = _cut(np.linspace(*_limits(walls[phi]), _QUARTERS + 1), block, phi)
-    counts = [len(w) - 1 for w in walls]
+    phi, middle = grid.coordinates.index("phi"), 0.5 * np.pi
+    has_theta = "theta" in grid.coordinates
+
+    def cut(axis: int, edges: np.ndarray) -> np.ndarray:
+        """Set the walls of an axis; return blocks that fill all of what was one block."""
+        walls[axis] = edges
+        parts = np.repeat(block[None], len(edges) - 1, axis=0)
+        parts[:, :, axis] = np.arange(len(edges) - 1)[:, None]
+        return parts.reshape(-1, 3)
+
+    if has_theta and grid.mirror:
+        below = block.copy()
+        below[:, 1] = 2 * (len(walls[1]) - 1) - 1 - block[:, 1]
+        walls[1] = np.concatenate([walls[1], np.pi - walls[1][-2::-1]])
+        block = np.concatenate([block, below])
+    elif has_theta and len(walls[1]) == 2 and walls[1][0] < middle < walls[1][1]:
+        block = cut(1, np.array([walls[1][0], middle, walls[1][1]]))
     period, seams = [0, 0, 0], [np.array([], int) for _ in range(3)]
     if grid.is_periodic:
-        period[phi] = counts[phi]
-        seams[phi] = np.unique(np.round(np.arange(_QUARTERS) * counts[phi] / _QUARTERS)).astype(int)
-    if "theta" in grid.coordinates:
-        seams[1] = np.flatnonzero(np.abs(walls[1] - 0.5 * np.pi) < _ROUNDING)
-    size = np.ones(3, np.int64)
-    boxes = (block, block + 1)
-    return BlockLattice(
-        _between(walls), block, size, boxes, grid.coordinates, tuple(period), tuple(seams)
-    )
-
-
-def _both_halves(grid: Grid, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if grid.mirror:
-        below = block.copy()
-        below[:, 1] = 2 * (len(walls) - 1) - 1 - block[:, 1]
-        return np.concatenate([walls, np.pi - walls[-2::-1]]), np.concatenate([block, below])
-    middle = 0.5 * np.pi
-    if len(walls) == 2 and walls[0] < middle < walls[1]:
-        return _cut(np.array([walls[0], middle, walls[1]]), block, 1)
-    return walls, block
-
-
-def _cut(walls: np.ndarray, block: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return walls, and blocks that fill an axis of one block so far with all of them."""
-    parts = np.repeat(block[None], len(walls) - 1, axis=0)
-    parts[:, :, axis] = np.arange(len(walls) - 1)[:, None]
-    return walls, parts.reshape(-1, 3)
-
-
-# Around an edge are four places for blocks, by their sides along two axes: bits 2 i + j. Two next
-# to each other make a face that goes on, four the inside; all else is an edge of the body.
-_FACE_ALONG_FIRST, _FACE_ALONG_SECOND = (0b0101, 0b1010), (0b0011, 0b1100)
-_FLAT = (*_FACE_ALONG_FIRST, *_FACE_ALONG_SECOND, 0b1111)
-_SIDES = ((0, 0), (0, 1), (1, 0), (1, 1))
+        if len(walls[phi]) == 2:
+            block = cut(phi, np.linspace(walls[phi][0], walls[phi][-1], _QUARTERS + 1))
+        period[phi] = count = len(walls[phi]) - 1
+        seams[phi] = np.unique(np.round(np.arange(_QUARTERS) * count / _QUARTERS)).astype(int)
+    if has_theta:
+        seams[1] = np.flatnonzero(np.abs(walls[1] - middle) < _ROUNDING)
+    boxes, size = (block, block + 1), np.ones(3, np.int64)
+    return BlockLattice(_between(walls), block, size, boxes, grid.coordinates, period, seams)
 
 
 @dataclass(frozen=True)
@@ -222,14 +202,14 @@ def every_edge(low: np.ndarray, high: np.ndarray) -> Edges:
     for axis in range(3):
         for sides in _SIDES:
             start = low.copy()
-            for other, side in zip(_others(axis), sides, strict=True):
+            for other, side in zip(_OTHERS[axis], sides, strict=True):
                 start[:, other] = corners[side][:, other]
             parts.append((axis, start, high[:, axis], np.zeros(len(low), bool)))
     return Edges.of(parts)
 
 
 def creases(
-    block: np.ndarray, period: tuple[int, ...] = (0, 0, 0), seams: tuple = ((), (), ())
+    block: np.ndarray, period: Sequence[int] = (0, 0, 0), seams: Sequence[Any] = ((), (), ())
 ) -> Edges:
     """Return where the surface of the body that equal blocks make has an edge.
 
@@ -237,15 +217,16 @@ def creases(
     ----------
     block : int array, shape (n, 3)
         Places of different blocks, in units of their size.
-    period : tuple of three int
+    period : three int
         After so many blocks an axis closes upon itself; 0 if it does not.
     seams : three sequences of int
         Places along each axis where faces that go on have a line, too.
     """
     parts = []
-    for axis in range(3):
-        first, second = _others(axis)
-        start = np.concatenate([_moved(block, (first, second), sides) for sides in _SIDES])
+    for axis, (first, second) in enumerate(_OTHERS):
+        moved = np.zeros((4, 1, 3), np.int64)
+        moved[:, 0, [first, second]] = _SIDES
+        start = (block + moved).reshape(-1, 3)
         for other in (first, second):
             if period[other]:
                 start[:, other] %= period[other]
@@ -255,8 +236,8 @@ def creases(
         start = start[order][np.diff(number, prepend=-1) > 0]
         seam = np.isin(start[:, first], seams[first]) & np.isin(around, _FACE_ALONG_FIRST)
         seam |= np.isin(start[:, second], seams[second]) & np.isin(around, _FACE_ALONG_SECOND)
-        found = seam | ~np.isin(around, _FLAT)
-        parts.append((axis, start[found], start[found, axis] + 1, seam[found]))
+        sharp = seam | ~np.isin(around, _FLAT)
+        parts.append((axis, start[sharp], start[sharp, axis] + 1, seam[sharp]))
     return Edges.of(parts)
 
 
@@ -289,22 +270,6 @@ def same_rows(rows: np.ndarray, *then: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return order, np.concatenate([np.zeros(min(1, len(rows)), np.int64), np.cumsum(apart)])
 
 
-def _others(axis: int) -> tuple[int, int]:
-    return ((1, 2), (0, 2), (0, 1))[axis]
-
-
-def _moved(block: np.ndarray, axes: tuple[int, int], sides: tuple[int, int]) -> np.ndarray:
-    start = block.copy()
-    start[:, axes] += sides
-    return start
-
-
-# An arc is straight for so long (radian): half of that from its chord, 2e-4 of the radius.
-_STRAIGHT = np.pi / 90
-# Compared with the size of a domain these are one point.
-_POINT = 1e-12
-
-
 def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
     """Return polylines around what is refined `level` times: arrays of shape (lines, n, 3).
 
@@ -319,52 +284,41 @@ def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
         start, stop = edges.start * lattice.size, edges.stop * lattice.size[edges.axis]
         edges = Edges(edges.axis, start, stop, edges.seam)
     else:
-        edges = _closed(every_edge(*lattice.boxes), lattice)
+        edges = every_edge(*lattice.boxes)
+        for axis, period in enumerate(lattice.period):
+            if period:
+                edges.start[edges.axis != axis, axis] %= period
     if lattice.system != CARTESIAN:
         edges = _visible(edges, lattice)
-    return _polylines(joined_edges(edges), lattice)
-
-
-def _closed(edges: Edges, lattice: BlockLattice) -> Edges:
-    for axis, period in enumerate(lattice.period):
-        if period:
-            across = edges.axis != axis
-            edges.start[across, axis] %= period
-    return edges
-
-
-def _visible(edges: Edges, lattice: BlockLattice) -> Edges:
-    first, last = edges.ends()
-    ends = [position(lattice.system, lattice.own(place.T)) for place in (first, last)]
-    near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
-    axial = np.all([np.hypot(end[0], end[1]) <= near for end in ends], axis=0)
-    phi, away = lattice.system.index("phi"), np.abs(ends[1] - ends[0]).max(axis=0) > near
-    # A circle ends where it begins; on the axis it is a point.
-    kept = np.where(axial, away & (edges.axis != phi), away | (edges.axis == phi))
-    kept &= ~(edges.seam & (axial | _on_planes(edges, lattice)))
-    edges.start[axial, phi] = 0
-    return edges.some(kept)
-
-
-def _on_planes(edges: Edges, lattice: BlockLattice) -> np.ndarray:
-    """Return which edges, if they are seams, are on planes: these need no lines to be seen."""
-    if "theta" in lattice.system:
-        return (edges.axis == 0) & np.isin(edges.start[:, 1], lattice.seams[1])
-    return edges.axis == 0
-
-
-def _polylines(edges: Edges, lattice: BlockLattice) -> list[np.ndarray]:
+    edges = joined_edges(edges)
     first, last = (lattice.own(place.T) for place in edges.ends())
     turned = np.isin(np.array(lattice.system)[edges.axis], ("theta", "phi"))
     way = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]
     steps = np.where(turned, np.ceil(way / _STRAIGHT - 1e-6), 1).astype(int)
-    found: list[np.ndarray] = []
+    lines: list[np.ndarray] = []
     for count in np.unique(steps):
-        a, b = first[:, steps == count], last[:, steps == count]
-        parts = np.linspace(a, b, count + 1)  # points, axes, lines
-        own = np.moveaxis(parts, 2, 0).reshape(-1, 3).T
-        found.append(position(lattice.system, own).T.reshape(-1, count + 1, 3))
-    return found
+        parts = np.linspace(first[:, steps == count], last[:, steps == count], count + 1)
+        own = np.moveaxis(parts, 2, 0).reshape(-1, 3).T  # parts: points, axes, lines
+        lines.append(position(lattice.system, own).T.reshape(-1, count + 1, 3))
+    return lines
+
+
+def _visible(edges: Edges, lattice: BlockLattice) -> Edges:
+    """Return the edges that are more than a point, each once, and seams only where faces curve."""
+    ends = [position(lattice.system, lattice.own(place.T)) for place in edges.ends()]
+    near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
+    axial = np.all([np.hypot(end[0], end[1]) <= near for end in ends], axis=0)
+    phi, away = lattice.system.index("phi"), np.abs(ends[1] - ends[0]).max(axis=0) > near
+    # A circle ends where it begins; on the axis it is a point.
+    along = edges.axis == phi
+    shown = np.where(axial, away & ~along, away | along)
+    # Lines on planes need no seams to be seen.
+    flat = edges.axis == 0
+    if "theta" in lattice.system:
+        flat &= np.isin(edges.start[:, 1], lattice.seams[1])
+    shown &= ~(edges.seam & (axial | flat))
+    edges.start[axial, phi] = 0
+    return edges.some(shown)
 
 
 class Boxes(SceneObject):
@@ -416,68 +370,49 @@ class Boxes(SceneObject):
             raise InputError(
                 f"Boxes: expected a vm.Volume, or colors=…, got {type(volume).__name__} first"
             )
-        self.grid = None if volume is None else volume.grid
-        self.colors, self.levels, self.merged = joined(colors), _checked(levels), merged
-        self.width, self.opacity = width, opacity
-        self._style = {"width": width, "opacity": opacity, **placed}
-        self._outlines: tuple[Any, Any, np.ndarray] | None = None
         if merged not in (None, True, False):
             raise InputError(f"merged must be true or false, got {merged!r}")
-        Lines(np.zeros((1, 2, 3)), _first(self.colors), **self._style)
+        several = isinstance(levels, (Sequence, np.ndarray))
+        chosen = list(levels) if several else [] if levels is None else [levels]
+        whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in chosen)
+        if not whole or min(chosen, default=0) < 0 or (several and not chosen):
+            raise InputError(f"levels must be a whole number from 0, or several, got {levels!r}")
+        self.grid = None if volume is None else volume.grid
+        self.colors, self.levels, self.merged = colors, levels, merged
+        self._levels, self._style = chosen, {"width": width, "opacity": opacity, **placed}
+        self._outlines: tuple[Any, Any, np.ndarray] | None = None
+        first = colors[:1] if _are_several(colors) else colors
+        Lines(np.zeros((1, 2, 3)), first, **self._style)  # refuses what lines cannot be
 
     def layers(self, view: View) -> Layers | None:
         grid = view.grid if self.grid is None else self.grid
         if self._outlines is None or self._outlines[0] is not grid:  # once for many pictures
             self._outlines = (grid, *self._lines(grid))
-        _, lines, level = self._outlines
+        _, groups, level = self._outlines
+        colors = self.colors
+        if _are_several(colors) and len(colors) > 1:
+            if len(colors) <= level.max():
+                raise InputError(
+                    f"colors: there are {len(colors)}, for {level.max() + 1} levels drawn"
+                )
+            listed = isinstance(colors, (list, tuple))
+            colors = [colors[k] for k in level] if listed else colors[level]
         unit = 1.0 if grid.unit is None else grid.unit
-        places = [line * unit for line in lines] if isinstance(lines, list) else lines * unit
-        return Lines(places, _of_levels(self.colors, level), **self._style).layers(view)
+        return Lines([group * unit for group in groups], colors, **self._style).layers(view)
 
-    def _lines(self, grid: Grid) -> tuple[Any, np.ndarray]:
+    def _lines(self, grid: Grid) -> tuple[list[np.ndarray], np.ndarray]:
         """Return polylines, and which of the levels that are drawn each belongs to."""
         merged = grid.patches is None if self.merged is None else self.merged
-        levels = _chosen(self.levels, level_count(grid))
+        count = level_count(grid)
+        levels = [k for k in range(count) if self.levels is None or k in self._levels]
+        if not levels:
+            raise InputError(f"levels={self.levels!r}: the grid has levels 0 to {count - 1}")
         parts = [outline(grid, level, merged) for level in levels]
         which = [np.full(sum(map(len, part)), k) for k, part in enumerate(parts)]
-        groups = [group for part in parts for group in part]
-        straight = all(group.shape[1] == 2 for group in groups)
-        lines = np.concatenate(groups) if straight else [line for g in groups for line in g]
-        return lines, np.concatenate(which)
+        return [group for part in parts for group in part], np.concatenate(which)
 
 
-def _checked(levels: Any) -> Any:
-    if levels is None:
-        return None
-    several = isinstance(levels, (Sequence, np.ndarray))
-    given = list(levels) if several else [levels]
-    whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in given)
-    if not whole or not given or min(given) < 0:
-        raise InputError(f"levels must be a whole number from 0, or several, got {levels!r}")
-    return [int(k) for k in given] if several else int(levels)
-
-
-def _chosen(levels: Any, count: int) -> list[int]:
-    wanted = [levels] if isinstance(levels, int) else levels
-    found = [k for k in range(count) if wanted is None or k in wanted]
-    if not found:
-        raise InputError(f"levels={levels!r}: the grid has levels 0 to {count - 1}")
-    return found
-
-
-def _several(colors: Any) -> bool:
+def _are_several(colors: Any) -> bool:
     return not (isinstance(colors, str) or is_name_and_alpha(colors)) and (
         np.ndim(colors) == 2 or (np.ndim(colors) == 1 and isinstance(colors[0], str))
     )
-
-
-def _first(colors: Any) -> Any:
-    return colors[:1] if _several(colors) else colors
-
-
-def _of_levels(colors: Any, level: np.ndarray) -> Any:
-    if not _several(colors) or len(colors) == 1:
-        return colors
-    if len(colors) <= level.max():
-        raise InputError(f"colors: there are {len(colors)}, for {level.max() + 1} levels drawn")
-    return [colors[k] for k in level] if isinstance(colors, (list, tuple)) else colors[level]

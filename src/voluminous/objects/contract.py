@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..backend import from_host
 from ..colormaps import without_alpha
 from ..errors import InputError, check_name
-from ..units import plain
+from ..units import as_quantity, described, plain
 from ..value import Value
-from .values import MANY, is_named, named_rgb, options_of
+from .values import MANY, count_of, is_named, named_rgb
 
 if TYPE_CHECKING:
+    from astropy import units as u
+
     from ..backend import Backend
     from ..cameras import Camera, Frame
     from ..grids.contract import Grid
@@ -25,10 +28,11 @@ if TYPE_CHECKING:
 DEPTHS = ("true", "foreground")
 # A Gaussian is cut off here, in standard deviations; what is left of it is normalised.
 REACH = 4.0
+# Step of differences, as a fraction of the distance: its square and rounding over it are small.
+_STEP = 1e-4
 
 
-@dataclass
-class Layers:
+class Layers(NamedTuple):
     """Pairs (b, θ) that lie across the rays of pixels, each at its depth.
 
     Attributes
@@ -49,35 +53,20 @@ class Layers:
     opacity: np.ndarray
 
     @classmethod
-    def of(
-        cls, pixel: np.ndarray, depth: np.ndarray, coverage: np.ndarray, color: Any, opacity: Any
-    ) -> Layers:
-        """Return layers of some colour and opacity that cover a fraction of each pixel."""
-        return cls(pixel, depth, coverage[:, None] * color, coverage * opacity)
-
-    @classmethod
-    def none(cls, channels: int) -> Layers:
-        """Return no layers."""
-        empty = np.empty(0)
-        return cls(np.empty(0, np.int64), empty, np.empty((0, channels)), empty)
-
-    @classmethod
     def joined(cls, parts: list[Layers], channels: int) -> Layers:
         """Return all layers of several objects."""
-        parts = parts or [cls.none(channels)]
         if len(parts) == 1:
             return parts[0]
-        names = ("pixel", "depth", "emission", "opacity")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        empty = np.empty(0)
+        none = cls(np.empty(0, np.int64), empty, np.empty((0, channels)), empty)
+        return cls(*map(np.concatenate, zip(none, *parts, strict=True)))
 
     def some(self, index: np.ndarray) -> Layers:
         """Return those of some numbers."""
-        parts = (self.pixel, self.depth, self.emission, self.opacity)
-        return Layers(*(part.take(index, axis=0) for part in parts))
+        return Layers(*(part.take(index, axis=0) for part in self))
 
 
-@dataclass
-class PointLights:
+class PointLights(NamedTuple):
     """Points of light: too small to hide anything.
 
     Attributes
@@ -137,6 +126,39 @@ class SceneObject(Value):
         """Return the points of light that are in view."""
         return None
 
+    def intensities(
+        self, colors: Any, count: int, view: View, unit: u.UnitBase | None
+    ) -> np.ndarray:
+        """Return the intensities of `count` things in all channels of a picture, (count, all).
+
+        Parameters
+        ----------
+        colors : str, float, Quantity or array_like
+            A name, a number, one per channel; or a list of `count` of them.
+        unit : astropy unit or None
+            What they are to be expressed in.
+        """
+        own = view.channels if self.channel is None else 1
+        if is_named(colors):
+            if view.channels != 3 or self.channel is not None:
+                place = "one" if self.channel is not None else view.channels
+                raise InputError(
+                    f"colors: names are red, green and blue; in {place} channel(s) give numbers"
+                )
+            array = named_rgb(colors, count, "colors")
+        else:
+            colors = colors if own == 4 else without_alpha(colors, "colors")
+            array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
+        array = array if array.ndim else np.full(own, float(array))
+        if array.shape[-1] not in (1, own):
+            raise InputError(
+                f"colors: expected a number, or {own} (one per channel), or a list of {count} of "
+                f"these, of shape ({count}, 1) or ({count}, {own}); got shape {array.shape}"
+            )
+        first, result = self.channel or 0, np.zeros((count, view.all_channels))
+        result[:, first : first + own] = array * (view.brightest if self.relative else 1.0)
+        return result
+
     def describe(self, most: float = math.inf) -> dict[str, Any]:
         """Return type and arguments as plain values: what a scene file says of it.
 
@@ -145,15 +167,20 @@ class SceneObject(Value):
         most : float
             Arguments of more numbers than these are only counted.
         """
-        return {"type": type(self).__name__.lower(), **options_of(type(self), self, most)}
+        parameters = inspect.signature(type(self)).parameters
+        result: dict[str, Any] = {"type": type(self).__name__.lower()}
+        for name, given in self.arguments().items():
+            value, default = as_quantity(given), parameters[name].default
+            single = not isinstance(value, (list, tuple)) and np.ndim(value) == 0
+            same = value is default or (single and bool(np.all(value == default)))
+            if name != "volume" and not same:  # in a scene file there is but one volume
+                count = count_of(value)
+                result[name] = described(value) if count <= most else f"{count} values"
+        return result
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{k}={v!r}" for k, v in self.describe(MANY).items() if k != "type")
-        return f"{type(self).__name__}({told})"
-
-
-# Step of differences, as a fraction of the distance: its square and rounding over it are small.
-_STEP = 1e-4
+        arguments = [f"{k}={v!r}" for k, v in self.describe(MANY).items() if k != "type"]
+        return f"{type(self).__name__}({', '.join(arguments)})"
 
 
 @dataclass
@@ -178,7 +205,7 @@ class View:
     backend: Backend
     channels: int
     all_channels: int
-    intensity_unit: Any
+    intensity_unit: u.UnitBase | None
     picture: Callable[[], float]
 
     @functools.cached_property
@@ -192,29 +219,29 @@ class View:
 
     def place(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x and y in pixels and the depth of points (n, 3); NaN where they are not seen."""
-        u, v, depth = self.camera.project(np.ascontiguousarray(points.T), self.grid)
+        *plane, depth = self.camera.project(np.ascontiguousarray(points.T), self.grid)
+        frame = self.frame
         x, y = (
             (w - shift) / step + 0.5 * (n - 1)
-            for w, shift, step, n in zip(
-                (u, v), self.frame.shift, self.frame.pixel, self.frame.pixels, strict=True
-            )
+            for w, shift, step, n in zip(plane, frame.shift, frame.pixel, frame.pixels, strict=True)
         )
         return x, y, depth
 
     def directions(self, points: np.ndarray) -> np.ndarray:
         """Return unit vectors from the observer to points (n, 3)."""
-        return np.asarray(self.camera.lines_of_sight(points.T, self.grid)).T
+        directions: np.ndarray = np.asarray(self.camera.lines_of_sight(points.T, self.grid)).T
+        return directions
 
     def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return origins and directions (n, 3) of the rays through places in pixels."""
         if not len(x):
             return np.empty((0, 3)), np.empty((0, 3))
         ray = self.traced_rays(x, y)
-
-        def stacked(parts: Any) -> np.ndarray:
-            return np.stack([np.broadcast_to(np.asarray(p), x.shape) for p in parts]).T
-
-        return stacked(ray.origin), stacked(ray.direction)
+        origin, direction = (
+            np.stack([np.broadcast_to(np.asarray(p), x.shape) for p in parts]).T
+            for parts in (ray.origin, ray.direction)
+        )
+        return origin, direction
 
     def traced_rays(self, x: np.ndarray, y: np.ndarray) -> Any:
         """Return the rays through places in pixels as kernels see them."""
@@ -230,13 +257,14 @@ class View:
     @functools.cached_property
     def observer(self) -> np.ndarray | None:
         """Where all rays begin; None at infinity."""
-        return None if self.camera.parallel else self.rays(*np.zeros((2, 1)))[0][0]
+        zero = np.zeros(1)
+        return None if self.camera.parallel else np.asarray(self.rays(zero, zero)[0][0])
 
     @functools.cached_property
     def axis(self) -> np.ndarray:
         """Direction of the ray through the middle of the picture."""
         middle = [np.array([0.5 * (n - 1)]) for n in self.frame.pixels]
-        return self.rays(*middle)[1][0]
+        return np.asarray(self.rays(*middle)[1][0])
 
     def across(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return two unit vectors normal to directions (n, 3) and to each other.
@@ -258,78 +286,41 @@ class View:
         dx, dy = self.frame.pixel
         if self.camera.parallel:
             return np.full(len(points), 1.0 / abs(dx * dy))
-        direction = self.directions(points)
         step = _STEP * self.place(points)[2][:, None]
         sides = []
-        for e in self.across(direction):
+        for e in self.across(self.directions(points)):
             ahead, back = self.place(points + step * e), self.place(points - step * e)
             sides.append([(a - b) / (2.0 * step[:, 0]) for a, b in zip(ahead, back, strict=True)])
         (ax, ay, _), (bx, by, _) = sides
-        return np.abs(ax * by - ay * bx)
+        return np.asarray(np.abs(ax * by - ay * bx))
+
+
+def numbered(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return 0 … n, each as often as `count` says, and the number of each among its equals."""
+    owner = np.repeat(np.arange(len(count)), count)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
 
 
 def window_pixels(
-    left: np.ndarray,
-    right: np.ndarray,
-    bottom: np.ndarray,
-    top: np.ndarray,
-    pixels: tuple[int, int],
+    x: np.ndarray, y: np.ndarray, pixels: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return which thing, x and y of all pixels that touch windows, shape (k,) each.
 
     Parameters
     ----------
-    left, right, bottom, top : float arrays, shape (n,)
+    x, y : float arrays, shape (2, n)
         Edges in pixels; the middle of the first pixel is at 0. Where one is NaN there is none.
     pixels : (int, int)
         Size of the picture: what is outside is left out.
     """
-    nx, ny = pixels
-    x0, columns = _range(left, right, nx)
-    y0, rows = _range(bottom, top, ny)
-    count = columns * rows
-    owner = np.repeat(np.arange(len(count)), count)
-    number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    row, column = np.divmod(number, np.maximum(columns[owner], 1))
-    return owner, x0[owner] + column, y0[owner] + row
-
-
-def _range(low: np.ndarray, high: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    seen = np.isfinite(low) & np.isfinite(high)
-    first, last = (
-        np.clip(np.floor(np.where(seen, edge, 0.0) + 0.5), -1, count).astype(np.int64)
-        for edge in (low, high)
-    )
-    first, last = np.maximum(first, 0), np.minimum(last, count - 1)
-    return first, np.where(seen, np.maximum(last - first + 1, 0), 0)
-
-
-def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: Any) -> np.ndarray:
-    """Return the intensities of `count` things in all channels of a picture, shape (count, all).
-
-    Parameters
-    ----------
-    colors : str, float, Quantity or array_like
-        A name, a number, one per channel; or a list of `count` of them.
-    unit : astropy unit or None
-        What they are to be expressed in.
-    """
-    own = view.channels if thing.channel is None else 1
-    if is_named(colors):
-        if view.channels != 3 or thing.channel is not None:
-            place = "one channel" if thing.channel is not None else f"{view.channels} channel(s)"
-            raise InputError(f"colors: names are red, green and blue; in {place} give numbers")
-        array = named_rgb(colors, count, "colors")
-    else:
-        colors = colors if own == 4 else without_alpha(colors, "colors")
-        array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
-    array = array if array.ndim else np.full(own, float(array))
-    if array.shape[-1] not in (1, own):
-        raise InputError(
-            f"colors: expected a number, or {own} (one per channel), or a list of {count} of "
-            f"these, of shape ({count}, 1) or ({count}, {own}); got shape {array.shape}"
-        )
-    first = 0 if thing.channel is None else thing.channel
-    found = np.zeros((count, view.all_channels))
-    found[:, first : first + own] = array * (view.brightest if thing.relative else 1.0)
-    return found
+    first, size = [], []
+    for edges, count in zip((x, y), pixels, strict=True):
+        seen = np.isfinite(edges).all(axis=0)
+        nearest = np.floor(np.where(seen, edges, 0.0) + 0.5)
+        low, high = np.clip(nearest, -1, count).astype(np.int64)
+        low, high = np.maximum(low, 0), np.minimum(high, count - 1)
+        first.append(low)
+        size.append(np.where(seen, np.maximum(high - low + 1, 0), 0))
+    owner, number = numbered(size[0] * size[1])
+    row, column = np.divmod(number, np.maximum(size[0][owner], 1))
+    return owner, first[0][owner] + column, first[1][owner] + row

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import plain, unit_of
+from ..units import as_given, plain, unit_of
 from .balls import Balls, nearby
-from .contract import Layers, SceneObject, View, intensities
-from .values import check_colors, merged, positions_of
+from .contract import Layers, SceneObject, View
+from .values import check_colors, positions_of
 
 
 class Spheres(SceneObject):
@@ -55,14 +55,13 @@ class Spheres(SceneObject):
         relative: bool = False,
     ) -> None:
         super().__init__(depth=depth, channel=channel, relative=relative)
-        self.positions = positions_of(positions, "positions", (None, 3))
-        self.count = len(self.positions)
-        self.radii = self._positive(radii, "radii")
-        self.opacity, self.limb_darkening = opacity, limb_darkening
+        self.positions, self.radii = as_given(positions, "positions"), as_given(radii, "radii")
+        self.colors, self.opacity, self.limb_darkening = colors, opacity, limb_darkening
+        self.count = len(positions_of(self.positions, "positions", (None, 3)))
+        self._check_positive(self.radii, "radii")
         self.opacities = self._fraction(opacity, "opacity")
         self.darkening = self._fraction(limb_darkening, "limb_darkening")
         check_colors(colors, self.count, "colors")
-        self.colors = colors
 
     def _numbers(self, value: Any, what: str) -> np.ndarray:
         array = np.asarray(plain(value, unit_of(value), what))
@@ -72,12 +71,10 @@ class Spheres(SceneObject):
             )
         return array
 
-    def _positive(self, value: Any, what: str) -> Any:
-        value = merged(value)
+    def _check_positive(self, value: Any, what: str) -> None:
         array = self._numbers(value, what)
         if not np.all((array > 0.0) & np.isfinite(array)):
             raise InputError(f"{what} must be positive and finite, got {value!r}")
-        return value
 
     def _fraction(self, value: Any, what: str) -> np.ndarray:
         array = self._numbers(value, what)
@@ -92,17 +89,16 @@ class Spheres(SceneObject):
         positions = np.asarray(view.length(self.positions, "positions"))
         order = nearby(*view.place(positions))
         balls = Balls(positions.take(order, axis=0), radius.take(order), view)
-        found = balls.seen()
-        depth, cosine = balls.meet(found)
-        ball, x, y, covered = found
+        pixels = balls.covered()
+        depth, cosine = balls.meet(pixels)
+        ball, x, y, covered = pixels
         owner = order.take(ball)
-        shade = 1.0 - self.darkening.take(owner) * (1.0 - cosine)
         color = self._surface(view, radius).take(owner, axis=0)
-        color *= shade[:, None]
-        pixel = y * view.frame.pixels[0] + x
-        layers = Layers.of(pixel, depth, covered, color, self.opacities.take(owner))
+        color *= (1.0 - self.darkening.take(owner) * (1.0 - cosine))[:, None]
+        opacity = covered * self.opacities.take(owner)
+        layers = Layers(y * view.frame.pixels[0] + x, depth, covered[:, None] * color, opacity)
         met = np.isfinite(depth)
         return layers if met.all() else layers.some(np.flatnonzero(met))
 
     def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
-        return intensities(self, self.colors, self.count, view, view.intensity_unit)
+        return self.intensities(self.colors, self.count, view, view.intensity_unit)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import is_quantity, plain, unit_of
+from ..units import as_given, plain, unit_of
 from .balls import nearby
-from .contract import REACH, Layers, PointLights, View, intensities
+from .contract import REACH, Layers, PointLights, View
 from .spheres import Spheres
-from .values import column, is_column, merged
+from .values import column, column_names
 
 # Full width at half maximum of a Gaussian of unit width.
 _FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
@@ -72,11 +72,15 @@ class Stars(Spheres):
         options = {"opacity": opacity, "limb_darkening": limb_darkening}
         placed: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
         super().__init__(positions, 1.0 if radii is None else radii, colors, **options, **placed)
-        if radii is None:
-            self.radii = None
+        self.radii = None if radii is None else self.radii
+        self.luminosities = as_given(luminosities, "luminosities")
+        self.psf = psf = as_given(psf, "psf")
         if luminosities is not None:
-            luminosities = self._positive(luminosities, "luminosities")
-        self.luminosities, self.psf = luminosities, _widths(psf)
+            self._check_positive(self.luminosities, "luminosities")
+        if psf is not None:
+            array = np.asarray(plain(psf, unit_of(psf), "psf"))
+            if array.shape not in ((), (2,)) or not np.all((array > 0.0) & np.isfinite(array)):
+                raise InputError(f"psf must be a positive width or a pair of them, got {psf!r}")
 
     @classmethod
     def from_table(
@@ -113,13 +117,10 @@ class Stars(Spheres):
         unit = unit_of(x)
         positions = np.stack([plain(c, unit, "position") for c in (x, y, z)], axis=-1)
         given = {"radii": radius, "luminosities": luminosity, "opacity": opacity}
-        found = {k: column(table, v) if isinstance(v, str) else v for k, v in given.items()}
-        return cls(
-            positions if unit is None else positions * unit,
-            _colors_in(table, color),
-            **found,
-            **options,
-        )
+        values = {k: column(table, v) if isinstance(v, str) else v for k, v in given.items()}
+        if unit is not None:
+            positions = positions * unit
+        return cls(positions, _colors_in(table, color), **values, **options)
 
     def layers(self, view: View) -> Layers | None:
         return None if self.radii is None else super().layers(view)
@@ -129,8 +130,14 @@ class Stars(Spheres):
             return None
         positions = np.asarray(view.length(self.positions, "positions"))
         x, y, depth = view.place(positions)
-        sigma, (nx, ny) = self._sigma(view), view.frame.pixels
-        reach = REACH * sigma
+        sigma = np.zeros(2)
+        if self.psf is not None:
+            width, unit = self.psf, None
+            if unit_of(width) is not None:
+                unit = view.camera.plane_unit or view.grid.unit
+            pixel = 1.0 if unit is None else np.abs(view.frame.pixel)
+            sigma = np.broadcast_to(np.asarray(plain(width, unit, "psf")) / pixel, 2) / _FWHM
+        (nx, ny), reach = view.frame.pixels, REACH * sigma
         seen = (np.abs(x - 0.5 * (nx - 1)) < 0.5 * nx + reach[0]) & (
             np.abs(y - 0.5 * (ny - 1)) < 0.5 * ny + reach[1]
         )
@@ -140,21 +147,12 @@ class Stars(Spheres):
         flux = flux * view.pixels_per_area(positions[some])[:, None]
         return PointLights(x[some], y[some], depth[some], flux, sigma)
 
-    def _sigma(self, view: View) -> np.ndarray:
-        if self.psf is None:
-            return np.zeros(2)
-        width = self.psf
-        if is_quantity(width):
-            unit = view.camera.plane_unit or view.grid.unit
-            width = np.asarray(plain(width, unit, "psf")) / np.abs(view.frame.pixel)
-        return np.asarray(np.broadcast_to(width, 2), dtype=np.float64) / _FWHM
-
     def _luminosity(self, view: View) -> np.ndarray:
         unit = view.intensity_unit
         if view.grid.unit is not None:
             unit = view.grid.unit**2 * (1 if unit is None else unit)
         total = plain(self.luminosities, unit, "luminosities")
-        color = intensities(self, self.colors, self.count, view, None)
+        color = self.intensities(self.colors, self.count, view, None)
         return np.asarray(np.broadcast_to(total, self.count)[:, None] * color)
 
     def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
@@ -162,24 +160,15 @@ class Stars(Spheres):
             return super()._surface(view, radius)
         # The mean over a disc of 1 - u (1 - μ) is 1 - u/3.
         area = np.pi * radius**2 * (1.0 - self.darkening / 3.0)
-        return self._luminosity(view) / area[:, None]
-
-
-def _widths(psf: Any) -> Any:
-    """Return the width of a PSF as it was given, once it is seen to be one or two."""
-    psf = merged(psf)
-    if psf is not None:
-        array = np.asarray(plain(psf, unit_of(psf), "psf"))
-        if array.shape not in ((), (2,)) or not np.all((array > 0.0) & np.isfinite(array)):
-            raise InputError(f"psf must be a positive width or a pair of them, got {psf!r}")
-    return psf
+        return np.asarray(self._luminosity(view) / area[:, None])
 
 
 def _colors_in(table: Any, color: Any) -> Any:
+    """Return the colours in columns, or else the colour as it is."""
     names = [color] if isinstance(color, str) else color
     if not isinstance(names, (list, tuple)) or not all(isinstance(n, str) for n in names):
         return color
-    if not any(is_column(table, name) for name in names):
+    if not set(names) & set(column_names(table)):
         return color
     columns = [column(table, name) for name in names]
     if len(columns) == 1 and np.asarray(columns[0]).dtype.kind in "OUS":

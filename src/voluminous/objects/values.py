@@ -2,46 +2,21 @@
 
 from __future__ import annotations
 
-import inspect
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..colormaps import get_color, is_name_and_alpha, without_alpha
 from ..errors import InputError, unknown_name
-from ..units import as_given, described, is_quantity, plain, unit_of
+from ..units import plain, unit_of
 
 # More numbers are only counted where a picture tells what it shows.
 MANY = 64
 
 
-def joined(value: Any) -> Any:
-    """Return one quantity in place of lists of quantities; everything else as it is."""
-    if not isinstance(value, (list, tuple)):
-        return value
-    parts = [joined(v) for v in value]
-    if not parts or not is_quantity(parts[0]):
-        return value
-    unit = parts[0].unit
-    return np.array([plain(part, unit, "value") for part in parts]) * unit
-
-
-def merged(value: Any) -> Any:
-    """Return what `joined` does, once texts such as "0.1 pc" are the quantities that they name."""
-    return joined(_without_texts(value))
-
-
-def _without_texts(value: Any) -> Any:
-    if isinstance(value, (list, tuple)):
-        return type(value)(_without_texts(v) for v in value)
-    return as_given(value)
-
-
-def positions_of(value: Any, what: str, shape: tuple[Any, ...]) -> Any:
-    """Return positions as they were given, once they are seen to be finite and of a shape."""
-    value = merged(value)
+def positions_of(value: Any, what: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    """Return positions as plain numbers, if they are finite and of a shape."""
     array = np.asarray(plain(value, unit_of(value), what))
     fits = array.ndim == len(shape) and all(
         wanted in (None, n) for wanted, n in zip(shape, array.shape, strict=True)
@@ -52,28 +27,12 @@ def positions_of(value: Any, what: str, shape: tuple[Any, ...]) -> Any:
             f"{what} must be finite, of shape ({wanted}{',' * (len(shape) == 1)}); got "
             f"{'some that are not finite' if fits else f'shape {array.shape}'}"
         )
-    return value
+    return array
 
 
-def options_of(make: Callable[..., Any], thing: Any, most: float = math.inf) -> dict[str, Any]:
-    """Return the arguments of what makes a thing that differ from their defaults, as plain values.
-
-    They are the attributes of these names; what is no attribute is not told. More than `most`
-    values are only counted.
-    """
-    told = {}
-    for name, parameter in inspect.signature(make).parameters.items():
-        value, default = getattr(thing, name, parameter.default), parameter.default
-        single = not isinstance(value, (list, tuple)) and np.ndim(value) == 0
-        same = value is default or (single and bool(np.all(value == default)))
-        if not same:
-            count = _count(value)
-            told[name] = described(value) if count <= most else f"{count} values"
-    return told
-
-
-def _count(value: Any) -> int:
-    return sum(map(_count, value)) if isinstance(value, (list, tuple)) else int(np.size(value))
+def count_of(value: Any) -> int:
+    """Return how many numbers or texts there are in a value."""
+    return sum(map(count_of, value)) if isinstance(value, (list, tuple)) else int(np.size(value))
 
 
 def check_colors(colors: Any, count: int, what: str) -> None:
@@ -96,12 +55,8 @@ def is_named(colors: Any) -> bool:
     """Return True for a colour's name, or a list of names."""
     if is_name_and_alpha(colors):  # which is refused, or a colour
         return False
-    return isinstance(colors, str) or (
-        isinstance(colors, (list, tuple, np.ndarray))
-        and np.ndim(colors) > 0
-        and len(colors) > 0
-        and isinstance(colors[0], str)
-    )
+    several = isinstance(colors, (list, tuple, np.ndarray)) and np.ndim(colors) > 0
+    return isinstance(colors[0] if several and len(colors) else colors, str)
 
 
 def named_rgb(names: Any, count: int, what: str) -> np.ndarray:
@@ -112,9 +67,19 @@ def named_rgb(names: Any, count: int, what: str) -> np.ndarray:
     return np.array([get_color(name) for name in listed])
 
 
-def is_column(table: Any, name: str) -> bool:
-    """Return True if a table has a column of this name."""
-    return name in _names(table)
+def column_names(table: Any) -> list[str]:
+    """Return the names of the columns of a table."""
+    names = getattr(table, "colnames", getattr(table, "columns", None))  # astropy, pandas
+    if names is None and isinstance(table, Mapping):
+        names = table
+    if names is None and isinstance(table, np.ndarray):
+        names = table.dtype.names or ()
+    if names is None:
+        raise InputError(
+            "expected a table of astropy or pandas, a dictionary of columns, or an array with "
+            f"fields, got {type(table).__name__}"
+        )
+    return [str(name) for name in names]
 
 
 def column(table: Any, name: str) -> Any:
@@ -127,24 +92,12 @@ def column(table: Any, name: str) -> Any:
     UnknownNameError
         If there is none of this name; names the nearest.
     """
-    if not is_column(table, name):
-        raise unknown_name("column", str(name), _names(table))
-    found = table[name]
-    if hasattr(found, "filled") and np.asarray(found).dtype.kind == "f":
-        found = found.filled(np.nan)
-    if getattr(found, "unit", None) is None:
-        return np.asarray(found)
-    return getattr(found, "quantity", found)  # of astropy's Column
-
-
-def _names(table: Any) -> list[str]:
-    for place in ("colnames", "columns"):
-        if hasattr(table, place):
-            return [str(name) for name in getattr(table, place)]
-    dtype = getattr(table, "dtype", None)
-    if dtype is None and not isinstance(table, Mapping):
-        raise InputError(
-            "expected a table of astropy or pandas, a dictionary of columns, or an array with "
-            f"fields, got {type(table).__name__}"
-        )
-    return [str(name) for name in (table if dtype is None else dtype.names or ())]
+    names = column_names(table)
+    if name not in names:
+        raise unknown_name("column", str(name), names)
+    values = table[name]
+    if hasattr(values, "filled") and np.asarray(values).dtype.kind == "f":
+        values = values.filled(np.nan)
+    if getattr(values, "unit", None) is None:
+        return np.asarray(values)
+    return getattr(values, "quantity", values)  # of astropy's Column

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...deferred import Deferred
-from ...errors import FileFormatError, InputError
+from ...errors import InputError
 from ...memory import check_memory
-from ..payload import checked_shape
 from ..scanners.placement import Arrangement
 from .dataset import (
     CELL,
@@ -23,7 +22,6 @@ from .dataset import (
     DataArray,
     Dataset,
     Even,
-    Uneven,
     cell_counts,
     common_place,
 )
@@ -34,8 +32,6 @@ if TYPE_CHECKING:
 
 # Tolerance of block corners, as a fraction of a cell: files round them.
 _TOLERANCE = 1e-3
-# Boxes between all walls of blocks, of which it is looked whether they are filled.
-_MOST_BOXES = 10_000_000
 _LISTED = 8
 
 
@@ -57,109 +53,59 @@ def listed(items: Sequence[object]) -> str:
     return "\n".join([f"  {item}" for item in items[:_LISTED]] + more)
 
 
-def together(parts: Sequence[Dataset]) -> Dataset:
-    """Merge pieces into their bounding box; keep the arrays that all pieces have."""
-    if not parts:
-        raise FileFormatError("expected a piece with points in it, there is none")
-    first = parts[0]
+def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
+    """Merge blocks of image data that fill a box; return None if they do not."""
+    parts = list(blocks.values())
     if len(parts) == 1:
-        return first
-    low = np.min([part.low for part in parts], axis=0)
-    counts = np.max([np.add(part.low, part.points) for part in parts], axis=0) - low
-    points = checked_shape(counts, "the number of points")
-    there = sum(math.prod(part.points) for part in parts)
-    if there < math.prod(points):
-        raise FileFormatError(
-            f"the pieces have {there} points, expected at least {math.prod(points)} to fill a box "
-            f"of {' x '.join(map(str, points))}"
-        )
-    lowest = tuple(int(n) for n in low)
-    starts = [np.subtract(part.low, low) for part in parts]
-    place: Any = first.arrange
-    if isinstance(place, Even):
-        place = replace(place, low=lowest, points=points)
-    else:
-        lines = tuple(np.full(n, np.nan) for n in points)
-        for part, start in zip(parts, starts, strict=True):
-            assert isinstance(part.arrange, Uneven)
-            for axis, line in enumerate(part.arrange.lines):
-                lines[axis][start[axis] : start[axis] + len(line)] = line
-        place = Uneven(lines)
-    known = [{(array.at, array.name): array for array in part.arrays} for part in parts]
+        return parts[0]
+    places = [part.arrange for part in parts if isinstance(part.arrange, Even)]
+    if len(places) < len(parts) or any(tuple(place.direction) != UPRIGHT for place in places):
+        return None
+    origins, spacings, lows = (
+        np.array([getattr(place, name) for place in places])
+        for name in ("origin", "spacing", "low")
+    )
+    shifts = (origins - origins[0]) / spacings[0] + lows - lows[0]
+    starts = np.rint(shifts).astype(np.int64)
+    uneven = np.abs(spacings / spacings[0] - 1).max() > _TOLERANCE
+    if uneven or np.abs(shifts - starts).max() > _TOLERANCE or not _shared(parts):
+        return None
+    low = starts.min(axis=0)
+    starts, cells = starts - low, np.array([part.shape(CELL) for part in parts])
+    shape = tuple((starts + cells).max(axis=0))
+    # Two at one place are two volumes, not two parts of one.
+    if len(np.unique(starts, axis=0)) < len(parts) or cells.prod(axis=1).sum() < math.prod(shape):
+        return None
+    check_memory(math.prod(shape), "joining the blocks", "open one of them")
+    filled = np.zeros(shape, bool)
+    for start, size in zip(starts, cells, strict=True):
+        filled[tuple(map(slice, start, start + size))] = True
+    if not filled.all():
+        return None
+    points = tuple(int(n) for n in (starts + [p.points for p in parts]).max(axis=0))
+    place = replace(places[0], low=tuple(lows[0] + low), points=points)
+    known = [{_kind(array): array for array in part.arrays} for part in parts]
     arrays = [
-        _joined_array(cell_counts(points, key[0])[::-1], starts, [inner[key] for inner in known])
-        for key in known[0]
-        if all(key in inner for inner in known)
+        _joined_array(cell_counts(points, array.at), starts, [inner[key] for inner in known])
+        for key, array in known[0].items()
+        if key in _shared(parts)
     ]
-    return Dataset(points, place, arrays, first.active, first.meta, lowest)
+    return Dataset(points, place, arrays, parts[0].active, parts[0].meta)
 
 
-def _joined_array(shape: tuple[int, ...], starts: Any, arrays: list[DataArray]) -> DataArray:
+def _joined_array(shape: tuple[int, ...], starts: np.ndarray, arrays: list[DataArray]) -> DataArray:
     first = arrays[0]
-    if len({(array.dtype, array.components) for array in arrays}) > 1:
-        raise FileFormatError(f"array {first.name!r} has another type in some of the pieces")
 
     def load() -> np.ndarray:
-        size = math.prod(shape) * (first.components * first.dtype.itemsize + 1)
+        size = math.prod(shape) * first.components * first.dtype.itemsize
         check_memory(size, f"putting together {first.name!r}", "open one of the pieces")
-        out = np.empty((*shape, first.components), first.dtype)
-        filled = np.zeros(shape, bool)
-        for array, start in zip(arrays, starts, strict=True):
+        out = np.empty((*shape[::-1], first.components), first.dtype)
+        for array, start in zip(arrays, starts[:, ::-1], strict=True):
             values = array.load()
-            ends = zip(start[::-1], values.shape[:3], strict=True)
-            box = tuple(slice(a, a + n) for a, n in ends)
-            out[box], filled[box] = values, True
-        if not filled.all():
-            raise FileFormatError(
-                f"array {first.name!r}: {np.count_nonzero(~filled)} of {filled.size} values are in "
-                "none of the pieces"
-            )
+            out[tuple(map(slice, start, start + values.shape[:3]))] = values
         return out
 
     return replace(first, load=load)
-
-
-def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
-    """Merge blocks of image data that fill a box; return None if they do not."""
-    found = list(blocks.values())
-    if len(found) == 1:
-        return found[0]
-    places = [part.arrange for part in found if isinstance(part.arrange, Even)]
-    if len(places) < len(found) or any(tuple(place.direction) != UPRIGHT for place in places):
-        return None
-    origins = np.array([place.origin for place in places])
-    spacings = np.array([place.spacing for place in places])
-    shifts = (origins - origins[0]) / spacings[0]
-    whole = np.rint(shifts).astype(np.int64)
-    different = np.abs(spacings - spacings[0]) > _TOLERANCE * np.abs(spacings[0])
-    if np.any(different) or np.any(np.abs(shifts - whole) > _TOLERANCE):
-        return None
-    parts = [
-        replace(part, low=tuple(int(n) for n in np.add(part.low, shift)))
-        for part, shift in zip(found, whole, strict=True)
-    ]
-    # Two at one place are two volumes, not two parts of one.
-    distinct = len({(part.low, part.points) for part in parts}) == len(parts)
-    return together(parts) if distinct and _shared(parts) and _fill_box(parts) else None
-
-
-def _fill_box(parts: Sequence[Dataset]) -> bool:
-    """Return True if every cell of the smallest box around parts is in one of them."""
-    low = np.array([part.low for part in parts])
-    # A single layer of points counts as a layer of cells.
-    high = low + [part.shape(CELL) for part in parts]
-    walls = [np.unique(np.concatenate([low[:, a], high[:, a]])) for a in range(3)]
-    shape = tuple(len(w) - 1 for w in walls)
-    if math.prod(shape) > _MOST_BOXES:
-        return False
-    filled = np.zeros(shape, bool)
-    first, last = (
-        np.stack([np.searchsorted(w, ends[:, a]) for a, w in enumerate(walls)], axis=1)
-        for ends in (low, high)
-    )
-    for a, b in zip(first, last, strict=True):
-        filled[tuple(slice(*ends) for ends in zip(a, b, strict=True))] = True
-    return bool(filled.all())
 
 
 def _kind(array: DataArray) -> tuple[Any, ...]:

@@ -38,7 +38,6 @@ OPTIONS = {
 _ROUNDING = 1e-6
 # Bytes that walls take while they are made, and walks through them.
 _PER_POINT = 64
-_MOST_COMPONENTS = 4096
 # Bits of ``vtkGhostType`` (vtkDataSetAttributes.h) of points and cells that are not to be shown.
 _HIDDEN = {POINT: 2, CELL: 32}
 
@@ -134,13 +133,6 @@ class DataArray:
     load: Callable[[], np.ndarray]  # returns them: shape (nz, ny, nx, components)
     labels: tuple[str, ...] = ()  # of the components, if all have one
     unit: str = ""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.components <= _MOST_COMPONENTS:
-            raise FileFormatError(
-                f"array {self.name!r}: expected 1 to {_MOST_COMPONENTS} components, got "
-                f"{self.components}"
-            )
 
     @property
     def place(self) -> str:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
 from ...memory import check_memory
+from ...packages import require
 from ..unit_texts import known_unit
 from .dataset import (
     ADVICE,
@@ -114,6 +119,57 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
     return Dataset(points, place, list(arrays_of(dataset)), active, _meta(dataset, title), low)
 
 
+def _reader(module: str, kind: str, path: Path) -> Any:
+    """Return one of VTK's readers, with what it says of a file."""
+    reader = getattr(vtk(f"vtk{module}"), f"vtk{kind}")()
+    reader.SetFileName(str(path))
+    with heard():
+        reader.UpdateInformation()
+    return reader
+
+
+def updated(module: str, kind: str, path: Path) -> Any:
+    """Return what one of VTK's readers makes of a file."""
+    reader = _reader(module, kind, path)
+    with heard():
+        reader.Update()
+    return reader.GetOutput()
+
+
+def lazy_dataset(module: str, kind: str, path: Path) -> Dataset:
+    """Return what one of VTK's readers makes of a file; each array is read on first use."""
+    key = vtk("vtkCommonExecutionModel").vtkStreamingDemandDrivenPipeline.WHOLE_EXTENT()
+    extent = _reader(module, kind, path).GetOutputInformation(0).Get(key)
+    if extent is None or any(a > b for a, b in zip(extent[::2], extent[1::2], strict=True)):
+        raise FileFormatError("expected a piece with points in it, there is none")
+
+    def read(part: Sequence[int], only: str = "/") -> Any:
+        """Return a part of the grid, with all arrays, or with the one at a place."""
+        reader = _reader(module, kind, path)
+        with heard():
+            for at in (POINT, CELL) if only != "/" else ():
+                selection = getattr(reader, f"Get{at.title()}DataArraySelection")()
+                selection.DisableAllArrays()
+                if only.startswith(f"{at}/"):
+                    selection.EnableArray(only.removeprefix(f"{at}/"))
+            reader.UpdateExtent(part)
+        return reader.GetOutput()
+
+    def load(array: DataArray) -> np.ndarray:
+        points = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True))
+        size = points * array.components * array.dtype.itemsize
+        check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")
+        found = arrays_of(read(extent, array.place))
+        return next(a for a in found if (a.at, a.name) == (array.at, array.name)).load()
+
+    # Read one cell to get the types, components and units of the arrays.
+    ends = zip(extent[::2], extent[1::2], strict=True)
+    first = dataset_of(read([n for a, b in ends for n in (a, min(a + 1, b))]))
+    arrays = [replace(array, load=functools.partial(load, array)) for array in first.arrays]
+    place = dataset_of(read(extent, ""))
+    return replace(place, arrays=arrays, active=first.active, meta=first.meta)
+
+
 def _points(dataset: Any) -> tuple[int, ...]:
     """Return the number of points along x, y and z."""
     extent = dataset.GetExtent()
@@ -194,7 +250,10 @@ def _resampled(mesh: Any, resolution: Any) -> Any:
     image.SetOrigin(*(low + widths / 2))
     probe = vtk("vtkFiltersCore").vtkResampleWithDataSet()
     probe.SetInputData(image)
-    probe.SetSourceData(_prepared(parts))
+    blocks = vtk("vtkCommonDataModel").vtkMultiBlockDataSet()
+    for number, part in enumerate(parts):
+        blocks.SetBlock(number, _prepared(part))
+    probe.SetSourceData(blocks)
     probe.PassPartialArraysOn()
     with heard():
         probe.Update()
@@ -241,30 +300,13 @@ def _shape(resolution: Any, lengths: np.ndarray) -> np.ndarray:
     return np.where(lengths > 0, asked, 1)
 
 
-def _prepared(parts: list[Any]) -> Any:
-    """Return copies in which whole numbers at points are fractions, and no two names are one."""
-    blocks = vtk("vtkCommonDataModel").vtkMultiBlockDataSet()
-    convert = vtk("util.numpy_support")
-    for number, part in enumerate(parts):
-        copy = part.NewInstance()
-        copy.ShallowCopy(part)
-        points, cells = copy.GetPointData(), copy.GetCellData()
-        for data in (points, cells):
-            for array in [data.GetArray(n) for n in range(data.GetNumberOfArrays())]:
-                if array is None or array.GetName() in (None, "vtkGhostType"):
-                    continue
-                name = array.GetName()
-                if data is cells and points.HasArray(name):
-                    name = f"{name}_cell"
-                elif array.GetDataType() in _FLOATS:
-                    continue
-                values = convert.vtk_to_numpy(array)
-                changed = convert.numpy_to_vtk(
-                    values.astype(np.result_type(values.dtype, np.float32)), deep=True
-                )
-                changed.CopyComponentNames(array)
-                changed.SetName(name)
-                data.RemoveArray(array.GetName())
-                data.AddArray(changed)
-        blocks.SetBlock(number, copy)
-    return blocks
+def _prepared(part: Any) -> Any:
+    """Return a copy in which whole numbers are fractions, and no two names are one."""
+    copy = require("pyvista", "vtk", "resampling").wrap(part).copy(deep=False)
+    for name in set(copy.cell_data.keys()) & set(copy.point_data.keys()):
+        copy.cell_data[f"{name}_cell"] = copy.cell_data.pop(name)
+    for data in (copy.point_data, copy.cell_data):
+        for name, values in data.items():
+            if values.dtype.kind in "iub" and name != "vtkGhostType":
+                data[name] = values.astype(np.result_type(values.dtype, np.float32))
+    return copy

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
+from ...packages import require
 from ..axes import cartesian
 from ..scanners.placement import direction_of
 from ..scanners.voxels import VECTOR
@@ -33,11 +34,9 @@ def write_image(volume: Volume, path: Path) -> None:
         # The grid of an oblique volume lies about the volume's true centre.
         middle = (low + high) / 2
         low = middle + direction @ (low - middle)
-    image = vtk("vtkCommonDataModel").vtkImageData()
-    image.SetDimensions(*(n + 1 for n in grid.shape))
-    image.SetOrigin(*low)
-    image.SetSpacing(*(np.ptp(grid.bounds, axis=1) / grid.shape))
-    image.SetDirectionMatrix(*direction.ravel())
+    widths = np.ptp(grid.bounds, axis=1) / grid.shape
+    image = _pyvista().ImageData(dimensions=[n + 1 for n in grid.shape], spacing=widths, origin=low)
+    image.direction_matrix = direction
     _write(volume, image, path, "ImageData")
 
 
@@ -50,36 +49,34 @@ def write_rectilinear(volume: Volume, path: Path) -> None:
             "is lost. A .vti file keeps it",
             stacklevel=2,
         )
-    made = vtk("vtkCommonDataModel").vtkRectilinearGrid()
-    made.SetDimensions(*(n + 1 for n in grid.shape))
-    for axis, edges in zip("XYZ", grid.edges, strict=True):
-        getattr(made, f"Set{axis}Coordinates")(_array(axis.lower(), np.asarray(edges, float)))
-    _write(volume, made, path, "RectilinearGrid")
+    edges = [np.asarray(line, float) for line in grid.edges]
+    _write(volume, _pyvista().RectilinearGrid(*edges), path, "RectilinearGrid")
 
 
-def _write(volume: Volume, data: Any, path: Path, kind: str) -> None:
-    key, cells = vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL(), data.GetCellData()
+def _pyvista() -> Any:
+    return require("pyvista", "vtk", "writing files of VTK")
+
+
+def _write(volume: Volume, mesh: Any, path: Path, kind: str) -> None:
+    key = vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL()
     for name, parts in _columns(volume):
-        values = np.stack([volume.array(part).T for part in parts], axis=-1)
-        array = _array(name, values.reshape(-1, len(parts)))
+        values = np.stack([volume.array(part).T.ravel() for part in parts], axis=-1)
+        # VTK has no half precision.
+        dtype = np.float32 if values.dtype == np.float16 else values.dtype.newbyteorder("=")
+        mesh.cell_data[name] = values.astype(dtype, copy=False).squeeze()
         if volume.units[parts[0]]:
-            array.GetInformation().Set(key, volume.units[parts[0]])
-        cells.AddArray(array)
-        if len(parts) == 1 and cells.GetScalars() is None:
-            cells.SetActiveScalars(name)
+            information = mesh.GetCellData().GetArray(name).GetInformation()
+            information.Set(key, volume.units[parts[0]])
+        if len(parts) == 1 and mesh.GetCellData().GetScalars() is None:
+            mesh.GetCellData().SetActiveScalars(name)
     meta = {("TimeValue" if name == "time" else name): v for name, v in volume.meta.items()}
     if volume.unit is not None:
         meta["length_unit"] = str(volume.unit)
     for name, value in meta.items():
-        if isinstance(value, str):
-            remark = vtk("vtkCommonCore").vtkStringArray()
-            remark.SetName(name)
-            remark.InsertNextValue(value)
-            data.GetFieldData().AddArray(remark)
-        elif isinstance(value, Real) and not isinstance(value, bool):
-            data.GetFieldData().AddArray(_array(name, np.array([float(value)])))
+        if isinstance(value, (str, Real)) and not isinstance(value, bool):
+            mesh.field_data[name] = value if isinstance(value, str) else [float(value)]
     writer = getattr(vtk("vtkIOXML"), f"vtkXML{kind}Writer")()
-    writer.SetInputData(data)
+    writer.SetInputData(mesh)
     writer.SetFileName(str(path))
     writer.SetDataModeToAppended()
     writer.EncodeAppendedDataOff()
@@ -108,15 +105,3 @@ def _columns(volume: Volume) -> list[tuple[str, tuple[str, ...]]]:
             done |= set(parts)
             found.append((base, parts))
     return found + [(name, (name,)) for name in volume.fields if name not in done]
-
-
-def _array(name: str, values: np.ndarray) -> Any:
-    """Return an array of VTK, which has no truth values and no half precision."""
-    if values.dtype == bool:
-        values = values.view(np.uint8)
-    if values.dtype == np.float16:
-        values = values.astype(np.float32)
-    native = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
-    array = vtk("util.numpy_support").numpy_to_vtk(native)
-    array.SetName(name)
-    return array

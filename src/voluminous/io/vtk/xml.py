@@ -5,26 +5,20 @@ https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html
 
 from __future__ import annotations
 
-import functools
-import math
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ...errors import FileFormatError, InputError
-from ...memory import check_memory
 from ..contract import FieldInfo, Reader
 from ..guard import placed
-from ..payload import checked_shape, inside
-from .blocks import Block, alike, joined, listed, patches, together
-from .dataset import ADVICE, CELL, OPTIONS, POINT, DataArray, Dataset, Even
-from .library import check_arrays, children, heard, needed, numbers, tree, vtk
-from .objects import arrays_of, dataset_of
+from ..payload import inside
+from .blocks import Block, alike, joined, listed, patches
+from .dataset import ADVICE, OPTIONS, Dataset
+from .library import check_arrays, children, tree
+from .objects import dataset_of, lazy_dataset, updated
 from .write import write_image, write_rectilinear
 
 if TYPE_CHECKING:
@@ -36,15 +30,12 @@ _FIRST_TAG = re.compile(
 )
 _TYPE = re.compile(rb"""\btype\s*=\s*["'](\w+)["']""")
 _GRIDS = ("ImageData", "RectilinearGrid", "StructuredGrid")
-_SECTIONS = ((POINT, "Point"), (CELL, "Cell"))
-_PLACE = {"Origin": 3, "Spacing": 3, "Direction": 9}
 # Each of these types contains <DataSet> elements, at any depth, that name files.
 _SERIES = "Collection"
 _BLOCKS = (
     *("vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"),
     *("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet", _SERIES),
 )
-_MOST_BLOCKS = 100_000
 
 
 class VTKXMLReader(Reader):
@@ -117,133 +108,54 @@ class VTRReader(VTKXMLReader):
 def _opened(path: Path, resolution: Any) -> Dataset | dict[Block, Dataset]:
     """Return what is in a file, as one, or as blocks that fill no box together."""
     root = tree(path)  # VTK does not notice that a file is cut short
+    kind = root.GetAttribute("type") or ""
     if resolution is not None:
-        reader = vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
-        reader.SetFileName(str(path))
-        with heard():
-            reader.Update()
-        return dataset_of(reader.GetOutput(), resolution)
-    if root.GetAttribute("type") not in _BLOCKS:
-        return _dataset(path)
-    blocks = _blocks(path, root)
+        return dataset_of(updated("IOXML", "XMLGenericDataObjectReader", path), resolution)
+    if kind not in _BLOCKS:
+        return _dataset(path, root)
+    blocks = _blocks(path, kind, list(_named(root, "")))
     return joined(blocks) or blocks
 
 
-def _dataset(path: Path) -> Dataset:
+def _dataset(path: Path, root: Any) -> Dataset:
     """Return what is in a file of one grid, or of its pieces."""
-    root = tree(path)
-    parallel = root.GetAttribute("type") or ""
-    kind = parallel.removeprefix("P")
-    if kind not in _GRIDS:
-        raise InputError(
-            f"it holds {parallel[:100] or 'data of no type'}, not a regular grid{ADVICE}"
-        )
-    element = needed(root, parallel)
-    if parallel == kind:
-        whole = together(_pieces(path, kind, element))
-    else:
-        parts: list[Dataset] = []
-        for child in children(element, "Piece"):
-            source = inside(path.parent, child.GetAttribute("Source") or "")
+    kind = root.GetAttribute("type") or "data of no type"
+    if kind.removeprefix("P") not in _GRIDS:
+        raise InputError(f"it holds {kind[:100]}, not a regular grid{ADVICE}")
+    for piece in (p for element in children(root, kind) for p in children(element, "Piece")):
+        check_arrays(piece)
+        if kind.startswith("P"):
+            source = inside(path.parent, piece.GetAttribute("Source") or "")
             with placed(source.name):
                 inner = tree(source)
-                if inner.GetAttribute("type") != kind:
-                    raise FileFormatError(
-                        f"a piece of {path.name}: expected a VTK file with {kind}"
-                    )
-                parts += _pieces(source, kind, needed(inner, kind))
-        sections = [(at, children(element, f"P{tag}Data")) for at, tag in _SECTIONS]
-        active = {at: found[0].GetAttribute("Scalars") for at, found in sections if found}
-        meta = {name: value for part in parts for name, value in part.meta.items()}
-        shown = {at: name for at, name in active.items() if name}
-        whole = replace(together(parts), active=shown, meta=meta)
-    if isinstance(whole.arrange, Even):  # as the element says: VTK passes over what is no number
-        given = {
-            name.lower(): numbers(element, name, count, float)
-            for name, count in _PLACE.items()
-            if element.GetAttribute(name)
-        }
-        whole = replace(whole, arrange=replace(whole.arrange, **given))
-    return whole
+                for element in children(inner):
+                    for part in children(element, "Piece"):
+                        check_arrays(part)
+    return lazy_dataset("IOXML", f"XML{kind}Reader", path)
 
 
-def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
-    """Return the pieces in a file; their values are read on first use."""
-    parts = []
-    for piece in children(element, "Piece"):
-        extent = numbers(piece, "Extent", 6)
-        check_arrays(piece)
-        low, high = extent[::2], extent[1::2]
-        if any(a > b for a, b in zip(low, high, strict=True)):
-            continue
-        points = checked_shape(np.subtract(high, low) + 1, "the number of points")
-        if kind == "StructuredGrid":
-            size = 24 * math.prod(points)
-            check_memory(size, "the points of the grid", "is the file damaged?")
-        place = dataset_of(_read(path, kind, extent, ""))
-        # Read one cell to get the types, components and units of the arrays.
-        corner = [n for a, b in zip(low, high, strict=True) for n in (a, min(a + 1, b))]
-        first = dataset_of(_read(path, kind, corner))
-        arrays = [
-            replace(array, load=functools.partial(_load, path, kind, extent, array))
-            for array in first.arrays
-        ]
-        parts.append(replace(place, arrays=arrays, active=first.active, meta=first.meta))
-    return parts
-
-
-def _load(path: Path, kind: str, extent: tuple[int, ...], array: DataArray) -> np.ndarray:
-    points = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True))
-    size = points * array.components * array.dtype.itemsize
-    check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")
-    found = arrays_of(_read(path, kind, extent, array.place))
-    return next(a for a in found if (a.at, a.name) == (array.at, array.name)).load()
-
-
-def _read(path: Path, kind: str, extent: Any, only: str | None = None) -> Any:
-    """Return VTK's object of a part of a file, with all arrays, or with the one at a place."""
-    reader = getattr(vtk("vtkIOXML"), f"vtkXML{kind}Reader")()
-    reader.SetFileName(str(path))
-    with heard():
-        reader.UpdateInformation()
-        if only is not None:
-            for at, tag in _SECTIONS:
-                selection = getattr(reader, f"Get{tag}DataArraySelection")()
-                selection.DisableAllArrays()
-                if only.startswith(f"{at}/"):
-                    selection.EnableArray(only.removeprefix(f"{at}/"))
-        reader.UpdateExtent(extent)
-    return reader.GetOutput()
-
-
-def _blocks(path: Path, root: Any) -> dict[Block, Dataset]:
+def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> dict[Block, Dataset]:
     """Return the blocks on regular grids; a warning names those that are none."""
-    kind = root.GetAttribute("type")
-    files = list(_named(needed(root, kind), ""))
-    if not 0 < len(files) <= _MOST_BLOCKS:
-        raise FileFormatError(
-            f"it names {len(files)} files, expected 1 to {_MOST_BLOCKS}"
-            if files
-            else "it names no files of data"
-        )
-    times = {element.GetAttribute("timestep") or "0": element for _, element in files}
+    times = {e.GetAttribute("timestep") or "0": e.GetAttribute("file") for _, e in elements}
     if kind == _SERIES and len(times) > 1:
-        steps = [f"{path.parent / e.GetAttribute('file')} (time {t})" for t, e in times.items()]
+        steps = [f"{path.parent / file} (time {t})" for t, file in times.items()]
         raise InputError(
             f"it is a series of {len(times)} times; open one of them:\n{listed(steps)}"
         )
     found, others, why = {}, [], ""
-    for name, element in files:
+    for name, element in elements:
         inside(path.parent, element.GetAttribute("file"))
         block = Block(name, path.parent / element.GetAttribute("file"))
         try:
             with placed(block.path.name):
-                found[block] = _dataset(block.path)
+                found[block] = _dataset(block.path, tree(block.path))
         except FileFormatError:
             raise
         except InputError as error:
             others.append(block)
-            why = why or str(error)
+            why = str(error)
+    if not elements:
+        raise FileFormatError("it names no files of data")
     if not found and len(others) == 1:
         raise InputError(why)
     if not found:
