@@ -39,21 +39,6 @@ def test_hard_rays_neither_hang_nor_leak(name, precision):
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_nearly_parallel_rays_keep_their_length(precision):
-    """Rays at 10^-12 … 10^-2 radian from the axis: their closest approach may be far away."""
-    grid, backend = GRIDS["hole"], get_backend("cpu", precision)
-    rng = np.random.default_rng(5)
-    tilt = 10 ** rng.uniform(-12, -2, size=4000)
-    turn = rng.uniform(0, 2 * pi, size=4000)
-    directions = np.stack([tilt * np.cos(turn), tilt * np.sin(turn), np.sqrt(1 - tilt**2)], axis=1)
-    origins = rng.uniform(-7, 7, size=(4000, 3)) - 30 * directions
-    found = sums(grid, backend, origins, directions)
-    off = np.abs(found.length - way_inside(Frame.of(grid), origins, directions))
-    assert off.max() < (1e-2 if precision == "single" else 1e-9)
-    assert np.median(off) < 64 * np.finfo(backend.dtype).eps * 10
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_many_rays_find_their_way(precision):
     grid, backend = GRIDS["all but a wedge"], get_backend("cpu", precision)
     rng = np.random.default_rng(3)
@@ -130,45 +115,6 @@ def test_lines_along_walls_have_their_length(origin, direction, way, precision):
     assert found == pytest.approx(way, abs=1e-12 if precision == "double" else 2e-5)
 
 
-@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
-def test_turning_by_whole_cells_turns_the_picture(scheme):
-    grid = GRIDS["full"]
-    values = np.random.default_rng(1).random((2, *grid.shape))
-
-    def image(cells):
-        rolled = np.roll(values, cells, axis=2)
-        volume = vm.Volume(grid, j=rolled[0], a=0.1 * rolled[1])
-        # phi of the camera turns the other way round than azimuth.
-        camera = vm.Orthographic(50, 20 - 30 * cells, width=20, resolution=24)
-        return vm.render(
-            volume, vm.Coefficients("j", "a"), camera, scheme=scheme, precision="double"
-        ).intensity
-
-    np.testing.assert_allclose(image(3), image(0), rtol=0, atol=1e-12 * image(0).max())
-
-
-def test_a_cylinder_far_thinner_than_its_cells_is_the_cartesian_slab():
-    """Values that depend on z alone: the same picture as of a Cartesian grid, where both are."""
-    z = np.linspace(-2, 2, 9)
-    values = np.random.default_rng(0).random(8)
-    cylinder = vm.CylindricalGrid(np.linspace(0, 8, 5), CIRCLE, z)
-    box = vm.CartesianGrid([-8, 8], [-8, 8], z)
-    camera = vm.Orthographic(35, 50, width=3, resolution=16)
-    images = [
-        vm.render(
-            vm.Volume(grid, a=np.broadcast_to(np.expand_dims(values, (0, 1)), grid.shape)),
-            vm.Coefficients("a", "a"),
-            camera,
-            scheme=scheme,
-            precision="double",
-        ).intensity
-        for scheme in ("first-order", "second-order")
-        for grid in (cylinder, box)
-    ]
-    np.testing.assert_allclose(images[0], images[1], rtol=1e-12)
-    np.testing.assert_allclose(images[2], images[3], rtol=1e-12)
-
-
 @pytest.mark.parametrize("name", GRIDS)
 def test_host_side_agrees_with_itself(name):
     grid = GRIDS[name]
@@ -211,11 +157,3 @@ def test_units():
 def test_edges_that_cannot_be_used(arguments, told):
     with pytest.raises(vm.InputError, match=told):
         vm.CylindricalGrid(*arguments)
-
-
-def test_description():
-    grid = GRIDS["hole"]
-    assert grid.describe()["type"] == "cylindrical"
-    assert "7x12x4 cells" in repr(grid)
-    assert not grid.needs_double()
-    assert vm.CylindricalGrid([1, 1.00001], [0, 1], [0, 1]).needs_double()

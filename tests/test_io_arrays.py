@@ -13,9 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-import real_data
 import voluminous as vm
-from reference import data_directory
 from voluminous.io import compressed, find_reader
 
 RHO = np.arange(24, dtype=np.float32).reshape(2, 3, 4) + 1
@@ -135,14 +133,6 @@ def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
 
 
 # Real data
-
-
-def test_stent():
-    truth = real_data.load("stent")
-    volume = vm.open(data_directory() / "data" / "medical" / "stent_ct.npz", axes="zyx", unit="mm")
-    assert volume.array("arr_0").dtype == np.int16
-    np.testing.assert_array_equal(volume.array("arr_0"), truth.array("ct"))
-    np.testing.assert_array_equal(volume.grid.bounds, truth.grid.bounds)
 
 
 @pytest.mark.parametrize("down", ["x", "yz"])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from contracts.bundle import Bundle, on_a_sphere
 from curvilinear_rays import (
     CurvilinearContract,
     adversarial_rays,
@@ -14,7 +13,6 @@ from curvilinear_rays import (
     check_ends_inside_cells,
     sums,
 )
-from twin.curvilinear import Frame, way_inside
 from voluminous.backend import get_backend
 
 pi = np.pi
@@ -42,71 +40,11 @@ class TestSpherical(CurvilinearContract):
         return GRIDS[request.param]
 
 
-class TestManyDecades(CurvilinearContract):
-    """Single precision resolves cells near the centre of a grid nine decades wide."""
-
-    @pytest.fixture
-    def grid(self):
-        return vm.SphericalGrid(np.geomspace(1e-6, 1e3, 40), np.linspace(0, pi, 7), CIRCLE)
-
-
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", GRIDS)
 def test_hard_rays_neither_hang_nor_leak(name, precision):
     grid, backend = GRIDS[name], get_backend("cpu", precision)
     check_adversarial(grid, backend, *adversarial_rays(grid, 3 * grid.edges[0][-1]))
-
-
-@pytest.fixture(scope="module")
-def million():
-    """A million random rays, and their ways inside a grid with a cavity, cones and a gap."""
-    rng = np.random.default_rng(3)
-    directions = rng.normal(size=(10**6, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    origins = rng.uniform(-7, 7, size=(10**6, 3)) - 30 * directions
-    parts = [slice(k, k + 50_000) for k in range(0, 10**6, 50_000)]  # of the memory's cache
-    frame = Frame.of(GRIDS["all but a wedge"])
-    ways = [way_inside(frame, origins[part], directions[part]) for part in parts]
-    return origins, directions, np.concatenate(ways)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_a_million_rays_find_their_way(precision, million):
-    grid, backend = GRIDS["all but a wedge"], get_backend("cpu", precision)
-    origins, directions, expected = million
-    found = sums(grid, backend, origins, directions)
-    assert found.steps.max() < 2 * sum(grid.shape)
-    assert found.shortest.min() >= 0
-    off = np.abs(found.length - expected) / 10
-    eps = np.finfo(backend.dtype).eps
-    # A wall met at a small angle is met the later, or earlier: few rays, and by chance.
-    assert np.quantile(off, 0.99) < 16 * eps
-    assert off.max() < (1e-12 if precision == "double" else 1e-3)
-
-
-def test_single_precision_knows_where_in_thin_polar_cells_rays_begin():
-    """Where cos θ of their walls differs by a few roundings: what each cell adds to a column."""
-    grid = vm.SphericalGrid([0, 1, 2], [0, 1e-3, 2e-3, pi - 1e-3, pi])
-    assert not grid.needs_double()
-    theta = np.random.default_rng(1).uniform(0, 3e-3, size=2000)
-    theta[::2] = pi - theta[::2]
-    origins = grid.position(np.stack([np.linspace(0.1, 1.9, 2000), theta, 7 * theta])).T
-    camera = Bundle(origins, on_a_sphere(2000), start=True)
-    volume = vm.Volume(grid, a=2.0 ** np.arange(grid.size).reshape(grid.shape))
-    columns = [
-        vm.render(
-            volume,
-            vm.Coefficients(0, "a"),
-            camera,
-            scheme="first-order",
-            precision=precision,
-            cutoff=0,
-        ).optical_depth
-        for precision in ("single", "double")
-    ]
-    # Distances are rounded to 1e-7 of two; values differ by factors of two.
-    np.testing.assert_allclose(*columns, rtol=1e-5, atol=2e-4)
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
@@ -149,17 +87,6 @@ def test_cones_cut_a_horizontal_line_at_their_radius():
     assert chord_between(outside, *line) == pytest.approx(2 * (whole - half), rel=1e-14)
 
 
-def test_a_wedge_cuts_a_line_where_its_planes_are():
-    """The line y = 1 is in the wedge of azimuths 30° … 60° from x = cot 60° to cot 30°."""
-    wedge = vm.SphericalGrid([0, 10], [0, pi], np.radians([30, 60]))
-    rest = vm.SphericalGrid([0, 10], [0, pi], np.radians([60, 390]))
-    inside = np.sqrt(3) - 1 / np.sqrt(3)
-    line = [-20, 1, 0.5], [1, 0, 0]
-    whole = 2 * np.sqrt(100 - 1 - 0.25)
-    assert chord_between(wedge, *line) == pytest.approx(inside, rel=1e-14)
-    assert chord_between(rest, *line) == pytest.approx(whole - inside, rel=1e-14)
-
-
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize(
     ("origin", "direction", "way"),
@@ -199,22 +126,6 @@ def test_observers_inside_see_what_is_ahead(observer, way, precision):
 @pytest.mark.parametrize("name", ["cavity", "all but a wedge", "mirrored"])
 def test_rays_that_end_inside_a_cell_see_what_is_there(name, precision):
     check_ends_inside_cells(GRIDS[name], precision)
-
-
-@pytest.mark.parametrize("scheme", ["first-order", "second-order", "olson-kunasz"])
-def test_turning_by_whole_cells_turns_the_picture(scheme):
-    grid = GRIDS["cavity"]
-    values = np.random.default_rng(1).random((2, *grid.shape))
-    medium = vm.Coefficients("j", "a")
-
-    def image(cells):
-        rolled = np.roll(values, cells, axis=3)
-        volume = vm.Volume(grid, j=rolled[0], a=0.1 * rolled[1])
-        # phi of the camera turns the other way round than azimuth.
-        camera = vm.Orthographic(50, 20 - 30 * cells, width=20, resolution=24)
-        return vm.render(volume, medium, camera, scheme=scheme, precision="double").intensity
-
-    np.testing.assert_allclose(image(3), image(0), rtol=0, atol=1e-12 * image(0).max())
 
 
 def test_the_mirror_image_is_what_it_says():
@@ -350,11 +261,6 @@ def test_edges_that_cannot_be_used(arguments, told):
         vm.SphericalGrid(*arguments)
 
 
-def test_a_mirror_is_at_the_midplane():
-    with pytest.raises(vm.InputError, match="mirror=True needs a last theta edge at the midplane"):
-        vm.SphericalGrid([1, 2], [0, 1], mirror=True)
-
-
 def test_double_precision_is_taken_where_cells_need_it():
     assert not vm.SphericalGrid(np.geomspace(1e-6, 1e6, 200)).needs_double()
     assert vm.SphericalGrid([1, 1.00001, 2]).needs_double()
@@ -368,16 +274,6 @@ def test_description():
     assert told["mirror"] is True
     assert "8x5x12 cells" in repr(GRIDS["mirrored"])
     assert "mirrored" in repr(GRIDS["mirrored"])
-
-
-def test_there_is_no_other_walk():
-    with pytest.raises(vm.InputError, match="no walk of the kind 'coarse'"):
-        GRIDS["full"].walk(get_backend("cpu", "single"), "coarse")
-
-
-def test_a_mirror_is_there_or_not():
-    with pytest.raises(vm.InputError, match="mirror must be True or False"):
-        vm.SphericalGrid([1, 2], [0, np.pi / 2], mirror="no")
 
 
 @pytest.mark.parametrize("refined", [None, [1] + 8 * [0] + 7 * [0]])

@@ -12,7 +12,6 @@ from contracts.bundle import Bundle, box_limits, on_a_sphere
 from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import get_backend
-from voluminous.derivatives.neighbours import NeighbourDifferences
 from voluminous.rendering.sources.vertex_values import CornerValues
 
 UNEVEN = ([-1.0, -0.3, 0.1, 0.8], [0.0, 0.5, 0.75, 2.0], [-1.0, -0.8, 1.0])
@@ -134,33 +133,6 @@ def test_linear_fields_are_exact_inside(name, precision):
     assert np.abs(values - expected)[inner].max() <= slack * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", ["octree", "ratio 3", "anisotropic", "holes"])
-def test_slopes_are_the_derivatives_of_expressions(name):
-    """The same rule, in kernels and in NumPy, that `d_dx(...)` is made of.
-
-    All walls here are exact in binary: points on walls are in the same cells.
-    """
-    grid = grid_named(name)
-    field = np.random.default_rng(3).random(grid.size)
-    values = CornerValues(grid, [field], get_backend("cpu", "double"))
-    values.compute()
-    expected, _ = NeighbourDifferences(grid, lambda first, last: field[first:last]).gradient(
-        [(0, grid.size)]
-    )
-    found = np.array(values.slopes[0]) / grid.scale
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_several_fields_at_once_are_as_each_alone(precision):
-    grid, backend = grid_named("octree"), get_backend("cpu", precision)
-    fields = np.random.default_rng(5).random((3, grid.size))
-    together = CornerValues(grid, fields, backend).compute()
-    for field, found in zip(fields, together, strict=True):
-        (alone,) = CornerValues(grid, [field], backend).compute()
-        np.testing.assert_array_equal(np.array(found), np.array(alone))
-
-
 def smooth(x, y, z):
     return np.sin(1.3 * x + 0.4) * np.cos(0.9 * y) + 0.3 * np.sin(2 * z)
 
@@ -173,18 +145,6 @@ def around_a_shell(base, levels=2):
         return np.abs(np.sqrt(x * x + y * y + z * z) - 0.6) < 0.15
 
     return vm.OctreeGrid.from_function(edges, edges, edges, near, levels)
-
-
-def test_corners_in_even_parts_are_of_fourth_order():
-    """Where all cells around are alike; plain means are off by the second derivatives."""
-    errors = []
-    for n in (8, 16, 32):
-        grid = vm.OctreeGrid(*[np.linspace(-1, 1, n + 1)] * 3)
-        points = corner_points(grid)
-        inner = (np.abs(points) < 0.7).all(axis=2)
-        values = corner_values(grid, smooth(*grid.cell_centers()), "double")
-        errors.append(np.abs(values - smooth(*np.moveaxis(points, 2, 0)))[inner].max())
-    assert (-np.diff(np.log2(errors)) > 3.7).all()
 
 
 def test_corners_at_jumps_of_level_are_of_second_order():

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr, from_host, get_backend
+from ..backend.types import Float, Int, Mask
 from ..geometry import CARTESIAN
 from ..memory import check_memory
 from .neighbours import evaluated, filled_up
@@ -63,20 +64,20 @@ class FaceSums:
         Whether a face has no neighbour; whether a neighbour's centre is off the axis.
     """
 
-    face: Any
-    matrix: list[Any]
-    right: list[list[Any]]
-    alone: Any
-    aside: Any
+    face: Int
+    matrix: list[Float]
+    right: list[list[Float]]
+    alone: Mask
+    aside: Mask
 
 
 @dataclass
 class TreeCellsPart:
     """Some cells: centres and sizes in finest units, and the values of each field."""
 
-    middle: list[Any]
-    size: list[Any]
-    values: list[Any]
+    middle: list[Float]
+    size: list[Float]
+    values: list[Float]
 
 
 @dataclass
@@ -95,13 +96,13 @@ class Neighbour:
         Flat number of the neighbour.
     """
 
-    way: list[Any]
-    shift: list[Any]
-    rises: list[Any]
-    there: Any
-    number: Any
+    way: list[Float]
+    shift: list[Float]
+    rises: list[Float]
+    there: Mask
+    number: Int
 
-    def aside(self, across: list[Any]) -> Any:
+    def aside(self, across: list[Float]) -> Mask:
         """Return whether its centre is off the axis along which `across` is 1 (others: 0)."""
         off = sum((1.0 - a) * dr.abs(s) for a, s in zip(across, self.shift, strict=True))
         return self.there & (off > _ASIDE_LEAST)
@@ -159,7 +160,7 @@ class CellSlopes:
         middle = [dr.fma(s, 0.5, a) for a, s in zip(low, size, strict=True)]
         return TreeCellsPart(middle, size, self._of(number, True))
 
-    def _where(self, runs: Sequence[tuple[int, int]], number: Any) -> Iterator[list[Any]]:
+    def _where(self, runs: Sequence[tuple[int, int]], number: Int) -> Iterator[list[Any]]:
         if self.boxes is not None:
             return iter((self.boxes.low(number), self.boxes.size(number)))
         found = zip(*(self.grid.boxes(*run) for run in runs), strict=True)
@@ -168,15 +169,15 @@ class CellSlopes:
             for part in found
         )
 
-    def _of(self, number: Any, active: Any) -> list[Any]:
+    def _of(self, number: Int, active: Mask) -> list[Float]:
         real = self.backend.Float
         return [real(dr.gather(type(f), f, number, active)) for f in self.fields]
 
-    def gradients(self, part: TreeCellsPart) -> list[list[Any]]:
+    def gradients(self, part: TreeCellsPart) -> list[list[Float]]:
         """Return the gradients of all fields in some cells."""
         return self.looked_at(part)[0]
 
-    def looked_at(self, part: TreeCellsPart) -> tuple[list[list[Any]], Any, Any]:
+    def looked_at(self, part: TreeCellsPart) -> tuple[list[list[Float]], Any, Any]:
         """Return gradients of all fields in some cells, and two masks.
 
         The masks are of cells with a face without neighbour, and of cells with a neighbour off the
@@ -184,7 +185,7 @@ class CellSlopes:
         """
         real, UInt = self.backend.Float, self.backend.UInt
 
-        def more(state: FaceSums) -> Any:
+        def more(state: FaceSums) -> Mask:
             return state.face < 6
 
         def step(state: FaceSums) -> tuple[FaceSums]:
@@ -237,7 +238,7 @@ class CellSlopes:
         return bends, inner, unknown, aside & ~ends
 
     def _second(
-        self, axis: Any, part: TreeCellsPart, gradient: list[Any]
+        self, axis: Int, part: TreeCellsPart, gradient: list[Float]
     ) -> tuple[Any, Any, Any, Any]:
         """Return the second derivative along an axis, a neighbour's number, and two masks.
 
@@ -258,7 +259,7 @@ class CellSlopes:
         return found, beside, left | right, ~(both | alone)
 
     def _onto(
-        self, face: Any, part: TreeCellsPart, gradient: list[Any]
+        self, face: Int, part: TreeCellsPart, gradient: list[Float]
     ) -> tuple[Any, Any, Any, Any]:
         """Return mean distance and rise along the axis to the neighbours beyond a face.
 
@@ -283,8 +284,8 @@ class CellSlopes:
         return share * distance, share * total, beside, slanted
 
     def _through(
-        self, face: Any, part: TreeCellsPart
-    ) -> tuple[list[Any], list[list[Any]], Any, Any]:
+        self, face: Int, part: TreeCellsPart
+    ) -> tuple[list[Any], list[list[Float]], Any, Any]:
         """Return sums over the neighbours beyond a face, and two masks: any, and any off the axis.
 
         All faces have equal weight, except zero along axes of symmetry, where the slope is zero.
@@ -309,15 +310,15 @@ class CellSlopes:
         sums = [share * m for m in matrix], [[share * r for r in own] for own in right]
         return *sums, (count > 0.0) | alike, slanted
 
-    def _sloping(self, way: list[Any]) -> list[Any]:
+    def _sloping(self, way: list[Float]) -> list[Float]:
         """Return vectors with their components along axes of symmetry set to exactly zero."""
         zero = self.backend.Float(0)
         return [zero if alike else w for w, alike in zip(way, self.around.alike, strict=True)]
 
-    def _across(self, face: Any) -> list[Any]:
+    def _across(self, face: Int) -> list[Float]:
         return [dr.abs(dr.gather(self.backend.Float, column, face)) for column in self.tables[0]]
 
-    def _beyond(self, face: Any, part: TreeCellsPart) -> Iterator[Neighbour]:
+    def _beyond(self, face: Int, part: TreeCellsPart) -> Iterator[Neighbour]:
         real = self.backend.Float
         sense, first, second = (
             [dr.gather(real, column, face) for column in table] for table in self.tables
@@ -330,7 +331,7 @@ class CellSlopes:
             ]
             yield self.towards(part, place, active)
 
-    def towards(self, part: TreeCellsPart, place: list[Any], active: Any) -> Neighbour:
+    def towards(self, part: TreeCellsPart, place: list[Float], active: Mask) -> Neighbour:
         """Return the cells at `place` as neighbours of the cells of a part."""
         cell, there = self.around.cell_at(place, active)
         corner, extent = self.around.box(cell)
@@ -342,11 +343,11 @@ class CellSlopes:
         return Neighbour(way, shift, rises, there, cell.number)
 
 
-def _sums(one: list[Any], other: list[Any]) -> list[Any]:
+def _sums(one: list[Float], other: list[Float]) -> list[Float]:
     return [a + b for a, b in zip(one, other, strict=True)]
 
 
-def solved(matrix: list[Any], right: list[Any]) -> list[Any]:
+def solved(matrix: list[Float], right: list[Float]) -> list[Float]:
     """Return the solutions of symmetric 3 x 3 systems; of singular ones that of least norm.
 
     Rows and columns are scaled so that the diagonal is one: cells may be far wider than high.
@@ -382,9 +383,9 @@ _LEAST_DIAGONAL = 1e-9
 class PlaceSums:
     """Loop state: the next place, and the sums for matrix and right side of the fit."""
 
-    place: Any
-    matrix: list[Any]
-    right: list[Any]
+    place: Float
+    matrix: list[Float]
+    right: list[Float]
 
 
 def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any]]:
@@ -399,7 +400,7 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
     count = dr.width(part.middle)
     active = dr.full(slopes.backend.Bool, True, count)
 
-    def more(state: PlaceSums) -> Any:
+    def more(state: PlaceSums) -> Mask:
         return state.place < len(_PLACES) * len(reaches)
 
     def step(state: PlaceSums) -> tuple[PlaceSums]:
@@ -435,13 +436,13 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
     return first, [h / (w * w) for h, w in zip(found[3:6], width, strict=True)]
 
 
-def _terms(way: list[Any]) -> list[Any]:
+def _terms(way: list[Float]) -> list[Float]:
     """Return the Taylor terms of first, second and mixed derivatives."""
     bends = [(0.5 if a == b else 1.0) * way[a] * way[b] for a, b in _QUADRATIC_FIT_PAIRS]
     return [*way, *bends]
 
 
-def _solved(matrix: dict[tuple[int, int], Any], right: list[Any]) -> list[Any]:
+def _solved(matrix: dict[tuple[int, int], Any], right: list[Float]) -> list[Float]:
     """Solve symmetric 9 x 9 systems, given by their lower triangles, by Cholesky factorization.
 
     Rows and columns are scaled so that the diagonal is one.
@@ -540,7 +541,7 @@ class BoxesOfTree:
             return slopes
         return np.einsum("kan,kn->an", self.grid.basis(first, last), slopes)
 
-    def _refit(self, found: np.ndarray, part: TreeCellsPart, which: Any, order: int) -> None:
+    def _refit(self, found: np.ndarray, part: TreeCellsPart, which: Mask, order: int) -> None:
         """Replace derivatives of the cells `which` of a part by those of quadratic fits.
 
         First derivatives for order 0, second ones for order 1.
@@ -570,5 +571,5 @@ class BoxesOfTree:
         return filled_up(bends, inner, unknown).sum(axis=0) / self.grid.scale**2
 
 
-def _on_host(columns: list[Any]) -> np.ndarray:
+def _on_host(columns: list[Float]) -> np.ndarray:
     return np.array([np.array(column) for column in columns])

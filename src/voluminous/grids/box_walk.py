@@ -57,7 +57,7 @@ class AxisTrack:
     speed: Float
     pace: Float
     lead: Float
-    table: Any = None
+    table: Int = None
 
 
 class Axis:
@@ -95,7 +95,7 @@ class Axis:
         leave = dr.select(parallel, Wide(NEVER), (extent - position) * pace)
         return Side(origin, direction, position, speed, pace, parallel, down, arrive, leave)
 
-    def cell(self, side: Side, coordinate: Float) -> Any:
+    def cell(self, side: Side, coordinate: Float) -> Int:
         """Return the number of the cell that a ray at `coordinate` is about to cross.
 
         It is compared with the edges themselves: a ray that runs within rounding of a wall stays
@@ -106,11 +106,11 @@ class Axis:
         below = (coordinate < edge) | ((coordinate == edge) & side.down)
         return dr.clip(dr.select(below, wall - 1, wall), 0, self.last_cell)
 
-    def _wall_near(self, side: Side, coordinate: Float) -> Any:
+    def _wall_near(self, side: Side, coordinate: Float) -> Int:
         raise NotImplementedError
 
     def _narrowed(
-        self, position: Float, speed: Float, pace: Float, lead: Any, table: Any = None
+        self, position: Float, speed: Float, pace: Float, lead: Float, table: Int = None
     ) -> AxisTrack:
         Float = self.backend.Float
         return AxisTrack(Float(position), Float(speed), Float(pace), Float(lead), table)
@@ -122,7 +122,7 @@ class UniformAxis(Axis):
     def __init__(self, edges: np.ndarray, scale: float, backend: Backend) -> None:
         super().__init__(edges, (edges[-1] - edges[0]) / (len(edges) - 1), scale, backend)
 
-    def _wall_near(self, side: Side, coordinate: Float) -> Any:
+    def _wall_near(self, side: Side, coordinate: Float) -> Int:
         cells = dr.round((coordinate - self.low) * self.inverse_unit)
         return dr.clip(self.backend.Int(cells), 0, self.last_cell + 1)
 
@@ -132,15 +132,15 @@ class UniformAxis(Axis):
         lead = dr.select(side.parallel, NEVER, (1.0 - position) * side.pace)
         return self._narrowed(position, side.speed, side.pace, lead)
 
-    def crossing(self, track: AxisTrack, index: Int) -> Any:
+    def crossing(self, track: AxisTrack, index: Int) -> Float:
         """Return the distance at which the ray leaves mirrored cell `index`."""
         return dr.fma(index, track.pace, track.lead)
 
-    def cell_at(self, track: AxisTrack, t: Float) -> Any:
+    def cell_at(self, track: AxisTrack, t: Float) -> Float:
         """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
         return dr.floor(dr.fma(t, track.speed, track.position))
 
-    def fraction(self, track: AxisTrack, index: Int, t: Float) -> Any:
+    def fraction(self, track: AxisTrack, index: Int, t: Float) -> Float:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         return unit_interval(dr.fma(t, track.speed, track.position) - index)
 
@@ -157,7 +157,7 @@ class RectilinearAxis(Axis):
         self.inverse_width = from_host(backend.Float, 1.0 / widths)
         self.down_table = dr.opaque(backend.UInt, self.count + 1)
 
-    def _wall_near(self, side: Side, coordinate: Float) -> Any:
+    def _wall_near(self, side: Side, coordinate: Float) -> Int:
         above = first_true(
             self.count,
             self.backend.UInt,
@@ -171,12 +171,12 @@ class RectilinearAxis(Axis):
         table = dr.select(side.down, self.down_table, 0)
         return self._narrowed(position, side.speed, side.pace, lead, table)
 
-    def crossing(self, track: AxisTrack, index: Int) -> Any:
+    def crossing(self, track: AxisTrack, index: Int) -> Float:
         """Return the distance at which the ray leaves mirrored cell `index`."""
         slot = track.table + self.backend.UInt(index) + 1
         return dr.fma(dr.gather(self.backend.Float, self.mirrored, slot), track.pace, track.lead)
 
-    def cell_at(self, track: AxisTrack, t: Float) -> Any:
+    def cell_at(self, track: AxisTrack, t: Float) -> Float:
         """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
         Float, place = self.backend.Float, dr.fma(t, track.speed, track.position)
         above = first_true(
@@ -186,7 +186,7 @@ class RectilinearAxis(Axis):
         )
         return Float(self.backend.Int(above) - 1)
 
-    def fraction(self, track: AxisTrack, index: Int, t: Float) -> Any:
+    def fraction(self, track: AxisTrack, index: Int, t: Float) -> Float:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         slot = track.table + self.backend.UInt(index)
         lower = dr.gather(self.backend.Float, self.mirrored, slot)
@@ -210,10 +210,10 @@ class BoxWalk(Walk):
         The unit of distances in the volume's unit, and one over it.
     """
 
-    axes: list[Any]
+    axes: list[Float]
     to_scale: Float
 
-    def enter(self, ray: Ray) -> tuple[Any, Any]:
+    def enter(self, ray: Ray) -> tuple[Float, Float]:
         Wide = self.backend.Wide
         sides = [
             axis.side(o, d) for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)

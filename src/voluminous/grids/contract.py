@@ -81,6 +81,11 @@ class Segment:
     track: Any = field(default=None, kw_only=True)
     backward: bool = field(default=False, kw_only=True)
 
+    @property
+    def own_cell(self) -> Int:
+        """Number of the grid's own cell; in a dual walk alone there is none."""
+        return self.cell
+
 
 @dataclass
 class Corners:
@@ -186,6 +191,10 @@ class Walk:
         A cursor in a gap has no segment.
         """
         raise NotImplementedError
+
+    def arrive(self, track: Any) -> Float:
+        """Return what cursors' distances are where rays enter the domain."""
+        return 0.0
 
     def cross(self, track: Any, cursor: Any) -> Landing:
         """Return where rays are beyond the gap that they are in."""

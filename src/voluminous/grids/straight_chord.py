@@ -6,14 +6,14 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import horner
-from ..backend.types import Float
+from ..backend.types import Float, Int
 from .contract import Segment
 
 # Values at the corners of a cube: values[x][y][z].
-Values = list[list[list[Any]]]
+Values = list[list[list[Float]]]
 
 
-def trilinear(values: Values, place: list[Any]) -> Any:
+def trilinear(values: Values, place: list[Float]) -> Float:
     """Return a trilinear function at a place in the unit cube."""
     edges = [
         [horner(place[0], [values[0][b][c], values[1][b][c] - values[0][b][c]]) for c in (0, 1)]
@@ -23,7 +23,7 @@ def trilinear(values: Values, place: list[Any]) -> Any:
     return horner(place[2], [faces[0], faces[1] - faces[0]])
 
 
-def trilinear_cubic(values: Values, start: list[Any], way: list[Any]) -> list[Any]:
+def trilinear_cubic(values: Values, start: list[Float], way: list[Float]) -> list[Float]:
     """Return a trilinear function along a straight line, as a cubic (power basis)."""
     edges = [
         [_line(values[0][b][c], values[1][b][c], start[0], way[0]) for c in (0, 1)] for b in (0, 1)
@@ -32,7 +32,7 @@ def trilinear_cubic(values: Values, start: list[Any], way: list[Any]) -> list[An
     return _blend(faces[0], faces[1], start[2], way[2])
 
 
-def cubic_through(samples: list[Any]) -> list[Any]:
+def cubic_through(samples: list[Float]) -> list[Float]:
     """Return the cubic (power basis) with given values at 0, 1/3, 2/3 and 1."""
     a, b, c, d = samples
     p, q, r = b - a, c - b, d - c
@@ -44,19 +44,19 @@ def cubic_through(samples: list[Any]) -> list[Any]:
     ]
 
 
-def parabola_through(samples: list[Any]) -> list[Any]:
+def parabola_through(samples: list[Float]) -> list[Float]:
     """Return the parabola (power basis) with given values at 0, 1/2 and 1."""
     a, b, c = samples
     p, q = b - a, c - b
     return [a, 3.0 * p - q, 2.0 * (q - p)]
 
 
-def _line(low: Float, high: Float, start: Float, way: Float) -> list[Any]:
+def _line(low: Float, high: Float, start: Float, way: Float) -> list[Float]:
     rise = high - low
     return [horner(start, [low, rise]), rise * way]
 
 
-def _blend(low: list[Any], high: list[Any], start: Float, way: Float) -> list[Any]:
+def _blend(low: list[Float], high: list[Float], start: Float, way: Float) -> list[Float]:
     rise = [b - a for a, b in zip(low, high, strict=True)]
     here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
     onward = [r * way for r in rise]
@@ -81,27 +81,27 @@ class StraightChord:
         self.walk, self.track, self.segment = walk, track, segment
 
     @property
-    def cell(self) -> Any:
+    def cell(self) -> Int:
         """Flat number of the cell."""
         return self.segment.cell
 
     @property
-    def start(self) -> list[Any]:
+    def start(self) -> list[Float]:
         """Where it enters, as fractions of the cell along each axis."""
         return self._fractions(self.segment.begin)
 
     @property
-    def end(self) -> list[Any]:
+    def end(self) -> list[Float]:
         """Where it leaves, as fractions of the cell along each axis."""
         return self._fractions(self.segment.end)
 
     @property
-    def way(self) -> list[Any]:
+    def way(self) -> list[Float]:
         """How far it goes, as fractions of the cell along each axis."""
         return [b - a for a, b in zip(self.start, self.end, strict=True)]
 
     @property
-    def position(self) -> list[Any]:
+    def position(self) -> list[Float]:
         """Where it enters, in the volume's coordinates."""
         return [
             dr.fma(self.segment.begin, d, o)
@@ -109,7 +109,7 @@ class StraightChord:
         ]
 
     @property
-    def step(self) -> list[Any]:
+    def step(self) -> list[Float]:
         """How far it goes, in the volume's coordinates."""
         return [self.segment.length * d for d in self.track.direction]
 
@@ -117,9 +117,9 @@ class StraightChord:
         """Return a field along the segment, from its values at the corners of the cell."""
         return trilinear_cubic(values, self.start, self.way)
 
-    def parabola(self, values: Values) -> list[Any]:
+    def parabola(self, values: Values) -> list[Float]:
         """Return the same: it is exact."""
         return self.cubic(values)
 
-    def _fractions(self, t: Float) -> list[Any]:
+    def _fractions(self, t: Float) -> list[Float]:
         raise NotImplementedError

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..backend import dr
-from ..backend.types import Float, Mask
+from ..backend.types import Float, Int, Mask
 from .contract import Landing, Ray, Segment, Walk
 
 
@@ -43,7 +43,7 @@ class TwoLandings:
     first: Landing
     second: Landing
 
-    def holds(self, cursor: TwoCursors) -> Any:
+    def holds(self, cursor: TwoCursors) -> Mask:
         """Return the lanes that are in cells of both walks still."""
         return self.first.holds(cursor.first) & self.second.holds(cursor.second)
 
@@ -52,7 +52,11 @@ class TwoLandings:
 class WalkPiece(Segment):
     """A segment of the first walk, or a part of it, within one cell of the second."""
 
-    own: Any
+    own: Int
+
+    @property
+    def own_cell(self) -> Int:
+        return self.own
 
 
 class TwoWalks(Walk):
@@ -71,8 +75,8 @@ class TwoWalks(Walk):
     def cross(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
         first = self.first.cross(track.first, cursor.first)
         second = self.second.cross(track.second, cursor.second)
-        here = first.cursor.t - _arrive(track.first)
-        there = second.cursor.t - _arrive(track.second) + track.later
+        here = first.cursor.t - self.first.arrive(track.first)
+        there = second.cursor.t - self.second.arrive(track.second) + track.later
         t = dr.select(first.moved, dr.maximum(cursor.t, here), cursor.t)
         t = dr.select(second.moved, dr.maximum(t, there), t)
         inside = cursor.inside & first.cursor.inside & second.cursor.inside
@@ -82,9 +86,9 @@ class TwoWalks(Walk):
     def enter(self, ray: Ray) -> tuple[TwoTracks, TwoCursors]:
         (track, here), (other, there) = self.first.enter(ray), self.second.enter(ray)
         # Distances count from where a walk's own domain begins: the dual one begins earlier.
-        later = here.t - there.t - (_arrive(track) - _arrive(other))
+        later = here.t - there.t - (self.first.arrive(track) - self.second.arrive(other))
         tracks = TwoTracks(track, other, later, track.entry)
-        t = here.t - _arrive(track)
+        t = here.t - self.first.arrive(track)
         return tracks, TwoCursors(here, there, t, here.inside & there.inside)
 
     def next(self, track: TwoTracks, cursor: TwoCursors) -> tuple[WalkPiece, TwoCursors]:
@@ -107,12 +111,3 @@ class TwoWalks(Walk):
 
     def chord(self, track: TwoTracks, segment: Segment) -> Any:
         return self.first.chord(track.first, segment)
-
-
-def _arrive(track: Any) -> Any:
-    return getattr(track, "arrive", 0.0)
-
-
-def cell_of(segment: Segment) -> Any:
-    """Return the number of the grid's own cell that a segment lies in."""
-    return getattr(segment, "own", segment.cell)

@@ -12,7 +12,6 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
-from ..grids.two_walks import cell_of
 from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
@@ -24,8 +23,8 @@ from ..rendering.tracer import Batches, Paths, RayTracer
 from ..schemes.base import Position, Scheme, interpolated_at
 from ..schemes.path import Path
 from ..units import Unit, parse_unit, plain, unit_name
+from .cells import CellQuantity
 from .probe_result import Probe
-from .quantity import CellQuantity
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
@@ -110,10 +109,8 @@ def probe(
     )
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)
     seen = volume.seen_by(camera)
-    quantities = [
-        CellQuantity.of(seen, expr, "also")
-        for expr in (also if isinstance(also, (list, tuple)) else [also])
-    ]
+    listed = also if isinstance(also, (list, tuple)) else [also]
+    quantities = [CellQuantity.of(seen, expr, "also") for expr in listed]
     more = [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))
@@ -211,7 +208,7 @@ class _Recorder(Scheme):
             (Wide(segment.track.entry) + Wide(t)) * Wide(walk.scale)
             for t in (segment.begin, segment.end)
         )
-        cell = cell_of(segment)  # wide steps are through many
+        cell = segment.own_cell  # wide steps are through many
         values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
         values |= {"j": j, "alpha": alpha, "tau": solution.depth}
         values |= {"emission": solution.emission, "transparency": solution.transparency}

@@ -18,7 +18,7 @@ from ..backend import Backend, dr
 from ..backend.types import Float, Int, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
-from ..grids.two_walks import TwoWalks, cell_of
+from ..grids.two_walks import TwoWalks
 from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import empty_path
 from ..volume import Volume
@@ -72,7 +72,7 @@ class Hiding(Scheme):
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
-        cell = cell_of(segment)
+        cell = segment.own_cell
         word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
         hidden = (word >> (cell & 31)) & 1 == 1
         path, onward = self.scheme.solve(segment, source, carried)

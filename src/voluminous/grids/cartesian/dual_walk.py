@@ -3,21 +3,37 @@
 Inside a dual cell a field given at cell centres is trilinear, so along a ray it is a cubic. The
 outermost layer of dual cells reaches as far beyond the domain's face as the outermost centres lie
 within it; rays walk through the inner half of it, where fields are constant across the face.
+
+`CoarseWalk` walks through the dual grid where it is as coarse as a picture allows. Blocks of cells
+in which a coarser interpolant is as good are crossed in steps of 2, 4 or 8 cells: `leap` says how
+wide, block by block. Walls of wide steps are walls of cells, counted like them: no ray leaks.
+Counting must not depend on the sense of a ray, so the number of dual cells is rounded up to a
+multiple of the widest step; rays never come to the cells that are added.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...backend import dr
+from ...backend.functions import inverse_power_of_two, unit_interval
 from ...backend.types import Float, Int, Mask
 from ..box_walk import Side
 from ..contract import CellBox, Ray, Segment
+from ..lanes import least, lesser, nearest
 from ..straight_chord import StraightChord
+from .leap import cell_ahead
 from .walk import CartesianCursor, CartesianTrack, CartesianWalk
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
+
+# log2 of the widest step.
+WIDEST = 3
 
 
 @dataclass
@@ -34,22 +50,22 @@ class DualTrack(CartesianTrack):
         The point where distances start, and the way per unit of distance, in the volume's unit.
     """
 
-    sign: list[Any]
-    offset: list[Any]
+    sign: list[Float]
+    offset: list[Float]
     first_corner: Int
-    origin: list[Any]
-    direction: list[Any]
+    origin: list[Float]
+    direction: list[Float]
 
 
 class Chord(StraightChord):
     """A segment through a dual cell."""
 
     @property
-    def corner(self) -> Any:
+    def corner(self) -> Int:
         """Flat number of the cell's lower corner, among the padded centres."""
         return self.walk.backend.UInt(self.segment.exit.vertex + self.track.first_corner)
 
-    def _fractions(self, t: Float) -> list[Any]:
+    def _fractions(self, t: Float) -> list[Float]:
         track = self.track
         mirrored = self.walk.fractions(track, self.segment.exit.index, t)
         return [dr.fma(f, s, o) for f, s, o in zip(mirrored, track.sign, track.offset, strict=True)]
@@ -73,9 +89,9 @@ class DualWalk(CartesianWalk):
 
     def __init__(
         self,
-        edges: Any,
+        edges: Sequence[np.ndarray],
         scale: float,
-        backend: Any,
+        backend: Backend,
         multiple: int = 1,
         *,
         box: CellBox | None = None,
@@ -84,7 +100,7 @@ class DualWalk(CartesianWalk):
         super().__init__([dual_edges(e, multiple) for e in edges], scale, backend, box=box)
         self.faces = [(backend.wide(e[0]), backend.wide(e[-1])) for e in edges]
 
-    def _ends(self, box: CellBox) -> list[tuple[Any, Any, Any]]:
+    def _ends(self, box: CellBox) -> list[tuple[Int, ...]]:
         # Dual cell i lies between the centres of cells i - 1 and i, the last one beyond them all.
         return [
             tuple(
@@ -105,7 +121,7 @@ class DualWalk(CartesianWalk):
             last = dr.minimum(last, ray.last)
         return super().enter(replace(ray, first=first, last=last))
 
-    def _between_faces(self, ray: Ray) -> tuple[Any, Any]:
+    def _between_faces(self, ray: Ray) -> tuple[Float, Float]:
         """Return the distances at which rays enter and leave the domain; the wrong way if never."""
         Wide = self.backend.Wide
         # These are in the volume's unit, where any number may be a length.
@@ -125,7 +141,7 @@ class DualWalk(CartesianWalk):
 
     def _start(
         self, sides: list[Side], arrive: Float, begin: Float, inside: Mask, bound: Float
-    ) -> tuple[DualTrack, Any]:
+    ) -> tuple[DualTrack, CartesianCursor]:
         track, cursor = super()._start(sides, arrive, begin, inside, bound)
         Float = self.backend.Float
         down = [side.down for side in sides]
@@ -149,3 +165,112 @@ class DualWalk(CartesianWalk):
 
     def chord(self, track: DualTrack, segment: Segment) -> Chord:
         return Chord(self, track, segment)
+
+
+def padded_count(cells: int) -> int:
+    """Return how many dual cells there are along an axis of so many cells, with those added."""
+    return -(-(cells + 1) >> WIDEST) << WIDEST
+
+
+@dataclass
+class CoarseCursor:
+    """Where a ray is: mirrored indices of the first of so many cells, and the distance.
+
+    It is the `Segment.exit` of the step that begins there, too.
+    """
+
+    index: list[Float]
+    width: Float
+    t: Float
+    inside: Mask
+
+
+class CoarseChord(Chord):
+    """A segment as a straight line through a cube of dual cells."""
+
+    walk: CoarseWalk
+
+    @property
+    def width(self) -> Float:
+        """How many cells wide the cube is."""
+        return self.segment.exit.width
+
+    @property
+    def base(self) -> list[Float]:
+        """Its first dual cell along each axis, counted upwards."""
+        Int = self.walk.backend.Int
+        wide = Int(self.width)
+        return [
+            dr.select(sign < 0, axis.last_cell + 1 - wide - Int(i), Int(i))
+            for axis, sign, i in zip(
+                self.walk.axes, self.track.sign, self.segment.exit.index, strict=True
+            )
+        ]
+
+    @property
+    def cell(self) -> Int:
+        return self._flat(self.walk.own_cells)
+
+    @property
+    def corner(self) -> Int:
+        return self._flat(self.walk.own_corners)
+
+    def _flat(self, strides: list[Int]) -> Int:
+        x, y, z = (i * stride for i, stride in zip(self.base, strides, strict=True))
+        return self.walk.backend.UInt(x + y + z)
+
+    def _fractions(self, t: Float) -> list[Float]:
+        step, track = self.segment.exit, self.track
+        scale, fractions = inverse_power_of_two(step.width), []
+        for own, i, sign, offset in zip(
+            track.axes, step.index, track.sign, track.offset, strict=True
+        ):
+            f = unit_interval((dr.fma(t, own.speed, own.position) - i) * scale)
+            fractions.append(dr.fma(f, sign, offset))
+        return fractions
+
+
+class CoarseWalk(DualWalk):
+    """Rays through the dual of a uniform `CartesianGrid`, in steps of one or more cells."""
+
+    def __init__(self, edges: Sequence[np.ndarray], scale: float, backend: Backend) -> None:
+        super().__init__(edges, scale, backend, 1 << WIDEST)
+        counts = [len(e) for e in edges]  # of dual cells, without those that were added
+        self.own_cells = self._strides(counts)
+        self.own_corners = self._strides([n + 1 for n in counts])
+
+    def _start(
+        self, sides: list[Side], arrive: Float, begin: Float, inside: Mask, bound: Float
+    ) -> tuple[DualTrack, Any]:
+        track, cursor = super()._start(sides, arrive, begin, inside, bound)
+        one = self.backend.Float(1)
+        return track, CoarseCursor(cursor.index, one, cursor.t, cursor.inside)
+
+    def next(self, track: DualTrack, cursor: Any) -> tuple[Segment, CoarseCursor]:
+        last = cursor.width - 1.0
+        ahead = self._crossings(track.axes, [i + last for i in cursor.index])
+        end = lesser(least(ahead), track.leave)
+        index = [
+            dr.select(crossed, i + cursor.width, i)
+            for crossed, i in zip(nearest(ahead), cursor.index, strict=True)
+        ]
+        segment = Segment(None, end - cursor.t, cursor.t, end, cursor.inside, cursor)
+        return segment, CoarseCursor(index, cursor.width, end, end < track.leave)
+
+    def at(self, track: DualTrack, index: list[Float], t: Float) -> CoarseCursor:
+        return CoarseCursor(list(index), self.backend.Float(1), t, t < track.leave)
+
+    def precise(self, track: DualTrack, cursor: Any) -> CoarseCursor:
+        index = [
+            cell_ahead(axis, own, cursor.t, i, i + (cursor.width - 1.0))
+            for axis, own, i in zip(self.axes, track.axes, cursor.index, strict=True)
+        ]
+        return CoarseCursor(index, self.backend.Float(1), cursor.t, cursor.inside)
+
+    def settle(self, cursor: Any, width: Float) -> CoarseCursor:
+        narrow = inverse_power_of_two(width)
+        index = [dr.floor(i * narrow) * width for i in cursor.index]
+        return CoarseCursor(index, width, cursor.t, cursor.inside)
+
+    def chord(self, track: DualTrack, segment: Segment) -> CoarseChord:
+        return CoarseChord(self, track, segment)

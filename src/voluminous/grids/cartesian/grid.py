@@ -181,8 +181,7 @@ class CartesianGrid(StructuredGrid):
         InputError
             If other walks are to be confined, or the box is not within the grid.
         """
-        from .coarse_walk import CoarseWalk
-        from .dual_walk import DualWalk
+        from .dual_walk import CoarseWalk, DualWalk
         from .walk import CartesianWalk
 
         kinds = {"cells": CartesianWalk, "dual": DualWalk, "coarse": CoarseWalk}
@@ -199,7 +198,7 @@ class CartesianGrid(StructuredGrid):
         return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
-        lattices: list[Any] = room("rendering.sources.corner_layouts").cartesian_lattices(
+        lattices: list[Float] = room("rendering.sources.corner_layouts").cartesian_lattices(
             arrays, backend
         )
         return lattices

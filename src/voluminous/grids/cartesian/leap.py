@@ -4,7 +4,7 @@ A block is a cube of `BLOCK` cells along each axis. For every empty block, and f
 the eight octants, it is known how many blocks ahead along all three axes are empty: that cube is
 crossed in one step. (Distances that are the same in all directions, as of Cohen & Sheffer 1994,
 count what is behind a ray too: it leaves a surface in small steps.) Of blocks with something in
-them it is known how wide steps may be there (`grids.cartesian.coarse_walk`).
+them it is known how wide steps may be there (`grids.cartesian.dual_walk`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from ...backend import Int, dr, from_host
 from ...backend.types import Float, Mask
+from ..box_walk import AxisTrack
 from ..lanes import least, lesser, nearest
 from .walk import BLOCK
 
@@ -51,8 +52,8 @@ class Blocks:
         The mean part of a step that a cell is.
     """
 
-    code: Any
-    shape: tuple[Any, Any]
+    code: Int
+    shape: tuple[Int, Int]
     filled: float
     steps: tuple[int, ...] = ()
     share: float = 1.0
@@ -79,7 +80,7 @@ class Leap:
     leave: Float
     moved: Mask
 
-    def holds(self, cursor: Any) -> Any:
+    def holds(self, cursor: Any) -> Mask:
         """Return the lanes that are in the same block still."""
         return cursor.t < self.leave
 
@@ -98,12 +99,12 @@ class Search:
         The block's code; zero outside of the volume.
     """
 
-    block: list[Any]
+    block: list[Int]
     t: Float
-    code: Any
+    code: Int
 
     @property
-    def empty(self) -> Any:
+    def empty(self) -> Mask:
         """Lanes in an empty block, which look further."""
         return self.code > _FARTHEST
 
@@ -170,7 +171,7 @@ def leap(way: Way, cursor: Any) -> Leap:
     start = Search(block, cursor.t, way.code(block, cursor.inside))
     moved = start.empty
 
-    def searching(state: Search) -> Any:
+    def searching(state: Search) -> Mask:
         return state.empty
 
     def cross(state: Search) -> tuple[Search]:
@@ -191,7 +192,7 @@ def leap(way: Way, cursor: Any) -> Leap:
     return Leap(dr.select(cursor.inside, there, cursor), leave, moved)
 
 
-def _stay(index: list[Any], block: list[Any], t: Float) -> list[Any]:
+def _stay(index: list[Float], block: list[Int], t: Float) -> list[Float]:
     return index
 
 
@@ -219,22 +220,22 @@ class Way:
         octant = sum(dr.select(d, self.backend.UInt(4 >> axis), 0) for axis, d in enumerate(down))
         self.shift = octant * _DISTANCE_BITS
 
-    def block(self, axis: int, index: Int) -> Any:
+    def block(self, axis: int, index: Int) -> Float:
         """Return the block of a cell."""
         return dr.floor((index + self.lacking[axis]) * (1.0 / self.side))
 
-    def wall(self, axis: int, block: Any) -> Any:
+    def wall(self, axis: int, block: Int) -> Float:
         """Return the cell that a block begins with."""
         return dr.fma(block, self.side, -self.lacking[axis])
 
-    def cell(self, axis: int, block: Any, t: Float) -> Any:
+    def cell(self, axis: int, block: Int, t: Float) -> Int:
         """Return the cell in a block where the ray is at distance `t`."""
         low = self.wall(axis, block)
         low, high = dr.select(low > 0.0, low, 0.0), low + (self.side - 1.0)
         high = lesser(high, self.lasts[axis])
         return cell_ahead(self.walk.axes[axis], self.track.axes[axis], t, low, high)
 
-    def cells(self, index: list[Any], block: list[Any], t: Float) -> list[Any]:
+    def cells(self, index: list[Float], block: list[Int], t: Float) -> list[Float]:
         """Return the cells of blocks that rays enter at distance `t`."""
         return [self.cell(axis, b, t) for axis, b in enumerate(block)]
 
@@ -248,26 +249,26 @@ class Way:
         block = [dr.select(through[a], ahead[a], self._block_at(a, t, state, reach)) for a in axes]
         return Search(block, t, self.code(block, t < self.track.leave))
 
-    def leave(self, state: Search) -> Any:
+    def leave(self, state: Search) -> Float:
         """Return the distance where rays leave the block that they are in."""
         t = least(self._ways([b + 1.0 for b in state.block]))
         # A block is always entered, even if rounding puts its far wall where the ray is.
         return dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
 
-    def _ways(self, ahead: list[Any]) -> list[Any]:
+    def _ways(self, ahead: list[Float]) -> list[Float]:
         return [
             axis.crossing(self.track.axes[a], lesser(self.wall(a, ahead[a]) - 1.0, self.lasts[a]))
             for a, axis in enumerate(self.walk.axes)
         ]
 
-    def code(self, block: list[Any], inside: Mask) -> Any:
+    def code(self, block: list[Int], inside: Mask) -> Int:
         """Return the codes of the blocks that rays are in; zero outside."""
         flat = self.first
         for b, stride in zip(block, self.strides, strict=True):
             flat = flat + self.backend.Int(b) * stride  # += would change `first` itself
         return dr.gather(self.backend.UInt, self.blocks.code, self.backend.UInt(flat), inside)
 
-    def _block_at(self, axis: int, t: Float, state: Search, reach: Any) -> Any:
+    def _block_at(self, axis: int, t: Float, state: Search, reach: Float) -> Float:
         """Return the block where a ray is at distance `t`, not before where it was."""
         old = state.block[axis]
         index = self.walk.axes[axis].cell_at(self.track.axes[axis], t)
@@ -275,7 +276,7 @@ class Way:
         return lesser(dr.select(block > old, block, old), old + (reach - 1.0))
 
 
-def cell_ahead(axis: Int, track: Any, t: Float, low: Float, high: Float) -> Any:
+def cell_ahead(axis: Any, track: AxisTrack, t: Float, low: Float, high: Float) -> Float:
     """Return the mirrored cell a ray is in at distance `t`, between two others.
 
     If rounding puts a wall of it behind the ray, that wall has been crossed.

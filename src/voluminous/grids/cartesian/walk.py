@@ -6,8 +6,11 @@ never accumulates and no ray leaks. The lengths of a ray's segments add up to it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
@@ -32,19 +35,19 @@ class CartesianTrack:
     """
 
     axes: list[AxisTrack]
-    cell_stride: list[Any]
-    vertex_stride: list[Any]
+    cell_stride: list[Int]
+    vertex_stride: list[Int]
     leave: Float
     bounded: bool
     entry: Float
-    last: list[Any] | None = field(default=None, kw_only=True)
+    last: list[Float] | None = field(default=None, kw_only=True)
 
 
 @dataclass
 class CartesianCursor:
     """Where a ray is: mirrored cell indices, flat numbers of cell and lower vertex, distance."""
 
-    index: list[Any]
+    index: list[Float]
     cell: Int
     vertex: Int
     t: Float
@@ -55,10 +58,10 @@ class CartesianCursor:
 class Exit:
     """How a segment leaves its cell: through which wall, and where the two cells are."""
 
-    through: list[Any]
-    index: list[Any]
+    through: list[Mask]
+    index: list[Float]
     vertex: Int
-    next_vertex: Any
+    next_vertex: Int
 
 
 class CartesianWalk(BoxWalk):
@@ -75,7 +78,12 @@ class CartesianWalk(BoxWalk):
     leaps = True  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
 
     def __init__(
-        self, edges: Any, scale: float, backend: Backend, *, box: CellBox | None = None
+        self,
+        edges: Sequence[np.ndarray],
+        scale: float,
+        backend: Backend,
+        *,
+        box: CellBox | None = None,
     ) -> None:
         self.backend = backend
         self.axes = [make_axis(e, scale, backend) for e in edges]
@@ -89,10 +97,10 @@ class CartesianWalk(BoxWalk):
         # What the last block lacks.
         self.lacking = [dr.opaque(backend.Float, -n % BLOCK) for n in self.counts]
 
-    def _strides(self, counts: Any) -> list[Any]:
+    def _strides(self, counts: Sequence[int]) -> list[Float]:
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
 
-    def _ends(self, box: CellBox) -> list[tuple[Any, Any, Any]]:
+    def _ends(self, box: CellBox) -> list[tuple[Int, ...]]:
         """Return the first and the last cell of a box along each axis, and the first one held."""
         return [
             tuple(dr.opaque(self.backend.Int, n) for n in (low, high - 1, low))
@@ -137,8 +145,12 @@ class CartesianWalk(BoxWalk):
         return whole, replace(self.at(whole, index, t), inside=inside & (t < leave))
 
     def _into_box(
-        self, box: list[tuple[Any, Any, Any]], track: CartesianTrack, index: list[Any], t: Float
-    ) -> tuple[list[Any], Any, Any]:
+        self,
+        box: list[tuple[Int, ...]],
+        track: CartesianTrack,
+        index: list[Float],
+        t: Float,
+    ) -> tuple[list[Float], Float, Mask]:
         """Return where rays are first in a cell of the box, and which rays come to one.
 
         They are there once they have crossed the last of the walls before it. Walls of the other
@@ -176,7 +188,7 @@ class CartesianWalk(BoxWalk):
             there &= (found[a] >= first[a]) & (found[a] <= track.last[a])
         return found, here, there
 
-    def _advanced(self, axis: Int, track: AxisTrack, start: Float, t: Float, equal: Mask) -> Any:
+    def _advanced(self, axis: Any, track: AxisTrack, start: Float, t: Float, equal: Mask) -> Float:
         """Return the mirrored cell at a distance: all walls before it are crossed.
 
         Those at the very distance are where `equal` is true. The place at the distance is right but
@@ -184,7 +196,7 @@ class CartesianWalk(BoxWalk):
         """
         last = self.backend.Float(axis.last_cell)
 
-        def passed(i: Any) -> Any:
+        def passed(i: Float) -> Mask:
             wall = axis.crossing(track, i)
             return (wall < t) | ((wall == t) & equal)
 
@@ -193,7 +205,7 @@ class CartesianWalk(BoxWalk):
             i = dr.select(passed(i) & (i < last), i + 1.0, i)
         return dr.select(track.pace == 0.0, start, i)
 
-    def _crossings(self, tracks: list[AxisTrack], index: list[Any]) -> list[Any]:
+    def _crossings(self, tracks: list[AxisTrack], index: list[Float]) -> list[Float]:
         return [
             axis.crossing(track, i) for axis, track, i in zip(self.axes, tracks, index, strict=True)
         ]
@@ -218,7 +230,7 @@ class CartesianWalk(BoxWalk):
                 inside &= i <= last
         return segment, CartesianCursor(index, onward, vertex, end, inside)
 
-    def at(self, track: Any, index: list[Any], t: Float) -> Any:
+    def at(self, track: Any, index: list[Float], t: Float) -> Any:
         """Return the cursor in the cell with mirrored indices, at a distance."""
         Int = self.backend.Int
         cell, vertex = Int(0), Int(0)
@@ -252,12 +264,12 @@ class CartesianWalk(BoxWalk):
             return trilinear(leaving.vertex, f, track.vertex_stride)
         return bilinear(leaving.next_vertex, leaving.through, f, track.vertex_stride)
 
-    def fractions(self, track: CartesianTrack, index: list[Any], t: Float) -> list[Any]:
+    def fractions(self, track: CartesianTrack, index: list[Float], t: Float) -> list[Float]:
         """Return where in its mirrored cell a ray is along each axis, from 0 to 1."""
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
         ]
 
 
-def _signed(stride: Int, down: Mask) -> Any:
+def _signed(stride: Int, down: Mask) -> Int:
     return dr.select(down, -stride, stride)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...backend import dr
-from ...backend.types import Float
+from ...backend.types import Float, Mask
 from ..box_walk import NEVER
 
 # Slower than this (per unit of distance), a ray runs parallel to an axis or a plane.
@@ -40,21 +40,21 @@ class Approach:
         Where they pass the axis.
     """
 
-    point: list[Any]
+    point: list[Float]
     direction: list[Any]
     way: Float
     arrive: Float
     leave: Float
-    hits: Any
-    passage: Any = field(init=False)
+    hits: Mask
+    passage: Passage = field(init=False)
 
 
 @dataclass
 class CentreApproach(Approach):
     """Also the distance from the centre and the unit vector to the point, normal to the ray."""
 
-    radius: Any
-    normal: list[Any]
+    radius: Float
+    normal: list[Float]
 
 
 @dataclass
@@ -64,10 +64,10 @@ class AxisApproach(Approach):
     It is 1 if the chord begins there, beyond the closest approach, and -1 if it ends there, before.
     """
 
-    side: Any
+    side: Float
 
 
-def approach_centre(origin: list[Any], direction: list[Any], outer: Any) -> CentreApproach:
+def approach_centre(origin: list[Float], direction: list[Float], outer: Float) -> CentreApproach:
     """Return rays counted from where they come nearest to the origin; all lengths scaled."""
     first_way = -dot(origin, direction)
     near = along(origin, direction, first_way)
@@ -88,7 +88,7 @@ def approach_centre(origin: list[Any], direction: list[Any], outer: Any) -> Cent
     return CentreApproach(point, direction, first_way + more, -half, half, half > 0, radius, normal)
 
 
-def _horizontal_normal(direction: list[Any]) -> list[Any]:
+def _horizontal_normal(direction: list[Float]) -> list[Float]:
     """Return a unit vector normal to the direction with z = 0."""
     x, y, z = direction
     across = dr.sqrt(x * x + y * y)
@@ -98,7 +98,7 @@ def _horizontal_normal(direction: list[Any]) -> list[Any]:
 
 
 def approach_axis(
-    origin: list[Any], direction: list[Any], outer: Any, low: Float, high: Float
+    origin: list[Float], direction: list[Float], outer: Float, low: Float, high: Float
 ) -> AxisApproach:
     """Return rays counted from the point of their chord that is nearest to the z axis.
 
@@ -128,7 +128,7 @@ def approach_axis(
     )
 
 
-def _between(z: Float, dz: Any, low: Float, high: Float) -> tuple[Any, Any]:
+def _between(z: Float, dz: Any, low: Float, high: Float) -> tuple[Float, Float]:
     """Return the distances at which rays are between two planes; the wrong way if never."""
     Wide = type(z)
     parallel = dr.abs(dz) < PARALLEL
@@ -139,12 +139,12 @@ def _between(z: Float, dz: Any, low: Float, high: Float) -> tuple[Any, Any]:
     return arrive, dr.select(parallel, Wide(NEVER), dr.maximum(a, b))
 
 
-def dot(a: list[Any], b: list[Any]) -> Any:
+def dot(a: list[Float], b: list[Float]) -> Float:
     """Return the scalar product of two vectors."""
     return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
 
 
-def along(origin: list[Any], direction: list[Any], way: Float) -> list[Any]:
+def along(origin: list[Float], direction: list[Float], way: Float) -> list[Float]:
     """Return the point at a distance."""
     return [dr.fma(way, d, o) for o, d in zip(origin, direction, strict=True)]
 
@@ -167,15 +167,15 @@ class Passage:
         Rays that go through the axis, or begin or end there: the foot is zero.
     """
 
-    turn: Any
-    foot: list[Any]
-    meets: Any
+    turn: Float
+    foot: list[Float]
+    meets: Mask
 
     def narrow(self, Float: Any) -> Passage:
         """Return the same in the precision of the walk."""
         return Passage(Float(self.turn), [Float(f) for f in self.foot], self.meets)
 
-    def beside(self, t: Float, end: Float) -> tuple[Any, Any]:
+    def beside(self, t: Float, end: Float) -> tuple[Float, Float]:
         """Return a distance on a segment that ends at `end`, and how far it is from the turn.
 
         On rays that meet the axis never on it, nor (by rounding) on its other side: what a field is
@@ -189,7 +189,7 @@ class Passage:
         )
 
 
-def pass_axis(approach: Approach, origin: list[Any], begin: Float, end: Float) -> Passage:
+def pass_axis(approach: Approach, origin: list[Float], begin: Float, end: Float) -> Passage:
     """Return where rays pass the axis, of which some begin or end at a distance."""
     across, direction = approach.point[:2], approach.direction[:2]
     square = _dot(direction, direction)
@@ -208,5 +208,5 @@ def pass_axis(approach: Approach, origin: list[Any], begin: Float, end: Float) -
     return Passage(turn, foot, meets)
 
 
-def _dot(a: list[Any], b: list[Any]) -> Any:
+def _dot(a: list[Float], b: list[Float]) -> Float:
     return dr.fma(a[0], b[0], a[1] * b[1])

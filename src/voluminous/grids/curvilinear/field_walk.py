@@ -77,7 +77,7 @@ class CurvilinearChord:
         """How far it goes, in the volume's coordinates."""
         return [self.segment.length * self.walk.length * d for d in self.track.direction]
 
-    def cubic(self, values: Values) -> list[Float]:
+    def cubic(self, values: Values) -> list[Any]:
         """Return a field along the segment, from its values at the corners of the cell."""
         return cubic_through([trilinear(values, self._place(k / 3)) for k in range(4)])
 

@@ -53,7 +53,7 @@ class Opposite:
             fine = grid.fine_edges[1]
             self.tables[1] = from_host(self.real, _places(fine, _HALF - _middles(fine)))
 
-    def moved(self, place: list[Any]) -> list[Any]:
+    def moved(self, place: list[Float]) -> list[Float]:
         """Return where places are, in finest units."""
         place = list(place)
         if self.north:
@@ -63,12 +63,12 @@ class Opposite:
             place = self._through_axis(place, place[1] > end, 2.0 * end - place[1])
         return self._through_centre(place) if self.centre else place
 
-    def _through_axis(self, place: list[Any], beyond: Any, polar: Any) -> list[Any]:
+    def _through_axis(self, place: list[Float], beyond: Any, polar: Any) -> list[Float]:
         out = [place[0], dr.select(beyond, polar, place[1]), place[2]]
         out[2] = dr.select(beyond, self._half_turned(place[2]), place[2])
         return out
 
-    def _through_centre(self, place: list[Any]) -> list[Any]:
+    def _through_centre(self, place: list[Float]) -> list[Float]:
         beyond, out = place[0] < 0.0, list(place)
         out[0] = dr.abs(place[0])
         out[self.azimuth] = self._half_turned(place[self.azimuth])
@@ -76,12 +76,12 @@ class Opposite:
             out[1] = self._upside_down(place[1])
         return [dr.select(beyond, new, old) for new, old in zip(out, place, strict=True)]
 
-    def _upside_down(self, place: Float) -> Any:
+    def _upside_down(self, place: Float) -> Float:
         if self.alike[1]:
             return -place
         return 2.0 * self.extent[1] - place if self.mirrored else self._looked_up(1, place)
 
-    def _half_turned(self, place: Float) -> Any:
+    def _half_turned(self, place: Float) -> Float:
         if self.alike[self.azimuth]:
             return place + self.half
         if not self.around:
@@ -90,7 +90,7 @@ class Opposite:
         wrapped = place - extent * dr.floor(place / extent)
         return self._looked_up(self.azimuth, wrapped)
 
-    def _looked_up(self, axis: int, place: Float) -> Any:
+    def _looked_up(self, axis: int, place: Float) -> Float:
         extent = self.extent[axis]
         inside = (place > 0.0) & (place < extent)
         unit = self.UInt(dr.clip(place, 0.0, extent - 0.5))

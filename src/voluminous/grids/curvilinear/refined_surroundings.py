@@ -47,7 +47,7 @@ class RefinedSurroundings(Surroundings):
     def spacing(self, grid: Any, backend: Backend) -> ContinuedSpacing:
         return OwnSpacing(grid, backend)
 
-    def steps(self, middle: list[Any], size: list[Any], width: list[Any]) -> list[Any]:
+    def steps(self, middle: list[Float], size: list[Float], width: list[Float]) -> list[Float]:
         found = [s / parts for s, parts in zip(size, self.parts, strict=True)]
         if any(self.mirrored):
             axis = self.mirrored.index(True)
@@ -55,7 +55,7 @@ class RefinedSurroundings(Surroundings):
             found[axis] = dr.select(image, -found[axis], found[axis])
         return found
 
-    def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Any]:
         inner = list(place)
         for axis, (p, extent) in enumerate(zip(place, self.extent, strict=True)):
             if self.turning[axis]:
@@ -73,7 +73,7 @@ class RefinedSurroundings(Surroundings):
         return Cell(cell.number, low, cell.size), there
 
 
-def _turns(place: Float, extent: Any) -> Any:
+def _turns(place: Float, extent: Float) -> Float:
     """Return how far places are from where they are within the domain: a turn or none."""
     return dr.select(place < 0.0, -extent, dr.select(place > extent, extent, 0.0))
 
@@ -105,13 +105,13 @@ class ContinuedSpacing(Spacing):
         before = np.where(turning, grid.tree.extent, 0)
         self.before = [dr.opaque(backend.Float, float(n)) for n in before]
 
-    def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:
+    def widths(self, middle: list[Float], size: list[Float]) -> list[Float]:
         return super().widths(self._moved(middle), size)
 
-    def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
+    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
         return super().ways(self._moved(start), self._moved(end))
 
-    def _moved(self, place: list[Any]) -> list[Any]:
+    def _moved(self, place: list[Float]) -> list[Float]:
         return [p + n for p, n in zip(place, self.before, strict=True)]
 
 
@@ -132,7 +132,7 @@ class OwnSpacing(ContinuedSpacing):
         super().__init__(grid, grid.edges, backend)
         self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
 
-    def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
+    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
         ways, bases = super().ways(start, end), self.widths(start, self.parts)
         return [w / base for w, base in zip(ways, bases, strict=True)]
 
@@ -184,7 +184,7 @@ class StraightSurroundings(RefinedSurroundings):
     def spacing(self, grid: Any, backend: Backend) -> StraightSpacing:
         return StraightSpacing(grid, backend)
 
-    def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Any]:
         # Aside of a place is the leaf itself, not one that is turned.
         whole = [
             dr.round(p - 0.5) if alike else p for p, alike in zip(place, self.alike, strict=True)
@@ -223,13 +223,13 @@ class StraightSpacing(ContinuedSpacing):
         self.extent = [dr.opaque(backend.Float, float(n)) for n in extent]
         self.open = _open(grid, alike)
 
-    def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:
+    def widths(self, middle: list[Float], size: list[Float]) -> list[Float]:
         own, (first, second, third) = self._own(middle), super().widths(middle, size)
         if self.spherical:
             return [first, own[0] * second, own[0] * dr.sin(own[1]) * third]
         return [first, own[0] * second, third]
 
-    def reaches(self, middle: list[Any], size: list[Any]) -> list[list[Any]]:
+    def reaches(self, middle: list[Float], size: list[Float]) -> list[list[Float]]:
         own, width, out = self._own(middle), self.widths(middle, size), list(size)
         if self.spherical:
             if self.centre or self.alike[1]:
@@ -241,8 +241,14 @@ class StraightSpacing(ContinuedSpacing):
         return [size, out]
 
     def _wider(
-        self, axis: int, radius: Float, least: Float, middle: list[Any], width: list[Any], size: Any
-    ) -> Any:
+        self,
+        axis: int,
+        radius: Float,
+        least: Float,
+        middle: list[Float],
+        width: list[Float],
+        size: Float,
+    ) -> Float:
         """Widen sizes along an angle to a least width, within the grid, and return their width."""
         wanted = size[axis] * dr.minimum(least, _WIDEST * radius) / width[axis]
         for end, open_ in zip((0.0, self.extent[axis]), self.open[axis], strict=True):
@@ -253,7 +259,7 @@ class StraightSpacing(ContinuedSpacing):
         size[axis] = wide
         return width[axis]
 
-    def turning(self, axis: Int, middle: list[Any], gradient: list[Any]) -> Any:
+    def turning(self, axis: Int, middle: list[Float], gradient: list[Float]) -> Float:
         r, theta, _ = self._own(middle)
         away = gradient[0] / r
         if not self.spherical:
@@ -261,11 +267,11 @@ class StraightSpacing(ContinuedSpacing):
         around = dr.fma(gradient[1], dr.cos(theta) / (r * dr.sin(theta)), away)
         return dr.select(axis == 0, 0.0, dr.select(axis == 1, away, around))
 
-    def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
+    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
         own, differences = self._own(start), super().ways(start, end)
         return (_spherical if self.spherical else _cylindrical)(own, differences)
 
-    def _own(self, place: list[Any]) -> list[Any]:
+    def _own(self, place: list[Float]) -> list[Float]:
         axes = zip(self.axes, self.before, place, self.starts, strict=True)
         return [axis.way(before, before + p) + start for axis, before, p, start in axes]
 
@@ -287,7 +293,7 @@ def _open(grid: Any, alike: list[bool]) -> list[tuple[bool, bool]]:
     return [(a or low, a or high) for a, (low, high) in zip(alike, found, strict=True)]
 
 
-def _spherical(own: list[Any], differences: list[Any]) -> list[Any]:
+def _spherical(own: list[Float], differences: list[Float]) -> list[Float]:
     """Return a way along r, θ and φ, from where it starts and the differences of these.
 
     Of differences of cosines no digit is lost.
@@ -303,12 +309,12 @@ def _spherical(own: list[Any], differences: list[Any]) -> list[Any]:
     ]
 
 
-def _cylindrical(own: list[Any], differences: list[Any]) -> list[Any]:
+def _cylindrical(own: list[Float], differences: list[Float]) -> list[Float]:
     outwards, dphi, dz = differences
     end = own[0] + outwards
     return [outwards - end * _versine(dphi), end * dr.sin(dphi), dz]
 
 
-def _versine(angle: Any) -> Any:
+def _versine(angle: Float) -> Float:
     sine = dr.sin(0.5 * angle)
     return 2.0 * sine * sine

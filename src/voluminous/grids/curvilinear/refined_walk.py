@@ -151,7 +151,7 @@ class RefinedWalk(CurvilinearWalk):
                 found.append(k + onward)
         return found
 
-    def _between(self, family: Surfaces, axis: Any, first: Int, last: Int, t: Float) -> Int:
+    def _between(self, family: Surfaces, axis: Int, first: Int, last: Int, t: Float) -> Int:
         count = greater(family.enter(axis, t), first)
         return lesser(count, last)
 

@@ -143,35 +143,35 @@ class Arithmetic:
     subclass. Other operands are numbers of the kernel.
     """
 
-    def length(self, x: Float, y: Float, z: Float = None) -> Any:
+    def length(self, x: Float, y: Float, z: Float = None) -> Float:
         """Return the length of a vector."""
         square = y * y if z is None else dr.fma(y, y, z * z)
         return dr.sqrt(dr.fma(x, x, square))
 
-    def mixed(self, a: Float, p: Float, b: Float, q: Float) -> Any:
+    def mixed(self, a: Float, p: Float, b: Float, q: Float) -> Float:
         """Return a p + b q, of coordinates a and b and numbers p and q."""
         return dr.fma(a, p, b * q)
 
-    def angle(self, y: Float, x: Float, length: Float = None) -> Any:
+    def angle(self, y: Float, x: Float, length: Float = None) -> Float:
         """Return the angle of a vector from the x axis, from -π to π.
 
         Its length is given where the angle is at most π/4 in size.
         """
         return dr.atan2(y, x) if length is None else sharp_angle(y, x, length)
 
-    def magnitude(self, a: Float) -> Any:
+    def magnitude(self, a: Float) -> Float:
         """Return a coordinate without its sign."""
         return dr.abs(a)
 
-    def part(self, value: Float, lower: Float, inverse: Float) -> Any:
+    def part(self, value: Float, lower: Float, inverse: Float) -> Float:
         """Return where between two walls a coordinate is, from 0 to 1."""
         return unit_interval((value - lower) * inverse)
 
-    def stretched(self, part: Float, factor: Float) -> Any:
+    def stretched(self, part: Float, factor: Float) -> Float:
         """Return a part times a number, one at most."""
         return unit_interval(part * factor)
 
-    def upward(self, angle: Float) -> Any:
+    def upward(self, angle: Float) -> Float:
         """Return an angle from a wall, which the point is above: from 0 to 2π."""
         # Rounding puts points a hair below their wall.
         return dr.select(angle < -1e-3, angle + FULL_CIRCLE, angle)
@@ -277,7 +277,7 @@ class Surfaces:
         """Return the distance of the next crossing."""
         return meet(track.lines, self.wall_at(ahead(track.slot, count)), count < 0)
 
-    def track(self, approach: Approach) -> Any:
+    def track(self, approach: Approach) -> Float:
         """Return how rays see this family."""
         raise NotImplementedError
 
@@ -402,7 +402,7 @@ class Running(Surfaces):
     def rises(self, track: RunningTrack, count: Int) -> Mask:
         return ~track.down
 
-    def place(self, surface: Any, t: Float) -> Any:
+    def place(self, surface: Any, t: Float) -> Float:
         """Return where rays are, as `is_ahead` wants it."""
         raise NotImplementedError
 

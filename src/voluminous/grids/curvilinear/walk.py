@@ -52,7 +52,7 @@ class SurfaceTrack:
         Where it passes the axis.
     """
 
-    axes: list[Any]
+    axes: list[Float]
     point: list[Float]
     direction: list[Float]
     arrive: Float
@@ -279,6 +279,9 @@ class CurvilinearWalk(Walk):
         *across, dz = track.direction
         x, y = (dr.fma(away, d, f) for f, d in zip(track.passage.foot, across, strict=True))
         return [x, y, dr.fma(t, dz, track.point[2])]
+
+    def arrive(self, track: SurfaceTrack) -> Float:
+        return track.arrive
 
     def _gaps(self, track: SurfaceTrack, count: list[Int]) -> list[Mask]:
         """Return for each family the lanes between walls of it that hold no cell."""

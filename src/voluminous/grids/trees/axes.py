@@ -6,7 +6,8 @@ that every ray runs upwards.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -20,15 +21,17 @@ if TYPE_CHECKING:
     from ...backend.device import Backend
 
 
-class UniformTreeAxis(Axis):
-    """Base cells of equal width.
+class TreeAxis(Axis):
+    """What both kinds of axis share.
 
     Parameters
     ----------
     edges : array, shape (n + 1,)
         Walls of the base cells.
+    unit : float
+        Length of one unit of coordinates.
     extent : float
-        The domain's size in the unit of the tree's places, which is that of coordinates here.
+        The domain's size in the unit of the tree's places.
     top : array
         The largest place below the extent.
     scale : float
@@ -36,53 +39,71 @@ class UniformTreeAxis(Axis):
     """
 
     def __init__(
-        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Backend
+        self,
+        edges: np.ndarray,
+        unit: float,
+        extent: float,
+        top: Float,
+        scale: float,
+        backend: Backend,
     ) -> None:
-        super().__init__(edges, (edges[-1] - edges[0]) / extent, scale, backend)
+        super().__init__(edges, unit, scale, backend)
         self.extent, self.top = backend.opaque(extent), top
 
     def track(self, side: Side, position: Float) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
         lead = dr.select(side.parallel, NEVER, -position * side.pace)
-        return self._narrowed(position, side.speed, side.pace, lead)
+        return self._narrowed(position, side.speed, side.pace, lead, self._table(side))
 
-    def first_place(self, side: Side, position: Float) -> Any:
+    def _table(self, side: Side) -> Int:
+        return None
+
+    def _inside(self, place: Float) -> Float:
+        return dr.select(place < self.top, place, self.top)
+
+
+class UniformTreeAxis(TreeAxis):
+    """Base cells of equal width; coordinates are counted in the unit of places."""
+
+    def __init__(
+        self, edges: np.ndarray, extent: float, top: Float, scale: float, backend: Backend
+    ) -> None:
+        unit = (edges[-1] - edges[0]) / extent
+        super().__init__(edges, unit, extent, top, scale, backend)
+
+    def first_place(self, side: Side, position: Float) -> Float:
         """Return the place at a mirrored position in or around the domain."""
         place = self.backend.Float(position)
         return self._inside(dr.select(place > 0.0, place, 0.0))
 
-    def leaving(self, track: AxisTrack) -> Any:
+    def leaving(self, track: AxisTrack) -> Float:
         """Return the distance at which rays leave the domain."""
         return dr.fma(self.extent, track.pace, track.lead)
 
-    def crossing(self, track: AxisTrack, low: Float, size: Any) -> Any:
+    def crossing(self, track: AxisTrack, low: Float, size: Float) -> Float:
         """Return the distance at which the ray leaves a cell."""
         return dr.fma(low, track.pace, dr.fma(size, track.pace, track.lead))
 
-    def beyond(self, track: AxisTrack, t: Float, low: Float) -> Any:
+    def beyond(self, track: AxisTrack, t: Float, low: Float) -> Float:
         """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return dr.fma(t, track.speed, track.position) - low
 
-    def place(self, track: AxisTrack, t: Float, reached: Any) -> Any:
+    def place(self, track: AxisTrack, t: Float, reached: Float) -> Float:
         """Return the place of the ray at distance `t`; it has come as far as `reached`."""
         place = dr.fma(t, track.speed, track.position)
         return self._inside(dr.select(place > reached, place, reached))
 
-    def _inside(self, place: Float) -> Any:
-        return dr.select(place < self.top, place, self.top)
 
-
-class RectilinearTreeAxis(Axis):
+class RectilinearTreeAxis(TreeAxis):
     """Base cells of any width; coordinates are counted in units of the scale.
 
     Within a base cell places are proportional to coordinates.
     """
 
     def __init__(
-        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Backend
+        self, edges: np.ndarray, extent: float, top: Float, scale: float, backend: Backend
     ) -> None:
-        super().__init__(edges, scale, scale, backend)
-        self.extent, self.top = backend.opaque(extent), top
+        super().__init__(edges, scale, extent, top, scale, backend)
         self.per_base = backend.opaque(extent / self.count)
         self.bases = backend.opaque(self.count / extent)
         # Less than any cell: what lifts a wall's place into the base cell above, though rounded.
@@ -94,20 +115,17 @@ class RectilinearTreeAxis(Axis):
         tables = [_cells(walls / scale) for walls in (edges - edges[0], edges[-1] - edges[::-1])]
         self.cells = from_host(backend.Float, np.concatenate(tables).reshape(-1))
 
-    def track(self, side: Side, position: Float) -> AxisTrack:
-        """Return the track of rays that are at mirrored `position` where distances start."""
-        lead = dr.select(side.parallel, NEVER, -position * side.pace)
-        table = dr.select(side.down, self.down_table, 0)
-        return self._narrowed(position, side.speed, side.pace, lead, table)
+    def _table(self, side: Side) -> Int:
+        return dr.select(side.down, self.down_table, 0)
 
-    def first_place(self, side: Side, position: Float) -> Any:
+    def first_place(self, side: Side, position: Float) -> Float:
         """Return the place at a mirrored position in or around the domain."""
         Float, UInt, coordinate = (
             self.backend.Float,
             self.backend.UInt,
             self.backend.Float(position),
         )
-        table = dr.select(side.down, self.down_table, 0)
+        table = self._table(side)
         above = first_true(
             self.count, UInt, lambda k: dr.gather(Float, self.cells, 4 * (table + k)) > coordinate
         )
@@ -116,22 +134,22 @@ class RectilinearTreeAxis(Axis):
         part = dr.clip((coordinate - low) * inverse, 0.0, 1.0)
         return self._inside((base + part) * self.per_base)
 
-    def leaving(self, track: AxisTrack) -> Any:
+    def leaving(self, track: AxisTrack) -> Float:
         """Return the distance at which rays leave the domain."""
         return dr.fma(self.total, track.pace, track.lead)
 
-    def crossing(self, track: AxisTrack, low: Float, size: Any) -> Any:
+    def crossing(self, track: AxisTrack, low: Float, size: Float) -> Float:
         """Return the distance at which the ray leaves a cell."""
         base = self._base(low)
         wall, width, _ = self._cell(track.table, base)
         part = dr.fma(low + size, self.bases, -base)
         return dr.fma(dr.fma(part, width, wall), track.pace, track.lead)
 
-    def beyond(self, track: AxisTrack, t: Float, low: Float) -> Any:
+    def beyond(self, track: AxisTrack, t: Float, low: Float) -> Float:
         """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return self.place(track, t, low) - low
 
-    def place(self, track: AxisTrack, t: Float, reached: Any) -> Any:
+    def place(self, track: AxisTrack, t: Float, reached: Float) -> Float:
         """Return the place of the ray at distance `t`; it has come as far as `reached`."""
         base = self._base(reached)
         wall, _, inverse = self._cell(track.table, base)
@@ -139,18 +157,15 @@ class RectilinearTreeAxis(Axis):
         place = (base + part) * self.per_base
         return self._inside(dr.select(place > reached, place, reached))
 
-    def _base(self, place: Float) -> Any:
+    def _base(self, place: Float) -> Float:
         """Return the mirrored number of the base cell above a place, which may be a wall."""
         base = dr.floor(dr.fma(place, self.bases, self.lift))
         return dr.select(base < self.last, base, self.last)
 
-    def _cell(self, table: Any, base: Any) -> tuple[Any, Any, Any]:
+    def _cell(self, table: Int, base: Int) -> tuple[Float, Float, Float]:
         slot = table + self.backend.UInt(base)
         low, width, inverse, _ = dr.gather(self.backend.packet(4), self.cells, slot)
         return low, width, inverse
-
-    def _inside(self, place: Float) -> Any:
-        return dr.select(place < self.top, place, self.top)
 
 
 def _cells(walls: np.ndarray) -> np.ndarray:
@@ -160,11 +175,22 @@ def _cells(walls: np.ndarray) -> np.ndarray:
 
 
 def make_tree_axis(
-    edges: np.ndarray, extent: float, top: Any, scale: float, backend: Backend
+    edges: np.ndarray, extent: float, top: Float, scale: float, backend: Backend
 ) -> UniformTreeAxis | RectilinearTreeAxis:
     """Return the faster kind of axis that the edges allow."""
     kind = UniformTreeAxis if is_uniform(edges) else RectilinearTreeAxis
     return kind(edges, extent, top, scale, backend)
+
+
+class Frame(Protocol):
+    """Walls of base cells, finest cells in each, and the unit of lengths."""
+
+    @property
+    def base_edges(self) -> Sequence[np.ndarray]: ...
+    @property
+    def divisions(self) -> np.ndarray: ...
+    @property
+    def scale(self) -> float: ...
 
 
 class Spacing:
@@ -177,26 +203,26 @@ class Spacing:
         In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Backend) -> None:
+    def __init__(self, grid: Frame, backend: Backend) -> None:
         kinds = [_Even if is_uniform(edges) else _Uneven for edges in grid.base_edges]
         self.axes = [
             kind(edges / grid.scale, int(parts), backend)
             for kind, edges, parts in zip(kinds, grid.base_edges, grid.divisions, strict=True)
         ]
 
-    def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:
+    def widths(self, middle: list[Float], size: list[Float]) -> list[Float]:
         """Return the widths of boxes, from middles and sizes in finest units."""
         return [s * axis.unit(m) for axis, m, s in zip(self.axes, middle, size, strict=True)]
 
-    def reaches(self, middle: list[Any], size: list[Any]) -> list[list[Any]]:
+    def reaches(self, middle: list[Float], size: list[Float]) -> list[list[Float]]:
         """Return how far to look around boxes for second derivatives: once, by their sizes."""
         return [size]
 
-    def turning(self, axis: Int, middle: list[Any], gradient: list[Any]) -> Any:
+    def turning(self, axis: Int, middle: list[Float], gradient: list[Float]) -> Float:
         """Return by how much a gradient that turns with an axis changes along it: not at all."""
         return 0.0
 
-    def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
+    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
         """Return the distances between places, neither of which is on a wall of base cells."""
         return [axis.way(a, b) for axis, a, b in zip(self.axes, start, end, strict=True)]
 
@@ -208,10 +234,10 @@ class _Even:
         width = float(edges[-1] - edges[0]) / ((len(edges) - 1) * parts)
         self.width = dr.opaque(backend.Float, width)
 
-    def unit(self, place: Float) -> Any:
+    def unit(self, place: Float) -> Float:
         return self.width
 
-    def way(self, start: Float, end: Float) -> Any:
+    def way(self, start: Float, end: Float) -> Float:
         return (end - start) * self.width
 
 
@@ -226,10 +252,10 @@ class _Uneven:
         self.low = from_host(backend.Float, edges[:-1] - edges[0])
         self.widths = from_host(backend.Float, np.diff(edges) / parts)
 
-    def unit(self, place: Float) -> Any:
+    def unit(self, place: Float) -> Float:
         return dr.gather(self.real, self.widths, self.UInt(self._base(place)))
 
-    def way(self, start: Float, end: Float) -> Any:
+    def way(self, start: Float, end: Float) -> Float:
         bases = [self._base(place) for place in (start, end)]
         first, last = (
             dr.fma(place - base * self.parts, self.unit(place), self._wall(base))
@@ -238,8 +264,8 @@ class _Uneven:
         # Within a base cell the difference is exact, however small.
         return dr.select(bases[0] == bases[1], (end - start) * self.unit(start), last - first)
 
-    def _base(self, place: Float) -> Any:
+    def _base(self, place: Float) -> Float:
         return dr.clip(dr.floor(place * self.bases), 0.0, self.last)
 
-    def _wall(self, base: Any) -> Any:
+    def _wall(self, base: Int) -> Float:
         return dr.gather(self.real, self.low, self.UInt(base))

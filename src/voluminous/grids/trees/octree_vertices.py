@@ -7,12 +7,15 @@ is chosen, from the smallest nodes on.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .octree_order import Places
 from .vertices import VertexNumbers, corner_numbers
+
+if TYPE_CHECKING:
+    from .cells import LeafGrid
 
 # Levels that a lattice spans at most: wider ones are hardly ever worth it (0 to 1 % fewer points).
 _DEEPEST = 3
@@ -20,7 +23,7 @@ _DEEPEST = 3
 _CHUNK = 1 << 20
 
 
-def octree_vertices(grid: Any) -> VertexNumbers:
+def octree_vertices(grid: LeafGrid) -> VertexNumbers:
     """Return the numbers of the vertices of an octree, Cartesian or curvilinear."""
     leaf, level, depth, lattice = _chosen(grid.places)
     lattices = OctreeLattices(grid, leaf, level, depth)
@@ -43,11 +46,13 @@ class OctreeLattices:
         The first leaf of each node, its level, and how many levels its lattice spans.
     """
 
-    def __init__(self, grid: Any, leaf: np.ndarray, level: np.ndarray, depth: np.ndarray) -> None:
+    def __init__(
+        self, grid: LeafGrid, leaf: np.ndarray, level: np.ndarray, depth: np.ndarray
+    ) -> None:
         self.grid, self.leaf, self.level, self.depth = grid, leaf, level, depth
         self.halved = np.isin(np.arange(3), grid.places.axes)[:, None]
 
-    def points(self, which: Any) -> np.ndarray:
+    def points(self, which: slice | np.ndarray) -> np.ndarray:
         """Return how many points some lattices have along each axis, (3, n)."""
         parts = np.where(self.halved, 1 << self.depth[which].astype(np.int64), 1)
         return parts + 1

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from .tree import Cell, Tree, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
+    from .cells import LeafGrid
 
 # Corners of a cell, or octants around a vertex: below (0) or above along x, y and z.
 OCTANTS = tuple(itertools.product((0, 1), repeat=3))
@@ -45,7 +46,7 @@ class VertexBoxes:
         where the domain is short enough.
     """
 
-    def __init__(self, grid: Any, first: int, last: int, backend: Backend) -> None:
+    def __init__(self, grid: LeafGrid, first: int, last: int, backend: Backend) -> None:
         self.backend = backend
         self.kind = backend.UInt if max(grid.tree.extent) < 1 << 32 else backend.Wide
         kept = [np.empty((3, last - first), _DTYPES[self.kind is backend.UInt]) for _ in range(2)]
@@ -113,7 +114,7 @@ class Surroundings:
         cell = self.lookup.find(place, self.way, there)
         return cell, there & self.lookup.is_cell(cell)
 
-    def spacing(self, grid: Any, backend: Backend) -> Spacing:
+    def spacing(self, grid: LeafGrid, backend: Backend) -> Spacing:
         """Return what knows lengths on the grid."""
         return Spacing(grid, backend)
 
@@ -126,7 +127,7 @@ class Surroundings:
         return cell.low, self.lookup.sizes(cell)
 
 
-def cells_around(grid: Any, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
+def cells_around(grid: LeafGrid, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
     """Return the cells around consecutive vertices; see `Grid.vertex_cells`.
 
     A cell that fills several octants counts as often (RADMC-3D's rule).

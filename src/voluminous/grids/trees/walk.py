@@ -8,11 +8,11 @@ at any depth, and the lengths of a ray's segments add up to its chord.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...backend import dr
 from ...backend.functions import unit_interval
-from ...backend.types import Float, Mask
+from ...backend.types import Float, Int, Mask
 from ...geometry import is_uniform
 from ..box_walk import AxisTrack, BoxWalk
 from ..contract import Corners, Ray, Segment
@@ -23,86 +23,7 @@ from .tree import Cell, Orientation, Tree, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-
-
-@dataclass
-class Corner:
-    """The vertex of a cell that a ray comes by first, and the steps to the others."""
-
-    base: Any
-    strides: list[Any]
-
-
-def first_corner(walk: Any, track: Any, cell: Cell, active: Mask) -> Corner:
-    """Return the first corner of cells, in the sense of the rays.
-
-    In a hole that of any cell: its values are multiplied by a length of zero, but must be there.
-    """
-    number = cell.number
-    if walk.holes:
-        number = dr.select(walk.lookup.is_cell(cell), number, 0)
-    base, strides = walk.grid.vertex_numbers.of(number, active, walk.backend)
-    signed = []
-    for stride, flip in zip(strides, track.way.flip, strict=True):
-        base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it
-        signed.append((stride ^ flip) - flip)
-    return Corner(base, signed)
-
-
-def fractions(walk: Any, track: Any, cell: Cell, t: Float) -> list[Any]:
-    """Return where in cells rays are at a distance, from 0 to 1 in the sense of the rays."""
-    # Sizes along the axes are one and the same array mostly: so is one over it.
-    inverse = [1.0 / size for size in walk.lookup.sizes(cell)]
-    return [
-        unit_interval(axis.beyond(own, t, low) * part)
-        for axis, own, low, part in zip(walk.axes, track.axes, cell.low, inverse, strict=True)
-    ]
-
-
-def entry_corners(walk: Any, track: Any, cursor: Any) -> Corners:
-    """Return the vertices of the cell that the cursor is in, and trilinear weights."""
-    corner = first_corner(walk, track, cursor.cell, cursor.inside)
-    return trilinear(corner.base, fractions(walk, track, cursor.cell, cursor.t), corner.strides)
-
-
-def exit_corners(walk: Any, track: Any, segment: Segment) -> Corners:
-    """Return the vertices around the end of a segment: four of the wall it leaves through."""
-    leaving = segment.exit
-    entered = entered_is_finer(walk, leaving)
-    cell = choose(entered, leaving.entered, leaving.left)
-    corner = first_corner(walk, track, cell, segment.active)
-    f = fractions(walk, track, cell, segment.end)
-    ahead = dr.select(entered, 0.0, walk.backend.Float(1))
-    f = [dr.select(crossed, ahead, v) for crossed, v in zip(leaving.through, f, strict=True)]
-    if track.bounded:  # it may end inside the cell
-        f = [
-            dr.select(leaving.ends, own, v)
-            for own, v in zip(fractions(walk, track, leaving.left, segment.end), f, strict=True)
-        ]
-        return trilinear(corner.base, f, corner.strides)
-    base = corner.base
-    for crossed, stride in zip(leaving.through, corner.strides, strict=True):
-        base += dr.select(crossed & ~entered, stride, 0)
-    return bilinear(base, leaving.through, f, corner.strides)
-
-
-def entered_is_finer(walk: Any, leaving: Any) -> Any:
-    """Return which rays come to a finer cell than they leave, or come out of a hole."""
-    old, new = (walk.lookup.sizes(cell) for cell in (leaving.left, leaving.entered))
-    finer = (new[0] < old[0]) | (new[1] < old[1]) | (new[2] < old[2])
-    if walk.holes:
-        finer = finer & walk.lookup.is_cell(leaving.entered)
-        finer |= ~walk.lookup.is_cell(leaving.left) & walk.lookup.is_cell(leaving.entered)
-    return leaving.onward & finer
-
-
-def choose(mask: Mask, first: Cell, second: Cell) -> Cell:
-    """Return one of two cells."""
-    return Cell(
-        dr.select(mask, first.number, second.number),
-        [dr.select(mask, a, b) for a, b in zip(first.low, second.low, strict=True)],
-        [dr.select(mask, a, b) for a, b in zip(first.size, second.size, strict=True)],
-    )
+    from .cells import TreeCells
 
 
 @dataclass
@@ -152,7 +73,7 @@ class TreeExit:
         Lanes that end before that wall, where rays may.
     """
 
-    through: list[Any]
+    through: list[Mask]
     left: Cell
     entered: Cell
     onward: Mask
@@ -170,9 +91,7 @@ class TreeWalk(BoxWalk):
     backend : Backend
     """
 
-    leaps = False
-
-    def __init__(self, grid: Any, tree: Tree, backend: Backend) -> None:
+    def __init__(self, grid: TreeCells, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
         edges, scale = grid.base_edges, grid.scale
         # Along uneven axes distances are known within one base cell at a time.
@@ -188,7 +107,7 @@ class TreeWalk(BoxWalk):
         self.holes = tree.holes
 
     def _start(
-        self, sides: list[Any], arrive: Float, begin: Float, inside: Mask, bound: Float
+        self, sides: list[Float], arrive: Float, begin: Float, inside: Mask, bound: Float
     ) -> tuple[TreeTrack, TreeCursor]:
         tracks, place = [], []
         for axis, side in zip(self.axes, sides, strict=True):
@@ -229,7 +148,7 @@ class TreeWalk(BoxWalk):
             end = dr.select(end < track.leave, end, track.leave)
             inside &= end < track.leave
 
-        def place() -> list[Any]:
+        def place() -> list[Float]:
             return [
                 axis.place(t, end, r)
                 for axis, t, r in zip(self.axes, track.axes, reached, strict=True)
@@ -247,25 +166,82 @@ class TreeWalk(BoxWalk):
         return segment, TreeCursor(entered, end, inside)
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
-        return entry_corners(self, track, cursor)
+        """Return the eight vertices of the cell and trilinear weights at the cursor."""
+        base, strides = self._vertices(track, cursor.cell, cursor.inside)
+        return trilinear(base, self.fractions(track, cursor.cell, cursor.t), strides)
 
     def exit_corners(self, track: TreeTrack, segment: Segment) -> Corners:
-        return exit_corners(self, track, segment)
+        """Return the vertices around the end of a segment: four of the wall it leaves through."""
+        leaving = segment.exit
+        entered = self._entered_is_finer(leaving)
+        cell = Cell(
+            dr.select(entered, leaving.entered.number, leaving.left.number),
+            _select(entered, leaving.entered.low, leaving.left.low),
+            _select(entered, leaving.entered.size, leaving.left.size),
+        )
+        base, strides = self._vertices(track, cell, segment.active)
+        f = self.fractions(track, cell, segment.end)
+        ahead = dr.select(entered, 0.0, self.backend.Float(1))
+        f = [dr.select(crossed, ahead, v) for crossed, v in zip(leaving.through, f, strict=True)]
+        if track.bounded:  # it may end inside the cell
+            own = self.fractions(track, leaving.left, segment.end)
+            return trilinear(base, _select(leaving.ends, own, f), strides)
+        for crossed, stride in zip(leaving.through, strides, strict=True):
+            base += dr.select(crossed & ~entered, stride, 0)
+        return bilinear(base, leaving.through, f, strides)
+
+    def fractions(self, track: TreeTrack, cell: Cell, t: Float) -> list[Float]:
+        """Return where in cells rays are at a distance, from 0 to 1 in the sense of the rays."""
+        # Sizes along the axes are one and the same array mostly: so is one over it.
+        inverse = [1.0 / size for size in self.lookup.sizes(cell)]
+        return [
+            unit_interval(axis.beyond(own, t, low) * part)
+            for axis, own, low, part in zip(self.axes, track.axes, cell.low, inverse, strict=True)
+        ]
+
+    def _vertices(self, track: TreeTrack, cell: Cell, active: Mask) -> tuple[Int, list[Int]]:
+        """Return the vertices of cells that rays come by first, and the steps to the others.
+
+        In a hole those of any cell: their values are multiplied by a length of zero, but must be
+        there.
+        """
+        number = cell.number
+        if self.holes:
+            number = dr.select(self.lookup.is_cell(cell), number, 0)
+        base, strides = self.grid.vertex_numbers.of(number, active, self.backend)
+        signed = []
+        for stride, flip in zip(strides, track.way.flip, strict=True):
+            base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it
+            signed.append((stride ^ flip) - flip)
+        return base, signed
+
+    def _entered_is_finer(self, leaving: TreeExit) -> Mask:
+        """Return which rays come to a finer cell than they leave, or come out of a hole."""
+        old, new = (self.lookup.sizes(cell) for cell in (leaving.left, leaving.entered))
+        finer = (new[0] < old[0]) | (new[1] < old[1]) | (new[2] < old[2])
+        if self.holes:
+            finer = finer & self.lookup.is_cell(leaving.entered)
+            finer |= ~self.lookup.is_cell(leaving.left) & self.lookup.is_cell(leaving.entered)
+        return leaving.onward & finer
+
+
+def _select(mask: Mask, first: list[Float], second: list[Float]) -> list[Float]:
+    return [dr.select(mask, a, b) for a, b in zip(first, second, strict=True)]
 
 
 @dataclass
 class TreeRayTrack(TreeTrack):
     """Also the ray: where distances start, and the way per distance, in the volume's unit."""
 
-    origin: list[Any]
-    direction: list[Any]
+    origin: list[Float]
+    direction: list[Float]
 
 
 class TreeChord(StraightChord):
     """A segment through a cell of a tree."""
 
-    def _fractions(self, t: Float) -> list[Any]:
-        mirrored = fractions(self.walk, self.track, self.segment.exit.left, t)
+    def _fractions(self, t: Float) -> list[Float]:
+        mirrored = self.walk.fractions(self.track, self.segment.exit.left, t)
         return [
             dr.select(flip != 0, 1.0 - f, f)
             for f, flip in zip(mirrored, self.track.way.flip, strict=True)
@@ -280,7 +256,7 @@ class HoleLanding:
     moved: Mask
     walk: TreeFieldWalk
 
-    def holds(self, cursor: TreeCursor) -> Any:
+    def holds(self, cursor: TreeCursor) -> Mask:
         """Return the lanes that are in a cell still."""
         return self.walk.lookup.is_cell(cursor.cell)
 
@@ -292,7 +268,7 @@ class TreeFieldWalk(TreeWalk):
     is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
     """
 
-    def __init__(self, grid: Any, tree: Tree, backend: Backend) -> None:
+    def __init__(self, grid: TreeCells, tree: Tree, backend: Backend) -> None:
         super().__init__(grid, tree, backend)
         self.has_gaps = self.holes
 
@@ -305,7 +281,7 @@ class TreeFieldWalk(TreeWalk):
         (there,) = dr.while_loop((cursor,), self._in_hole, step, label="holes")
         return HoleLanding(there, moved, self)
 
-    def _in_hole(self, cursor: TreeCursor) -> Any:
+    def _in_hole(self, cursor: TreeCursor) -> Mask:
         return cursor.inside & ~self.lookup.is_cell(cursor.cell)
 
     def enter(self, ray: Ray) -> tuple[TreeRayTrack, TreeCursor]:

@@ -13,8 +13,7 @@ import numpy as np
 from ...backend import Backend, dr, from_host
 from ...backend.types import Int, Mask
 from ...errors import InputError
-from ...grids.cartesian.coarse_walk import CoarseChord, padded_count
-from ...grids.cartesian.dual_walk import Chord
+from ...grids.cartesian.dual_walk import Chord, CoarseChord, padded_count
 from ...grids.curvilinear.field_walk import dual_values
 from ...grids.straight_chord import trilinear
 from ...memory import check_memory, fits

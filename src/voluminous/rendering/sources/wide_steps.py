@@ -20,7 +20,7 @@ from ...backend import dr, from_host
 from ...backend.types import Float, Int, Mask
 from ...expressions import Expression
 from ...expressions.interval import Interval
-from ...grids.cartesian.coarse_walk import WIDEST
+from ...grids.cartesian.dual_walk import WIDEST
 from ...grids.cartesian.leap import BITS
 from ...media.context import Context
 from ...media.contract import Medium
