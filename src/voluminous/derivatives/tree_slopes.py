@@ -109,20 +109,10 @@ class Neighbour:
 
 
 class CellSlopes:
-    """Computes derivatives, per length of the grid's scale.
+    """Computes derivatives, per length of the grid's scale, in double precision.
 
-    Parameters
-    ----------
-    grid : TreeCells or RefinedCells
-    fields : sequence of arrays
-        Each for all cells, in any precision. Second derivatives are those of the first.
-    backend : Backend
-        Selects the device; computations are in double precision.
-    boxes : Boxes, optional
-        Boxes of all cells (`grids.trees.vertices`), if already computed.
-    own : bool, optional
-        Differentiate with respect to the coordinates of refined curvilinear grids, rather than to
-        lengths along their directions at each cell.
+    Second derivatives are those of the first of its fields. With `own` they are with respect to the
+    coordinates of refined curvilinear grids, not to lengths along their directions at each cell.
     """
 
     def __init__(
@@ -136,7 +126,7 @@ class CellSlopes:
         self.grid, self.fields, self.boxes = grid, fields, boxes
         self.backend = backend = backend.with_precision("double")
         self.around = (grid.surroundings if own else grid.neighbourhood)(backend)
-        self.spacing = self.around.spacing(grid, backend)
+        self.spacing = self.around.spacing(backend)
         # For each face and axis: 1 or -1 normal to the face, 0 along it.
         sense = np.array([s * np.eye(3)[a] for a in range(3) for s in (-1, 1)])
         # For each face and axis: 1 if the first (second) offset of `_SIDES` is along the axis.
@@ -479,12 +469,6 @@ def is_tree(grid: Grid) -> bool:
 
 class BoxesOfTree:
     """Counterpart of `neighbours.NeighbourDifferences` for grids that satisfy `is_tree`.
-
-    Parameters
-    ----------
-    grid : TreeCells or RefinedCells
-    evaluate : callable
-        Returns the values to differentiate, for the cells between two numbers.
 
     Attributes
     ----------

@@ -1,4 +1,7 @@
-"""The families of surfaces: spheres, cylinders, cones, half planes and planes."""
+"""The families of surfaces: spheres, cylinders, cones, half planes and planes.
+
+They are made of the walls of cells: lengths in units of the grid's scale, angles in radian.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +37,6 @@ class Round(TurningPoint):
     """Surfaces of constant radius.
 
     Inside the innermost one, unless that has no radius at all, is a cavity: no cell.
-
-    Parameters
-    ----------
-    edges : array
-        Radii of the cells' walls, in units of the grid's scale.
     """
 
     encloses = True
@@ -224,13 +222,6 @@ class Cones(TurningPoint):
         t = b (u c ∓ h s)/(h c ± u s),    s = sqrt(μ² - c²),
 
     if the denominator, ``μ² cos ψ``, is positive: else before the ray began, or never.
-
-    Parameters
-    ----------
-    edges : array
-        Angles of the cells' walls from the axis.
-    mirrored : bool
-        The last edge is the midplane, and the cells are mirrored below it.
     """
 
     def __init__(self, edges: np.ndarray, mirrored: bool, backend: Backend) -> None:
@@ -372,11 +363,6 @@ class HalfPlanes(Running):
 
     A ray could meet all walls of a wedge, or all but those of a wide cell, and would come to the
     first one again. A half plane through whatever is wider than half a circle stands in between.
-
-    Parameters
-    ----------
-    edges : array
-        Azimuths of the cells' walls.
     """
 
     def __init__(self, edges: np.ndarray, backend: Backend) -> None:
@@ -523,13 +509,7 @@ class PlaneTrack:
 
 
 class Planes(Running):
-    """Planes across the axis.
-
-    Parameters
-    ----------
-    edges : array
-        Heights of the cells' walls, in units of the grid's scale.
-    """
+    """Planes across the axis."""
 
     encloses = True
 

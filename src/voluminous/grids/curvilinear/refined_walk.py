@@ -56,13 +56,7 @@ class RefinedExit(SurfaceExit):
 
 
 class RefinedWalk(CurvilinearWalk):
-    """Rays through a refined spherical or cylindrical grid.
-
-    Parameters
-    ----------
-    edges : three arrays
-        Walls of the evenly refined grid.
-    """
+    """Rays through a refined spherical or cylindrical grid."""
 
     grid: RefinedCells
 

@@ -223,17 +223,6 @@ class RunningTrack:
 class Surfaces:
     """What all families share; `track` is a `TurningTrack` or a `RunningTrack`.
 
-    Parameters
-    ----------
-    table : array, shape (entries, 2)
-        The numbers (c, v) of each wall; mirrored walls may follow.
-    walls : int
-        Number of walls.
-    edges : array
-        Walls of the cells that hold data.
-    backend : Backend
-        Device and precision.
-
     Attributes
     ----------
     has_gaps : bool

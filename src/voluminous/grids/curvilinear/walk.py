@@ -114,14 +114,6 @@ class CurvilinearWalk(Walk):
     The lanes of a vector do that together: when one comes to a gap, it waits until the others have
     come to one, or are out (when each did at once, discs took a tenth longer).
 
-    Parameters
-    ----------
-    grid : CurvilinearGrid
-    edges : three arrays
-        Walls of the cells that rays walk through: the grid's own, or those of dual or finest cells.
-    stepped : bool
-        Segments may end inside cells where they turn too far: in RADMC-3D's sub-steps.
-
     Attributes
     ----------
     families : list of Surfaces

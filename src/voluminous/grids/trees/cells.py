@@ -60,7 +60,7 @@ class LeafGrid(Grid):
     def surroundings(self, backend: Backend) -> Surroundings:
         """Return what finds the cells around vertices in kernels, in double precision."""
         double = backend.with_precision("double")
-        return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
+        return self.on_device(double, "surroundings", lambda: Surroundings(self, double))
 
     def neighbourhood(self, backend: Backend) -> Surroundings:
         return self.surroundings(backend)

@@ -223,14 +223,6 @@ class TreeLookup:
     Rays through a tree wait for one look-up after the other, so what counts is how long the chain
     from one to the next is, not how much is computed beside it.
 
-    Parameters
-    ----------
-    tree : Tree
-    backend : Backend
-    stretches : sequence of three (int or None)
-        Sizes in finest units of the stretches that holes are not to reach beyond; None where they
-        may.
-
     Attributes
     ----------
     top : list of three arrays

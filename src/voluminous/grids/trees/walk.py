@@ -81,15 +81,7 @@ class TreeExit:
 
 
 class TreeWalk(BoxWalk):
-    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`.
-
-    Parameters
-    ----------
-    grid : TreeCells
-    tree : Tree
-        The grid's own, or one with more holes.
-    backend : Backend
-    """
+    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`."""
 
     def __init__(self, grid: TreeCells, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
