@@ -55,13 +55,9 @@ _CHUNK = 1 << 18
 class FaceSums:
     """Loop state: sums over the faces of cells, and the next face.
 
-    Attributes
-    ----------
-    matrix : list of six arrays
-    right : list of lists of three arrays
-        The symmetric matrix of the least-squares fit, and the right side for each field.
-    alone, aside : arrays of Bool
-        Whether a face has no neighbour; whether a neighbour's centre is off the axis.
+    `matrix`; `right`: the symmetric matrix of the least-squares fit, and the right side for each
+    field; `alone`, `aside`: whether a face has no neighbour; whether a neighbour's centre is off
+    the axis.
     """
 
     face: Int
@@ -84,16 +80,9 @@ class TreeCellsPart:
 class Neighbour:
     """One neighbour of each cell of a part.
 
-    Attributes
-    ----------
-    way, shift : lists of three arrays
-        Vector between the centres, along the axes, in lengths and in finest units.
-    rises : list of arrays
-        Difference of the values of each field.
-    there : array of Bool
-        Whether the neighbour exists.
-    number : array of UInt
-        Flat number of the neighbour.
+    `way`, `shift`: vector between the centres, along the axes, in lengths and in finest units;
+    `rises`: difference of the values of each field; `there`: whether the neighbour exists;
+    `number`: flat number of the neighbour.
     """
 
     way: list[Float]
@@ -470,9 +459,7 @@ def is_tree(grid: Grid) -> bool:
 class BoxesOfTree:
     """Counterpart of `neighbours.NeighbourDifferences` for grids that satisfy `is_tree`.
 
-    Attributes
-    ----------
-    values : array, shape (N,)
+    `values` (N,).
     """
 
     def __init__(self, grid: Grid, evaluate: Callable[[int, int], np.ndarray]) -> None:

@@ -69,10 +69,7 @@ class VertexBoxes:
 class Surroundings:
     """Finds the cells in the eight octants around vertices.
 
-    Attributes
-    ----------
-    alike : sequence of bool
-        Along which axes all is symmetric: beyond a cell there is nothing else.
+    `alike`: along which axes all is symmetric: beyond a cell there is nothing else.
     """
 
     alike: Sequence[bool] = (False, False, False)
@@ -140,13 +137,9 @@ class Lattices(Protocol):
 class VertexNumbers:
     """The numbers of the vertices of all cells.
 
-    Attributes
-    ----------
-    cells : array of uint32, shape (n, 2)
-        Per cell the number of its lower corner, and the strides to the others, packed.
-    first : array of int64, shape (m + 1,)
-        Number of the first point of each lattice, and how many points there are.
-    lattices : Lattices
+    `cells` (n, 2): per cell the number of its lower corner, and the strides to the others, packed;
+    `first` (m + 1,): number of the first point of each lattice, and how many points there are;
+    `lattices`.
     """
 
     cells: np.ndarray
