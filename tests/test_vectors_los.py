@@ -200,19 +200,6 @@ def test_lines_of_sight_of_an_unfolded_disc_converge_in_second_order():
     assert errors[2] < 5e-3
 
 
-def test_cells_in_place_of_those_around():
-    star = vm.Volume(AXISYMMETRIC["radial"], rho="r", v_r="r")
-    whole = star.unfolded(phi=16)
-    assert whole.grid.shape == (8, 8, 16)
-    assert star.unfolded(phi=16, theta=5).grid.shape == (8, 5, 16)
-    assert star.unfolded(theta=6).grid.shape == (8, 6, 12)
-    volumes = whole.grid.cell_volumes.sum(axis=(1, 2))
-    np.testing.assert_allclose(volumes, star.grid.cell_volumes.sum(axis=(1, 2)))
-    np.testing.assert_array_equal(whole.array("rho")[:, 3, 5], star.array("rho")[:, 0, 0])
-    half = vm.SphericalGrid([1.0, 2.0], [0.5, np.pi / 2], mirror=True)
-    assert vm.Volume(half, rho="r").unfolded(phi=8).grid.shape == (1, 2, 8)
-
-
 @pytest.mark.parametrize(
     ("grid", "fields", "asked", "message"),
     [

@@ -5,19 +5,19 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-# What sealed arrays are told apart by.
+# Each sealed array gets another number.
 _NUMBERS = itertools.count()
 
 
 def seal(array: np.ndarray) -> bool:
-    """Make an array read-only, and what it is a view of; False if its memory is another's.
+    """Make an array and its bases read-only; False if it does not own its memory.
 
-    Such as that of a file that is mapped: it changes with the file.
+    The memory of a mapped file, for example, changes with the file.
     """
     chain = [array]
     while isinstance(chain[-1].base, np.ndarray):
@@ -32,16 +32,14 @@ def seal(array: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class Deferred:
-    """A field that is known, but not read yet: ``volume["density"] = Deferred(read, "f4")``.
+    """A field that is not read yet: ``volume["density"] = Deferred(read, "f4")``.
 
     Attributes
     ----------
     load : callable
-        Returns the values, as they could be given to the volume.
+        Returns the values as plain numbers.
     dtype : dtype
-        What they are.
     unit : str or unit, optional
-        Their unit; `load` returns plain numbers.
     mapped : bool
         True if the values stay in the file, and are brought into memory page by page.
     """
@@ -52,26 +50,37 @@ class Deferred:
     mapped: bool = False
 
 
-class Fields(MutableMapping[str, np.ndarray]):
-    """Arrays by name; those that were deferred are read when they are asked for.
+@dataclass
+class _Field:
+    """One array, or how it is read; `sealed` is its number if it cannot change."""
 
-    Arrays that nobody else has are *sealed*: read-only, so that their contents need not be looked
-    at to know whether they have changed.
+    dtype: np.dtype[Any]
+    array: np.ndarray | None = None
+    load: Callable[[], np.ndarray] | None = None
+    mapped: bool = False
+    owned: bool = False
+    sealed: int | None = None
+
+    def own(self) -> None:
+        self.owned = True
+        if self.array is not None and seal(self.array):
+            self.sealed = next(_NUMBERS)
+
+
+class Fields(MutableMapping[str, np.ndarray]):
+    """Arrays by name; deferred ones are read at first use.
+
+    Arrays that no other code holds are *sealed*: read-only, so that their contents need not be
+    hashed to know whether they have changed.
     """
 
     def __init__(self) -> None:
-        self._known: dict[str, np.ndarray | Callable[[], np.ndarray]] = {}
-        self._own: set[str] = set()
-        self._sealed: dict[str, int] = {}
-        self._types: dict[str, np.dtype[Any]] = {}
-        self._mapped: set[str] = set()
+        self._fields: dict[str, _Field] = {}
         self._reading: Callable[[], AbstractContextManager[None]] = nullcontext
 
     def defer(self, name: str, load: Callable[[], np.ndarray], what: Deferred) -> None:
         """Keep how an array is read, in place of the array."""
-        self._known[name], self._types[name] = load, np.dtype(what.dtype)
-        (self._mapped.add if what.mapped else self._mapped.discard)(name)
-        self._let_go(name)
+        self._fields[name] = _Field(np.dtype(what.dtype), load=load, mapped=what.mapped)
 
     def guard(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
         """Read within a context that explains errors."""
@@ -80,64 +89,55 @@ class Fields(MutableMapping[str, np.ndarray]):
     @property
     def waiting(self) -> tuple[str, ...]:
         """Names of the fields that are not read yet."""
-        return tuple(name for name, held in self._known.items() if callable(held))
+        return tuple(name for name, field in self._fields.items() if field.array is None)
 
     def bytes_waiting(self, cells: int) -> int:
         """Return the memory that reading all that is waiting takes."""
-        names = [name for name in self.waiting if name not in self._mapped]
-        return sum(cells * self._types[name].itemsize for name in names)
+        fields = [self._fields[name] for name in self.waiting]
+        return sum(cells * field.dtype.itemsize for field in fields if not field.mapped)
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """Return the type of a field without reading it."""
-        return self._types[name]
+        return self._fields[name].dtype
 
     def __copy__(self) -> Fields:
-        """Return fields of their own: what is read of one is not known to the other."""
+        """Return independent fields: what is read of one is not known to the other."""
         other = Fields()
-        other._known, other._types = dict(self._known), dict(self._types)
-        other._own, other._sealed = set(self._own), dict(self._sealed)
-        other._mapped, other._reading = set(self._mapped), self._reading
+        other._fields = {name: replace(field) for name, field in self._fields.items()}
+        other._reading = self._reading
         return other
 
     def __getitem__(self, name: str) -> np.ndarray:
-        held = self._known[name]
-        if callable(held):
+        field = self._fields[name]
+        if field.array is None:
+            assert field.load is not None
             with self._reading():
-                held = held()
-            self._known[name], self._types[name] = held, held.dtype
-            if name in self._own:
-                self.own(name)
-        return held
+                field.array = field.load()
+            field.dtype, field.load = field.array.dtype, None
+            if field.owned:
+                field.own()
+        return field.array
 
     def __setitem__(self, name: str, array: np.ndarray) -> None:
-        self._known[name], self._types[name] = array, array.dtype
-        self._let_go(name)
+        self._fields[name] = _Field(array.dtype, array)
 
     def __delitem__(self, name: str) -> None:
-        del self._known[name], self._types[name]
-        self._let_go(name)
-
-    def _let_go(self, name: str) -> None:
-        self._own.discard(name)
-        self._sealed.pop(name, None)
+        del self._fields[name]
 
     def own(self, *names: str) -> None:
-        """Say that nobody else has some arrays, or will have them once they are read."""
+        """Declare that no other code holds some arrays, or will hold them once they are read."""
         for name in names:
-            self._own.add(name)
-            held = self._known[name]
-            if not callable(held) and seal(held):
-                self._sealed[name] = next(_NUMBERS)
+            self._fields[name].own()
 
     def sealed(self, name: str) -> int | None:
         """Return a number that no other array has, if a field cannot change; None if it can."""
-        return self._sealed.get(name)
+        return self._fields[name].sealed
 
     def __contains__(self, name: object) -> bool:
-        return name in self._known  # looking for a name reads nothing
+        return name in self._fields  # reads nothing
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
+        return iter(self._fields)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._fields)

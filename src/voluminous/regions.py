@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .units import as_given, is_quantity, plain, unit_of
+from .units import Unit, as_given, degrees, is_quantity, plain, unit_of
 from .value import Value
 
 
 class Region(Value):
     """A part of space. Regions combine with ``&`` (both), ``|`` (either) and ``~`` (outside)."""
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         """Return which points are inside.
 
         Parameters
@@ -32,11 +32,11 @@ class Region(Value):
         """
         raise NotImplementedError
 
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return how far outside points are at least; negative inside: at least how deep.
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
+        """Return a lower bound of the distance outside; inside minus one of the depth.
 
-        Cells that are larger than a region, or a part of it, are found by it. Without this method
-        a region is looked for at the cells' corners and middles.
+        It finds cells that are larger than a region, or a part of it. Without this method only the
+        corners and centres of cells are tested.
 
         Parameters
         ----------
@@ -60,37 +60,38 @@ class Region(Value):
 
 
 class _Combined(Region):
-    def __init__(self, rule: Any, farther: Any, first: Region, second: Region) -> None:
+    def __init__(self, both: np.ufunc, farther: np.ufunc, first: Region, second: Region) -> None:
         for part in (first, second):
             if not isinstance(part, Region):
                 raise InputError(f"a region combines with another region, got {part!r}")
-        self.rule, self.farther, self.first, self.second = rule, farther, first, second
+        self.both, self.farther, self.parts = both, farther, (first, second)
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        found: np.ndarray = self.rule(
-            self.first.inside(points, unit), self.second.inside(points, unit)
-        )
-        return found
+    def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
+        return np.asarray(self.both(*(part.inside(points, unit) for part in self.parts)))
 
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        found: np.ndarray = self.farther(
-            self.first.beyond(points, unit), self.second.beyond(points, unit)
-        )
-        return found
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
+        return np.asarray(self.farther(*(part.beyond(points, unit) for part in self.parts)))
 
 
 class _Outside(Region):
     def __init__(self, region: Region) -> None:
         self.region = region
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return ~self.region.inside(points, unit)
 
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return -self.region.beyond(points, unit)
 
 
-class Box(Region):
+class _Solid(Region):
+    """Base of regions with a `beyond` of their own."""
+
+    def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
+        return self.beyond(points, unit) <= 0.0
+
+
+class Box(_Solid):
     """What is between two corners.
 
     Parameters
@@ -103,7 +104,7 @@ class Box(Region):
         if _alike(low, high):  # else it depends on the volume's unit
             self._corners(unit_of(low))
 
-    def _corners(self, unit: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _corners(self, unit: Unit) -> tuple[np.ndarray, np.ndarray]:
         low, high = plain(self.low, unit, "low"), plain(self.high, unit, "high")
         if not np.all(low < high):
             raise InputError(
@@ -111,16 +112,12 @@ class Box(Region):
             )
         return low, high
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        low, high = (corner[:, None] for corner in self._corners(unit))
-        return np.all((points >= low) & (points <= high), axis=0)
-
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         low, high = (corner[:, None] for corner in self._corners(unit))
         return np.asarray(np.maximum(low - points, points - high).max(axis=0))
 
 
-class Sphere(Region):
+class Sphere(_Solid):
     """What is within a distance of a point.
 
     Parameters
@@ -132,17 +129,12 @@ class Sphere(Region):
     def __init__(self, center: Any, radius: Any) -> None:
         self.center, self.radius = _point(center, "center"), _length(radius, "radius")
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        away = points - plain(self.center, unit, "center")[:, None]
-        limit = plain(self.radius, unit, "radius")
-        return np.asarray(np.einsum("an,an->n", away, away) <= limit**2)
-
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         away = points - plain(self.center, unit, "center")[:, None]
         return np.asarray(np.linalg.norm(away, axis=0) - plain(self.radius, unit, "radius"))
 
 
-class Cylinder(Region):
+class Cylinder(_Solid):
     """What is within a distance of a line between two points.
 
     Parameters
@@ -158,26 +150,20 @@ class Cylinder(Region):
         if _alike(start, end):  # else it depends on the volume's unit
             self._ends(unit_of(start))
 
-    def _ends(self, unit: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _ends(self, unit: Unit) -> tuple[np.ndarray, np.ndarray]:
         start, end = plain(self.start, unit, "start"), plain(self.end, unit, "end")
         if np.array_equal(start, end):
             raise InputError(f"start and end of a cylinder must differ, got {self.start} twice")
         return start, end
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        start, end = self._ends(unit)
-        height, across = _along(points, start, end - start)
-        between = (height >= 0) & (height <= np.linalg.norm(end - start))
-        return between & (across <= plain(self.radius, unit, "radius"))
-
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         start, end = self._ends(unit)
         height, across = _along(points, start, end - start)
         above = np.maximum(-height, height - np.linalg.norm(end - start))
         return np.asarray(np.maximum(above, across - plain(self.radius, unit, "radius")))
 
 
-class DoubleCone(Region):
+class DoubleCone(_Solid):
     """Two cones with one apex: the lobes of an outflow.
 
     Parameters
@@ -196,8 +182,6 @@ class DoubleCone(Region):
     def __init__(
         self, apex: Any, axis: Any, opening: Any, height: Any = None, side: str = "both"
     ) -> None:
-        from .units import degrees
-
         self.apex, self.axis = _point(apex, "apex"), plain(_point(axis, "axis"), None, "axis")
         self.opening = degrees(opening, "opening")
         self.height = None if height is None else _length(height, "height")
@@ -209,24 +193,14 @@ class DoubleCone(Region):
             raise InputError(f"side must be 'both', 'up' or 'down', got {side!r}")
         self.side = side
 
-    def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        height, across = _along(points, plain(self.apex, unit, "apex"), self.axis)
-        cosine = np.cos(np.radians(self.opening)) * np.hypot(height, across)
-        found = np.abs(height) >= cosine
-        if self.height is not None:
-            found &= np.abs(height) <= plain(self.height, unit, "height")
-        if self.side != "both":
-            found &= (height >= 0) == (self.side == "up")
-        return np.asarray(found)
-
-    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+    def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         height, across = _along(points, plain(self.apex, unit, "apex"), self.axis)
         height = {"both": np.abs(height), "up": height, "down": -height}[self.side]
         angle = np.radians(self.opening)
-        found = across * np.cos(angle) - height * np.sin(angle)
+        beyond = across * np.cos(angle) - height * np.sin(angle)
         if self.height is not None:
-            found = np.maximum(found, height - plain(self.height, unit, "height"))
-        return np.asarray(found)
+            beyond = np.maximum(beyond, height - plain(self.height, unit, "height"))
+        return np.asarray(beyond)
 
 
 def _along(points: np.ndarray, origin: np.ndarray, axis: np.ndarray) -> tuple[Any, Any]:

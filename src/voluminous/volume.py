@@ -53,9 +53,8 @@ class Volume(Evaluation):
         Names and arrays, as an alternative to keywords (for names that are not Python identifiers).
     **named : array_like or Quantity
         Cell-centred arrays of the grid's shape (index ``[ix, iy, iz]`` of a Cartesian grid, one
-        value per leaf of a tree, one array per patch of patches): float32, float64, integer or
-        boolean, with or without a unit. A vector is three fields ``velocity_x``, ``velocity_y``,
-        ``velocity_z``. Arrays are not copied if they are C-contiguous.
+        value per leaf of a tree, one array per patch): real numbers, with or without a unit. A
+        vector is three fields ``velocity_x``, … Arrays are not copied if they are C-contiguous.
 
     Raises
     ------
@@ -127,10 +126,9 @@ class Volume(Evaluation):
 
     @classmethod
     def from_pyvista(cls, dataset: Any, fields: Any = None, **options: Any) -> Volume:
-        """Return a volume from a PyVista or VTK object.
+        """Return a volume from a PyVista or VTK object; options: ``unit``, ``resolution``.
 
-        For the arguments (options: ``unit``, ``resolution``) and errors see
-        `voluminous.io.vtk.objects.from_pyvista`.
+        For arguments and errors see `voluminous.io.vtk.objects.from_pyvista`.
         """
         volume: Volume = packages.room("io.vtk.objects").from_pyvista(dataset, fields, **options)
         return volume
@@ -149,8 +147,7 @@ class Volume(Evaluation):
     def from_yt(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
         """Return a volume from a yt data set, or from a region of one, on the original cells.
 
-        For the arguments (options: ``unit``, ``units``) and errors see
-        `voluminous.io.yt.from_yt`.
+        For arguments (options: ``unit``, ``units``) and errors see `voluminous.io.yt.from_yt`.
         """
         volume: Volume = packages.room("io.yt").from_yt(data, fields, **options)
         return volume
@@ -189,12 +186,11 @@ class Volume(Evaluation):
         """Return the astropy unit of a field, derivative or coordinate, or None."""
         if name in self._fields:
             return self._units[name]
-        derived = self._derived(name)
-        if derived is not None:
+        if (derived := self._derived(name)) is not None:
             return self._derivatives.unit(self, derived)
-        if name in self.coordinates:
-            return None if is_angle(name) else self.unit
-        return self._units[name]
+        if name not in self.coordinates:
+            raise unknown_name("field", name, self._fields)
+        return None if is_angle(name) else self.unit
 
     def array(self, name: str) -> np.ndarray:
         """Return a field as a plain, read-only view, in its own unit.
@@ -202,10 +198,9 @@ class Volume(Evaluation):
         Parameters
         ----------
         name : str
-            A field; a derivative of fields such as ``gradmag(density)``; or a vector component that
-            follows from others, such as ``velocity_x`` from ``velocity_r``, ``velocity_theta`` and
-            ``velocity_phi``. Computed arrays are cached until one of their fields is set, or
-            `refresh` detects a change.
+            A field; a derivative such as ``gradmag(density)``; or a vector component that follows
+            from others, such as ``velocity_x`` from those along r, θ and φ. Computed arrays are
+            cached until one of their fields is set, or `refresh` detects a change.
 
         Raises
         ------
@@ -214,8 +209,7 @@ class Volume(Evaluation):
         InputError
             If it is a component along the line of sight and no camera is set; see `seen_by`.
         """
-        derived = self._derived(name)
-        if derived is None:
+        if (derived := self._derived(name)) is None:
             self._check_field(name)
             view = self._fields[name].view()
         else:
@@ -233,25 +227,20 @@ class Volume(Evaluation):
 
     def given(self, names: Iterable[str]) -> set[str]:
         """Return the fields that these names refer to, directly or through derived fields."""
-        found: set[str] = set()
+        fields: set[str] = set()
         for name in names:
-            derived = self._derived(name)
-            if derived is None:
-                found |= {name} & self._fields.keys()
-            else:
-                found |= self.given(n for a in derived.arguments for n in required_names(a))
-        return found
+            if (derived := self._derived(name)) is not None:
+                fields |= self.given(_needed(derived))
+            elif name in self._fields:
+                fields.add(name)
+        return fields
 
     def _check_field(self, name: str) -> None:
         if name not in self._fields:
             raise unknown_name("field", name, self._fields)
 
     def refresh(self) -> None:
-        """Drop cached derivatives of arrays that were changed in place.
-
-        `evaluate` and indexing call this method. It reads all fields that have cached
-        derivatives.
-        """
+        """Drop cached derivatives of arrays that were changed in place, as `evaluate` does."""
         self._derivatives.refresh(self)
 
     def __getitem__(self, name: str) -> Any:
@@ -263,34 +252,28 @@ class Volume(Evaluation):
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
-        name = checked_name(name, self.coordinates)
+        name, fields = checked_name(name, self.coordinates), self._fields
         if isinstance(value, (str, Expression)):
             expression, unit = self.resolved(Expression(value))
             array = self.evaluate(expression)
-            given = [self.array(n) for n in expression.names if n in self]
-            self._keep(name, array, unit)
-            if not any(np.may_share_memory(array, other) for other in given):
-                self._fields.own(name)
-            return
+            used = [self.array(n) for n in expression.names if n in self]
+            fields[name] = checked_array(name, array, self.grid)
+            if not any(np.may_share_memory(array, other) for other in used):
+                fields.own(name)
         elif isinstance(value, Deferred):
+            unit = parse_unit(value.unit)
             self._defer(name, value)
-            return
         else:
             check_order(name, value)
             values, unit = split_unit(without_mask(value))
-            array = packed(name, values, self.grid)
-        self._keep(name, array, unit)
-
-    def _keep(self, name: str, array: np.ndarray, unit: Any) -> None:
-        self._fields[name] = checked_array(name, array, self.grid)
+            fields[name] = checked_array(name, packed(name, values, self.grid), self.grid)
         self._units[name] = unit
         self._forget(name)
 
     def own(self) -> None:
-        """Declare that no other code holds the arrays: fields change only by assignment.
+        """Declare that no other code holds the arrays, as for volumes read from files.
 
-        Used for volumes read from files. Rendering then skips the search for changes in place
-        (512³ numbers: 20 ms of 60).
+        Rendering then skips the search for changes in place (512³ numbers: 20 ms of 60).
         """
         self._fields.own(*self._fields)
 
@@ -301,27 +284,18 @@ class Volume(Evaluation):
         return digest(array) if number is None else b"sealed %d" % number
 
     def _defer(self, name: str, value: Deferred) -> None:
-        def check() -> None:
-            size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
-            advice = "make a coarser volume of it, or use a machine with more memory"
-            check_memory(size, f"reading {name!r}", advice)
+        size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
+        advice = "make a coarser volume of it, or use a machine with more memory"
 
         def load() -> np.ndarray:
-            check()
+            check_memory(size, f"reading {name!r}", advice)
             return checked_array(name, self.grid.pack(value.load()), self.grid)
 
-        check()  # refuse fields that do not fit in memory at once
+        check_memory(size, f"reading {name!r}", advice)
         self._fields.defer(name, load, value)
-        self._units[name] = parse_unit(value.unit)
-        self._forget(name)
 
     def load(self, *names: str) -> Volume:
-        """Read deferred fields now rather than at first use; by default all.
-
-        Returns
-        -------
-        Volume
-            This volume.
+        """Read deferred fields now, by default all; return this volume.
 
         Raises
         ------
@@ -373,11 +347,9 @@ class Volume(Evaluation):
 
     def __contains__(self, name: object) -> bool:
         """Return True for fields, and for fields derived from fields and coordinates."""
-        derived = self._derived(name) if isinstance(name, str) else None
-        if derived is None:
+        if not isinstance(name, str) or (derived := self._derived(name)) is None:
             return name in self._fields
-        needed = {n for a in derived.arguments for n in required_names(a)}
-        return all(n in self.coordinates or n in self for n in needed)
+        return all(n in self.coordinates or n in self for n in _needed(derived))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._fields)
@@ -386,10 +358,7 @@ class Volume(Evaluation):
         return len(self._fields)
 
     def seen_by(self, camera: Any) -> Volume:
-        """Return the volume with a camera's lines of sight, for expressions with ``los(v)``.
-
-        The result shares the fields and caches of this volume. `render` calls this method.
-        """
+        """Return the volume with a camera's lines of sight, for ``los(v)``; it shares caches."""
         seen = copy.copy(self)
         seen.sight = LinesOfSight(self.grid, camera)
         return seen
@@ -414,7 +383,7 @@ class Volume(Evaluation):
         Parameters
         ----------
         path : str or Path
-            Of the file; a directory for formats that consist of several files.
+            A directory for formats that consist of several files.
         format : str, optional
             Name of the format, if it does not follow from the suffix.
         **options
@@ -466,8 +435,7 @@ class Volume(Evaluation):
         -------
         Volume
             Fields that were float32 remain so, others become float64. `meta` is copied; the
-            orientation of scans (``meta["direction"]``) only if the new grid has the same centre,
-            about which scans are rotated.
+            orientation of scans (``meta["direction"]``) only if the new grid has the same centre.
 
         Raises
         ------
@@ -480,10 +448,9 @@ class Volume(Evaluation):
 
         Notes
         -----
-        Between grids whose cells are boxes (Cartesian, octrees, patches) the overlap volumes are
-        computed exactly: Σ f V is conserved to rounding. To and from spherical and cylindrical
-        grids they are estimated with ``samples**3`` points in each of the smaller cells; a constant
-        stays constant, and Σ f V is conserved to the error of that estimate.
+        Between grids whose cells are boxes (Cartesian, octrees, patches) overlap volumes are exact:
+        Σ f V is conserved to rounding. To and from other grids they are estimated with
+        ``samples**3`` points in each of the smaller cells; a constant stays constant.
         """
         return resampled_volume(self, grid, fields, fill, samples)
 
@@ -492,17 +459,15 @@ class Volume(Evaluation):
 
         A spherical grid made with ``mirror=True`` gets both halves. Each cell that goes all around
         the axis becomes `phi` cells. Lines of sight, ``los("velocity")``, are then defined
-        everywhere.
-
-        Vectors below the midplane are the mirror images of those above: their components along θ,
-        or z, change sign.
+        everywhere. Vectors below the midplane are the mirror images of those above: their
+        components along θ, or z, change sign. (A magnetic field is an axial vector: change the sign
+        of its three components below the midplane afterwards.)
 
         Parameters
         ----------
         phi : int, optional
-            Cells in azimuth, for a grid whose cells go all around. The line of sight of a cell is
-            that to its centre: with 64 cells its error is at most 0.05 radian, or 0.001 if it is
-            interpolated between cells (``scheme="post-classified"``).
+            Cells in azimuth, for a grid whose cells go all around. With 64 cells the error of lines
+            of sight, to the centres of cells, is at most 0.05 radian, or 0.001 if interpolated.
         theta : int, optional
             Cells from pole to pole, for a grid with one; half of `phi` by default.
 
@@ -518,12 +483,6 @@ class Volume(Evaluation):
             and y in such cells.
         MemoryNeededError
             If there is not enough memory.
-
-        Notes
-        -----
-        All vectors are mirrored like velocities. A magnetic field (an axial vector) is mirrored
-        with the opposite sign: change the sign of its three components below the midplane
-        afterwards.
 
         Examples
         --------
@@ -564,8 +523,8 @@ class Volume(Evaluation):
         center : three floats or Quantity, optional
             Centre of the picture, projected onto the plane; by default the volume's centre.
         up : three floats, optional
-            Upward direction. By default z; for a normal along an axis the axes are cyclic: y to the
-            right and z up for x, z and x for y, x and y for z.
+            Upward direction. By default z; for a normal along x, y is to the right and z up, and
+            so on, cyclically.
         resolution : int or (int, int)
             Pixels along the longer side, or (nx, ny).
         camera : camera, optional
@@ -615,8 +574,8 @@ class Volume(Evaluation):
         -------
         table
             Columns ``cell`` (flat number), the centre in ``x, y, z`` and in the grid's coordinates,
-            ``size_x`` … (widths along the grid's coordinates, as lengths), ``volume``, ``level``,
-            and the fields; a field with one of these names gets a ``_`` appended.
+            ``size_x`` … (widths along these, as lengths), ``volume``, ``level``, and the fields; a
+            field with one of these names gets a ``_`` appended.
         """
         return table_of_cells(self, fields, where, kind)
 
@@ -631,11 +590,9 @@ class Volume(Evaluation):
         }
 
     def __repr__(self) -> str:
-        listed = ", ".join(
-            f"{name} ({' '.join((str(told['dtype']), told['unit'])).strip()})"
-            for name, told in self.describe()["fields"].items()
-        )
-        return f"<Volume on {self.grid!r}: {listed or 'no fields'}>"
+        fields = self.describe()["fields"].items()
+        listed = (f"{name} ({f['dtype']} {f['unit']}".strip() + ")" for name, f in fields)
+        return f"<Volume on {self.grid!r}: {', '.join(listed) or 'no fields'}>"
 
     def _repr_html_(self) -> str:
         from .regrid.thumbnail import volume_html
@@ -647,3 +604,7 @@ class Volume(Evaluation):
 
         name = shown_field(self)
         return None if name is None else slices_png(self, name)
+
+
+def _needed(derived: DerivedField) -> set[str]:
+    return {name for argument in derived.arguments for name in required_names(argument)}

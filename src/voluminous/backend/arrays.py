@@ -10,13 +10,13 @@ import numpy as np
 from .jit import dr
 
 if TYPE_CHECKING:
-    from .types import Float
+    from numpy.typing import ArrayLike
 
 # Vectors are loaded from addresses that are multiples of this many bytes.
 _ALIGNMENT = 128
 
 
-def from_host(kind: Any, values: Float) -> Any:
+def from_host(kind: Any, values: ArrayLike) -> Any:
     """Return numbers as a device array.
 
     Dr.Jit uses NumPy's memory in place, and compiles into a kernel whether vectors in it are
@@ -24,7 +24,8 @@ def from_host(kind: Any, values: Float) -> Any:
     2000 ms (of the 4 kernels of a first picture, a second run reused 2 from the cache on disk, now
     all), and adjacent numbers were gathered together only if they happened to be aligned.
     """
-    return kind(aligned(np.ascontiguousarray(values, dtype=_DTYPES[dr.type_v(kind)])))
+    dtype = np.dtype(dr.type_v(kind).name.lower())
+    return kind(aligned(np.ascontiguousarray(values, dtype)))
 
 
 def aligned(values: np.ndarray) -> np.ndarray:
@@ -41,17 +42,6 @@ def aligned(values: np.ndarray) -> np.ndarray:
     copy: np.ndarray = room[first : first + values.nbytes].view(values.dtype).reshape(values.shape)
     copy[...] = values
     return copy
-
-
-_DTYPES: dict[Any, Any] = {
-    dr.VarType.Bool: np.bool_,
-    dr.VarType.Int32: np.int32,
-    dr.VarType.UInt32: np.uint32,
-    dr.VarType.Int64: np.int64,
-    dr.VarType.UInt64: np.uint64,
-    dr.VarType.Float32: np.float32,
-    dr.VarType.Float64: np.float64,
-}
 
 
 def clone_inputs(tree: Any) -> Any:

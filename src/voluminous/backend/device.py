@@ -15,23 +15,6 @@ from ..llvm import OLDEST_LLVM, VARIABLE, WHEEL
 from .jit import dr, missing_llvm
 
 
-def check_llvm() -> None:
-    """Refuse an LLVM too old to be trusted; call once the LLVM backend is loaded."""
-    version = llvm_version()
-    if version is None:
-        raise DeviceError(
-            f"Dr.Jit could not load the LLVM library {os.environ.get(VARIABLE)!r}; "
-            f"install another one, or set {VARIABLE}"
-        )
-    if version[0] < OLDEST_LLVM:
-        name = ".".join(map(str, version))
-        raise DeviceError(
-            f"Dr.Jit loaded LLVM {name}, which is too old (it miscompiles or aborts); version "
-            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL} and "
-            "import voluminous before drjit"
-        )
-
-
 def llvm_version() -> tuple[int, int, int] | None:
     """Return the version of the LLVM that Dr.Jit uses, or None if it cannot be loaded."""
     if not dr.has_backend(dr.JitBackend.LLVM):
@@ -139,9 +122,7 @@ def get_backend(
 @functools.cache
 def _backend(device: str, precision: str, derivatives: bool) -> Backend:
     if device == "cpu":
-        if missing_llvm is not None:
-            raise missing_llvm
-        check_llvm()
+        _check_llvm()
     elif not _has(device):
         raise DeviceError(
             f"device {device!r} is not available here; "
@@ -163,6 +144,25 @@ def _backend(device: str, precision: str, derivatives: bool) -> Backend:
         module=module,
         derivatives=derivatives,
     )
+
+
+def _check_llvm() -> None:
+    """Refuse an LLVM that is missing, or too old to be trusted."""
+    if missing_llvm is not None:
+        raise missing_llvm
+    version = llvm_version()
+    if version is None:
+        raise DeviceError(
+            f"Dr.Jit could not load the LLVM library {os.environ.get(VARIABLE)!r}; "
+            f"install another one, or set {VARIABLE}"
+        )
+    if version[0] < OLDEST_LLVM:
+        name = ".".join(map(str, version))
+        raise DeviceError(
+            f"Dr.Jit loaded LLVM {name}, which is too old (it miscompiles or aborts); version "
+            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL} and "
+            "import voluminous before drjit"
+        )
 
 
 def available_devices() -> tuple[str, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from .jit import dr
+from .types import Float, Int, Mask
 
 # Cody & Waite split of ln 2: n·LN2_HIGH is exact for the n that occur, in either precision.
 _LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
@@ -18,25 +19,24 @@ _TERMS = {"single": 7, "double": 14}
 THIN = 0.3466
 
 
-def attenuation(tau: Any) -> tuple[Any, Any]:
+def attenuation(tau: Float) -> tuple[Float, Float]:
     """Return ``exp(-tau)`` and ``(1 - exp(-tau))/tau`` without cancellation.
 
     The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both are
     computed from one polynomial. Where all lanes are thin a branch skips the rest, since the
     division alone takes as long as the polynomial (first order: 29 instead of 34 ms).
     """
-    return dr.if_stmt(
-        args=(tau,), cond=dr.abs(tau) <= THIN, true_fn=thin_attenuation, false_fn=any_attenuation
-    )
+    size: Float = dr.abs(tau)
+    return dr.if_stmt((tau,), size <= THIN, thin_attenuation, any_attenuation)
 
 
-def thin_attenuation(tau: Any) -> tuple[Any, Any]:
+def thin_attenuation(tau: Float) -> tuple[Float, Float]:
     """Return both for depths up to `THIN`."""
     mean = _mean_transparency_near_zero(tau, _TERMS[precision_of(type(tau))])
     return dr.fma(-tau, mean, 1.0), mean
 
 
-def any_attenuation(tau: Any) -> tuple[Any, Any]:
+def any_attenuation(tau: Float) -> tuple[Float, Float]:
     """Return both for any depth, without a branch.
 
     ``tau = n ln 2 + r`` with ``|r| <= ln(2)/2`` (Cody & Waite 1980, section 6.2), so
@@ -55,14 +55,14 @@ def any_attenuation(tau: Any) -> tuple[Any, Any]:
     return theta, dr.select(n == 0, mean, lost / tau)
 
 
-def _mean_transparency_near_zero(r: Any, terms: int) -> Any:
+def _mean_transparency_near_zero(r: Float, terms: int) -> Float:
     coefficients = [1.0]
     for k in range(2, terms + 1):
         coefficients.append(-coefficients[-1] / k)
     return polynomial(r, coefficients)
 
 
-def horner(x: Any, coefficients: Sequence[Any]) -> Any:
+def horner(x: Float, coefficients: Sequence[Any]) -> Float:
     """Return a polynomial in x, lowest power first; its coefficients may be arrays."""
     total = type(x)(coefficients[-1])
     for c in coefficients[-2::-1]:
@@ -70,7 +70,7 @@ def horner(x: Any, coefficients: Sequence[Any]) -> Any:
     return total
 
 
-def polynomial(x: Any, coefficients: Sequence[Any]) -> Any:
+def polynomial(x: Float, coefficients: Sequence[Any]) -> Float:
     """Return a polynomial in x of many terms, lowest power first, with a short dependency chain.
 
     Estrin's scheme (1960) is used for all but the first coefficient, and Horner's rule for that.
@@ -88,13 +88,13 @@ def polynomial(x: Any, coefficients: Sequence[Any]) -> Any:
     return dr.fma(terms[0], x, first)
 
 
-def unit_interval(f: Any) -> Any:
+def unit_interval(f: Float) -> Float:
     """Return the nearest number between 0 and 1."""
     f = dr.select(f > 0.0, f, 0.0)
     return dr.select(f < 1.0, f, 1.0)
 
 
-def first_true(count: int, UInt: Any, holds: Any) -> Any:
+def first_true(count: int, UInt: Any, holds: Callable[[Int], Mask]) -> Int:
     """Return the first of `count` indices at which a monotonic condition holds; `count` if none.
 
     It is a loop, with a run-time count, so that grids of all sizes share a kernel. An unrolled loop
@@ -102,12 +102,12 @@ def first_true(count: int, UInt: Any, holds: Any) -> Any:
     """
     lanes = dr.width(holds(UInt(0)))
 
-    def halve(low: Any, high: Any) -> tuple[Any, Any]:
+    def halve(low: Int, high: Int) -> tuple[Int, Int]:
         middle = (low + high) >> 1
-        found = holds(middle)
-        return dr.select(found, low, middle + 1), dr.select(found, middle, high)
+        beyond = holds(middle)
+        return dr.select(beyond, low, middle + 1), dr.select(beyond, middle, high)
 
-    def undecided(low: Any, high: Any) -> Any:
+    def undecided(low: Int, high: Int) -> Mask:
         return low < high
 
     ends = dr.zeros(UInt, lanes), dr.zeros(UInt, lanes) + dr.opaque(UInt, count)
@@ -118,7 +118,7 @@ def first_true(count: int, UInt: Any, holds: Any) -> Any:
 _EXP2 = (1.0000001, 0.69314694, 0.2402212, 0.055507131, 0.009675541, 0.001327647)
 
 
-def decay(x: Any) -> Any:
+def decay(x: Float) -> Float:
     """Return exp(-x) for x >= 0, but about 1e-37 where it is smaller.
 
     The single-precision error is 1e-7 (1 + x), with half of the instructions of Dr.Jit's.
@@ -132,23 +132,24 @@ def decay(x: Any) -> Any:
     return polynomial(t - n, _EXP2) * power_of_two(n)
 
 
-def power_of_two(n: Any) -> Any:
+def _bits(real: Any) -> tuple[Any, int, int]:
+    """Return the integer type of a float type, and bias and position of its exponent."""
+    if precision_of(real) == "single":
+        return dr.int32_array_t(real), 127, 23
+    return dr.int64_array_t(real), 1023, 52
+
+
+def power_of_two(n: Float) -> Float:
     """Return 2 to an integer power within the exponent range, by setting its bits."""
-    real = type(n)
-    single = precision_of(real) == "single"
-    integer: Any = dr.int32_array_t(real) if single else dr.int64_array_t(real)
-    bias, shift = (127, 23) if single else (1023, 52)
-    return dr.reinterpret_array(real, (integer(n) + bias) << shift)
+    integer, bias, shift = _bits(type(n))
+    return dr.reinterpret_array(type(n), (integer(n) + bias) << shift)
 
 
-def inverse_power_of_two(x: Any) -> Any:
+def inverse_power_of_two(x: Float) -> Float:
     """Return 1/x for a power of two, from its bits: a division takes as long as 20 operations."""
-    real = type(x)
-    single = precision_of(real) == "single"
-    integer: Any = dr.int32_array_t(real) if single else dr.int64_array_t(real)
+    integer, bias, shift = _bits(type(x))
     bits: Any = dr.reinterpret_array(integer, x)
-    twice_one = 0x7F000000 if single else 0x7FE0000000000000
-    return dr.reinterpret_array(real, twice_one - bits)
+    return dr.reinterpret_array(type(x), (2 * bias << shift) - bits)
 
 
 # (log(1 + f) - f + f²/2)/f³ for √½ <= 1 + f < √2, fitted to 6e-9 of log(1 + f).
@@ -164,7 +165,7 @@ _LOG_TAIL = (
 )
 
 
-def split_log(x: Any) -> tuple[Any, Any]:
+def split_log(x: Float) -> tuple[Float, Float]:
     """Return n and log(m) of positive normal numbers x = m 2^n with √½ <= m < √2, single precision.
 
     The error is one rounding besides the half of an ulp. It takes a quarter of the time of
@@ -210,7 +211,7 @@ _ATAN = {
 }
 
 
-def sharp_angle(y: Any, x: Any, length: Any) -> Any:
+def sharp_angle(y: Float, x: Float, length: Float) -> Float:
     """Return the angle of a vector of given length from the x axis, for angles up to π/4.
 
     It is twice the angle whose tangent is ``y/(x + length)``, for which six terms suffice in single
@@ -228,7 +229,7 @@ def precision_of(real: Any) -> str:
     return "double" if dr.type_v(real) == dr.VarType.Float64 else "single"
 
 
-def flush_subnormal(value: Any, margin: float = 2.0**30) -> Any:
+def flush_subnormal(value: Float, margin: float = 2.0**30) -> Float:
     """Clamp numbers to zero that are subnormal, or so small that products with them would be.
 
     Dr.Jit's worker threads flush subnormal numbers, the calling thread does not, and arithmetic on
@@ -236,4 +237,5 @@ def flush_subnormal(value: Any, margin: float = 2.0**30) -> Any:
     3.3 times as long as it should for the tails of the Gaussians of `models.prestellar_core`.
     """
     kind = np.float32 if precision_of(type(value)) == "single" else np.float64
-    return dr.select(dr.abs(value) < margin * float(np.finfo(kind).tiny), 0.0, value)
+    size: Float = dr.abs(value)
+    return dr.select(size < margin * float(np.finfo(kind).tiny), 0.0, value)

@@ -35,8 +35,9 @@ _WIDTHS = ("sigma", "half_width")
 def describe_volume(data: DataFile, *, bars: bool = True) -> Iterator[str]:
     """Yield lines about a volume file; one field at a time is in memory."""
     reader, fields = data.info()
-    size = in_bytes(bytes_of(data.path))
-    yield f"{data.path}: {reader.description}, {size}; format {reader.name}"
+    url = url_of(data.path)
+    size = "" if url else f", {in_bytes(bytes_of(data.path))}"
+    yield f"{url or data.path}: {reader.description}{size}; format {reader.name}"
     if not fields:
         yield "It holds no three-dimensional array of numbers."
         try:

@@ -34,8 +34,6 @@ _SPACES = {
 _SHORT, _MOST_COMPONENTS = "short", 4
 # Kinds of spatial axes.
 _SPATIAL = ("domain", "space", "none", "???", "")
-# Spaces such as right-anterior-superior-time, or RAST.
-_TIMED = re.compile(r"-time$|(?<=s)t$")
 _ENDINGS = {
     **dict.fromkeys(("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal"), VECTOR),
     **dict.fromkeys(("rgb-color", "rgba-color", "3-color", "4-color"), COLORS),
@@ -159,25 +157,12 @@ def _per_axis(header: _Header, name: str, default: Any) -> list[Any]:
     return values
 
 
-def _is_timed(header: _Header) -> bool:
-    """Return True if the space has four dimensions, the last of them time."""
-    timed = _TIMED.search(header.get("space", "").lower())
-    return bool(timed) or header.get("space dimension") == 4
-
-
 def _directions(header: _Header) -> list[np.ndarray | None] | None:
     """Return the steps along the axes, None for one that is not in space."""
     if "space directions" not in header:
         return None
-    steps: list[np.ndarray | None] = []
-    for step in _per_axis(header, "space directions", None):
-        if step is None or np.all(np.isnan(step)):
-            steps.append(None)
-            continue
-        if len(step) != 3 + _is_timed(header) or (step[:3].any() and step[3:].any()):
-            raise FileFormatError(f"expected an axis along space or time, got {step.tolist()}")
-        steps.append(step[:3] if len(step) == 3 or step[:3].any() else None)
-    return steps
+    steps = _per_axis(header, "space directions", None)
+    return [None if step is None or np.isnan(step).all() else step for step in steps]
 
 
 def _axes(header: _Header, timed: bool) -> tuple[tuple[int, ...], int | None, str]:
@@ -217,20 +202,17 @@ def _axes(header: _Header, timed: bool) -> tuple[tuple[int, ...], int | None, st
             f"kinds {header.get('kinds') or '(none)'}; a line such as 'kinds: vector domain "
             "domain domain' says what they are"
         )
-    kind = kinds[others[0]] if others else ""
-    # An axis along no direction, and yet a domain, is what four-dimensional spaces have: time.
-    kind = "time" if kind in _SPATIAL[:2] and _is_timed(header) else kind
-    return space, others[0] if others else None, kind
+    return space, others[0] if others else None, kinds[others[0]] if others else ""
 
 
 def _placement(header: _Header, space: tuple[int, ...]) -> Placement:
     directions = _directions(header)
-    named = _SPACES.get(_TIMED.sub("", header.get("space", "").lower()), "")
+    named = _SPACES.get(header.get("space", "").lower(), "")
     if directions is None:
         origin, steps, units = _along_axes(header, list(space))
     else:
-        origin = np.asarray(header.get("space origin", np.zeros(3)))[:3]
-        units = [length_unit(text) for text in header.get("space units", [""] * 3)[:3]]
+        origin = np.asarray(header.get("space origin", np.zeros(3)))
+        units = [length_unit(text) for text in header.get("space units", [""] * 3)]
         steps = np.array([directions[axis] for axis in space])
     factors = np.array([conversion(unit, units[0]) for unit in units])
     # Patients are measured in mm.
