@@ -14,6 +14,7 @@ from astropy import units as u
 
 import voluminous as vm
 from contracts import ReaderContract
+from voluminous.cli import main
 from voluminous.io import find_reader
 
 zarr = pytest.importorskip("zarr", "3")
@@ -116,7 +117,7 @@ def served(tmp_path):
         server.shutdown()
 
 
-def test_over_http(tmp_path, served):
+def test_over_http(tmp_path, served, capsys):
     pytest.importorskip("aiohttp")
     plain(tmp_path / "plain.zarr", 3)
     microscope(tmp_path / "cells.ome.zarr", 2)
@@ -134,6 +135,10 @@ def test_over_http(tmp_path, served):
     medium = '[[medium]]\ntype = "coefficients"\nemissivity = "rho"\nextinction = 0\n'
     scene.write_text(f'[volume]\npath = "{served}/plain.zarr"\n{medium}')
     np.testing.assert_array_equal(vm.Scene.load(scene).volume().array("rho"), RHO)
+    assert main(["info", f"{served}/plain.zarr"]) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith(f"{served}/plain.zarr: ")
+    assert "bytes" not in first
     with pytest.raises(vm.FileFormatError, match=f"{served}/none.zarr"):
         vm.open(f"{served}/none.zarr")
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, VoluminousError
+from ..files import url_of
 from .common import add_several, settings
 
 if TYPE_CHECKING:
@@ -22,19 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DataFile:
-    """A data file with its reading options.
-
-    Attributes
-    ----------
-    path : Path
-        The file or directory.
-    format : str or None
-        Name of the reader, if the file does not determine it.
-    options : dict
-        The reader's options, as plain values.
-    fields : None, list or dict
-        Which fields, as for `voluminous.open`.
-    """
+    """A data file with its format, if the file does not tell, reading options, and fields."""
 
     path: Path
     format: str | None = None
@@ -67,7 +56,7 @@ class DataFile:
         """Return ``[volume]`` of a scene."""
         given = {"format": self.format, "fields": fields or self.fields}
         chosen = {key: value for key, value in given.items() if value}
-        return {"path": path or str(self.path), **chosen, **self.options}
+        return {"path": path or url_of(self.path) or str(self.path), **chosen, **self.options}
 
     def call(self) -> str:
         """Return the Python expression that opens the file."""
@@ -76,7 +65,7 @@ class DataFile:
 
     def words(self) -> str:
         """Return file and options as command line arguments."""
-        parts = [str(self.path)]
+        parts = [url_of(self.path) or str(self.path)]
         parts += ["--format", self.format] if self.format else []
         for key, value in self.options.items():
             parts += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
