@@ -34,7 +34,7 @@ def write(volume: Volume, path: Path) -> None:
     names = [name for name in volume.fields if name != third] or list(volume.fields)
     if not names or not all(map(_fits_card, names)):
         raise InputError(
-            f"there are no fields to be written: a FITS header holds names of up to {_LONGEST} ASCII "
+            f"no fields can be written: a FITS header holds names of up to {_LONGEST} ASCII "
             f"characters, got {names}; rename them, or write .h5"
         )
     cards = _world_cards(volume, has_axis)
