@@ -13,7 +13,6 @@ pytest.importorskip("vtkmodules", reason="VTK's own writers make the files")
 
 from vtkmodules.vtkIOLegacy import (
     vtkRectilinearGridWriter,
-    vtkStructuredGridWriter,
     vtkStructuredPointsWriter,
 )
 from vtkmodules.vtkIOXML import (
@@ -31,7 +30,6 @@ from vtk_files import (
     point_centers,
     random_values,
     rectilinear,
-    structured,
     write,
     write_image,
 )
@@ -72,7 +70,6 @@ def test_encodings_of_xml(tmp_path, settings, kind):
     [
         (image, vtkStructuredPointsWriter),
         (rectilinear, vtkRectilinearGridWriter),
-        (structured, vtkStructuredGridWriter),
     ],
 )
 def test_legacy_files_of_all_types(tmp_path, make, writer, version, binary):

@@ -37,9 +37,7 @@ _LEAST = 1e-12
 class NeighbourDifferences:
     """Differences between neighbours, which are found by the `locate` of a grid.
 
-    Attributes
-    ----------
-    values : array, shape (N,)
+    `values` (N,).
     """
 
     def __init__(self, grid: Grid, evaluate: Callable[[int, int], np.ndarray]) -> None:
