@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.objects.balls import disc_in_polygon
 
-pytestmark = pytest.mark.exhaustive
-
 GRID = vm.CartesianGrid.uniform(4, (-1, 1))
 VOLUME = vm.Volume(GRID, a=np.zeros(GRID.shape))
 DARK = vm.Coefficients("a", "a")
@@ -38,13 +36,6 @@ def test_the_disc_in_all_pixels_is_the_whole_disc(x, y, radius, aspect):
     if radius < reach:
         # Rounding of 900 areas, each a difference of sectors of the disc.
         assert area.sum() == pytest.approx(np.pi * radius**2, rel=1e-12, abs=1e-12)
-
-
-@pytest.mark.parametrize("radius", [0.003, 0.02, 0.3])
-def test_areas_of_spheres_from_afar(radius):
-    camera = vm.Orthographic(40, 60, 20, width=(2, 3), resolution=(40, 30))
-    image, seen = shown(camera, vm.Spheres([[0.1, 0.2, 0.0]], radius), precision="double")
-    assert seen.sum() * image.pixel_area == pytest.approx(np.pi * radius**2, rel=1e-12)
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0), (0.3, 1.2, 0.9), (1.5, -0.4, 0.3)])
@@ -119,17 +110,6 @@ def test_lines_cover_their_width(width, angle):
     _, seen = shown(camera, vm.Lines(far, width=width), precision="double")
     expected = width / np.cos(np.deg2rad(angle))
     np.testing.assert_allclose(seen[:, columns].sum(axis=0), expected, rtol=1e-6)
-
-
-def test_an_orbit_seen_edge_on_is_in_front_and_behind():
-    volume = vm.Volume(GRID, a=np.ones(GRID.shape))
-    angle = np.linspace(0, 2 * np.pi, 201)[:-1]
-    orbit = np.stack([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0 * angle], axis=1)
-    camera = vm.Orthographic(90, 0, width=2, resolution=41)
-    line = vm.Lines(orbit, 5.0, width=3, opacity=0.4, closed=True)
-    image = vm.render(volume, vm.Coefficients(0, "a"), camera, objects=[line], precision="double")
-    near, far = (np.exp(-(1 - way)) for way in (0.8, -0.8))
-    assert image.intensity[20, 20, 0] == pytest.approx(5 * near + 0.6 * 5 * far, rel=1e-3)
 
 
 @pytest.mark.parametrize("fov", [60, 140])
