@@ -103,32 +103,6 @@ def test_a_cell_is_hidden_where_any_field_of_the_medium_is_missing():
     np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-6)
 
 
-def test_gradients_are_not_poisoned():
-    grid = GRIDS["cartesian"]
-    x = grid.cell_centers()[0].reshape(grid.shape).copy()
-    x[3, 4, 4] = np.nan
-    camera = vm.Orthographic(width=8, resolution=8)
-    medium = vm.Coefficients("gradmag(a)", "0 * a")
-    image = vm.render(vm.Volume(grid, a=x), medium, camera, scheme="first-order")
-    expected = np.full((8, 8), 8.0)
-    expected[4, 3] = 7.0
-    np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-5)
-
-
-def test_values_that_appear_and_disappear_in_place_are_noticed():
-    grid, field = GRIDS["cartesian"], np.ones((8, 8, 8), np.float32)
-    volume, camera = vm.Volume(grid, a=field), vm.Orthographic(width=8, resolution=8)
-
-    def depth():
-        return vm.render(volume, vm.Coefficients("a", "a"), camera).optical_depth.sum()
-
-    whole = depth()
-    field[0, 0, 0] = np.nan
-    assert depth() == pytest.approx(whole - 1)
-    field[0, 0, 0] = 1.0
-    assert depth() == pytest.approx(whole)
-
-
 def test_guaranteed_bounds_hold_around_holes():
     grid = GRIDS["cartesian"]
     values = np.random.default_rng(4).random(grid.shape)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 import pytest
@@ -34,6 +35,26 @@ def wrong(scene, **options):
 
 def sizes(least):
     return st.tuples(*(st.integers(least, 6),) * 3)
+
+
+# ---- the twin itself
+
+
+@pytest.mark.parametrize("depth", [1e-8, 1.0, 1e4])
+@pytest.mark.parametrize("width", [1e-4, 0.03, 3.0])
+def test_the_twin_has_the_closed_form(width, depth):
+    """A shell of a linear field is S (1 - exp(-τ)), and its depth is made of error functions."""
+    edges, center = [np.array([0.0, 1.0, 2.0])] * 3, 0.3
+    a = np.broadcast_to(np.array([0.0, 1.0])[:, None, None], (2, 2, 2))
+    peak = depth / (width * np.sqrt(2 * np.pi))
+    part = twin.Shell(lambda f: f["a"], center, width, (peak, 0.3 * peak), [peak])
+    found = twin.bundle(edges, {"a": a}, [part], np.array([[0.5, 0.6, 0.7]]), np.eye(3)[:1])
+    ends = np.array([-center, 1 - center]) / width
+    # Before and behind the centres the field is constant for half a cell.
+    tau = depth * 0.5 * (math.erf(ends[1] / 2**0.5) - math.erf(ends[0] / 2**0.5))
+    tau += 0.5 * peak * np.exp(-0.5 * ends**2).sum()
+    expected = np.array([1.0, 0.3]) * -np.expm1(-tau)
+    np.testing.assert_allclose(found["intensity"][0], expected, rtol=3e-11)
 
 
 # ---- random scenes
@@ -135,9 +156,8 @@ def close(found, exact, slack):
     assert wrong <= slack * float(np.abs(exact).max())
 
 
-@pytest.mark.parametrize("precision", ["single"])
 @pytest.mark.parametrize("depth", [1e-8, 1e-3, 1.0, 30.0, 1e4])
-def test_a_thin_shell_in_a_linear_field_is_exact(precision, depth):
+def test_a_thin_shell_in_a_linear_field_is_exact(depth):
     """Seen along the gradient: S (1 - exp(-τ)) with τ = √(2π) σ α / slope, whatever σ."""
     values = np.broadcast_to((np.arange(8) * 0.125)[:, None, None], (8, 2, 2))
     volume, _ = one_field(values)
@@ -145,14 +165,11 @@ def test_a_thin_shell_in_a_linear_field_is_exact(precision, depth):
         peak = depth * 0.125 / (sigma * np.sqrt(2 * np.pi))
         medium = vm.Gaussian("a", 0.44, sigma, [2 * peak], peak, 1.0)
         camera = Bundle([[-1.0, 0.7, 1.2], [9.0, 1.4, 0.3]], [[1.0, 0, 0], [-1.0, 0, 0]])
-        tolerance = {"single": 1e-5, "double": 1e-9}[precision]
-        image = vm.render(volume, medium, camera, precision=precision, tolerance=tolerance)
-        # Beyond where the shell is a hundredth of the tolerance it is neglected.
-        slack = {"single": 1e-5, "double": 1e-11}[precision]
+        image = vm.render(volume, medium, camera, tolerance=1e-5)
         found = camera.flat(image.intensity)
         # Rays that stop early leave out a tenth of the tolerance.
-        np.testing.assert_allclose(found, 2 * -np.expm1(-depth), rtol=slack + 0.1 * tolerance)
-        np.testing.assert_allclose(camera.flat(image.optical_depth), depth, rtol=slack)
+        np.testing.assert_allclose(found, 2 * -np.expm1(-depth), rtol=1.1e-5)
+        np.testing.assert_allclose(camera.flat(image.optical_depth), depth, rtol=1e-5)
 
 
 def test_a_shell_much_thinner_than_a_cell_is_unbroken():
@@ -206,8 +223,7 @@ def test_an_isosurface_has_one_colour():
 # ---- convergence
 
 
-@pytest.mark.parametrize("precision", ["double"])
-def test_second_order_in_the_width_of_cells(precision):
+def test_second_order_in_the_width_of_cells():
     """Smooth media of a smooth field: errors fall fourfold with every halving of the cells."""
 
     def smooth(x, y, z):
@@ -223,17 +239,12 @@ def test_second_order_in_the_width_of_cells(precision):
         grid = vm.CartesianGrid.uniform(n, (-1, 1))
         centers = np.meshgrid(*grid.centers, indexing="ij")
         scene = Scene(vm.Volume(grid, a=smooth(*centers)), medium, [], origins, directions)
-        found, _, _ = scene.render(precision=precision, tolerance=finest(precision), cutoff=0.0)
+        found, _, _ = scene.render(precision="double", tolerance=1e-7, cutoff=0.0)
         errors.append(np.sqrt(np.mean((found[:, 0] - exact) ** 2)))
     slopes = -np.diff(np.log2(errors))
     # Half a cell at the faces, where fields are constant, is of first order in the value and of
     # second in the integral.
     assert slopes.mean() > 1.85
-
-
-def finest(precision):
-    """Return a tolerance that a precision can keep."""
-    return 1e-5 if precision == "single" else 1e-7
 
 
 def analytic(function, bounds, origins, directions, points=20001):

@@ -126,23 +126,6 @@ def test_pieces_join_up_and_lie_in_their_cells(origin, direction, t_end):
         assert (middle <= high + 1e-13).all()
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_ray_in_a_wall_belongs_to_the_cell_above(sign):
-    o, d = np.array([[0.1, 0.0, 0.5], [2.0, 0.2, 0.0]]), np.array([[0.0, sign, 0.0]] * 2)
-    pieces = twin.segments(EDGES, o, d)
-    assert set(pieces.ray) == {0}  # the second ray lies in the last wall: outside
-    assert (pieces.cell[0] == 2).all()
-    assert sorted(pieces.cell[1]) == [0, 1, 2]
-
-
-def test_ray_through_an_edge_of_cells_skips_the_corner_cells():
-    walls = np.arange(4.0)
-    o = np.array([[0.0, 0.0, 0.5]])
-    d = np.array([[1.0, 1.0, 0.0]]) / np.sqrt(2)
-    pieces = twin.segments((walls, walls, walls), o, d)
-    assert list(zip(*pieces.cell, strict=True)) == [(0, 0, 0), (1, 1, 0), (2, 2, 0)]
-
-
 def test_vertices_average_the_cells_that_exist():
     cells = np.arange(24.0).reshape(4, 3, 2, 1)
     vertices = twin.vertex_means(cells)
@@ -163,6 +146,40 @@ def test_interpolation_reproduces_a_trilinear_function():
     corners = np.stack(np.meshgrid(*EDGES, indexing="ij"), axis=-1)
     found = twin.interpolate(EDGES, value(corners)[..., None], cell, x)
     np.testing.assert_allclose(found[:, 0], value(x), rtol=1e-13, atol=1e-13)
+
+
+def test_second_order_against_arbitrary_precision():
+    mpmath = pytest.importorskip("mpmath")
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        tau, ds = 10 ** rng.uniform(-12, 4), 10 ** rng.uniform(-3, 17)
+        j0, j1, a0, a1 = rng.uniform(size=4) * rng.choice([0.0, 1e-6, 1.0], 4, p=[0.2, 0.1, 0.7])
+        if a0 + a1 == 0 or j0 + j1 == 0:
+            continue
+        scale = tau / (0.5 * (a0 + a1) * ds)
+        coefficients = j0, j1, a0 * scale, a1 * scale, ds
+        b, theta, depth = twin.solve_second_order(*coefficients)
+        expected = integrate(mpmath, *coefficients)
+        # rounding of exp(-tau(u)), seen for u up to tau = 40, and of the weights
+        assert abs(float(b) / expected - 1) < 1e-14
+        assert abs(float(depth) / tau - 1) < 1e-14
+        assert float(theta) == pytest.approx(np.exp(-tau), rel=1e-10)
+
+
+def integrate(mpmath, j0, j1, a0, a1, ds):
+    """The integral of j exp(-tau) with 30 digits, in panels that grow with optical depth."""
+    with mpmath.workdps(30):
+        j0, j1, a0, a1, ds = (mpmath.mpf(float(v)) for v in (j0, j1, a0, a1, ds))
+        depth = (a0 + a1) * ds / 2
+
+        def emission(u):
+            return (j1 + (j0 - j1) * u / ds) * mpmath.exp(-u * (a1 + (a0 - a1) * u / (2 * ds)))
+
+        ends, reached = [mpmath.mpf(0)], mpmath.mpf(1)
+        while reached < min(depth, 120):
+            ends.append(2 * reached / (a1 + mpmath.sqrt(a1**2 + 2 * (a0 - a1) * reached / ds)))
+            reached *= 1.6
+        return float(mpmath.quad(emission, ends if depth > 120 else [*ends, ds]))
 
 
 def test_samples_are_means_of_quarter_pixels():

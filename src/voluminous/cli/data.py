@@ -23,19 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DataFile:
-    """A data file with its reading options.
-
-    Attributes
-    ----------
-    path : Path
-        The file or directory.
-    format : str or None
-        Name of the reader, if the file does not determine it.
-    options : dict
-        The reader's options, as plain values.
-    fields : None, list or dict
-        Which fields, as for `voluminous.open`.
-    """
+    """A data file with its format, if the file does not tell, reading options, and fields."""
 
     path: Path
     format: str | None = None

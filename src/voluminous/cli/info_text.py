@@ -120,11 +120,7 @@ def _readable(
 def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
     """Yield lines about a grid: kind, cells, levels, extent, effective resolution.
 
-    Parameters
-    ----------
-    grid : grid
-    particles : int, optional
-        Number of particles that the grid was built around; its cells are not from the file then.
+    A grid built around particles has no cells of the file; `particles` is their number.
     """
     known = grid.describe()
     unit, base = known["unit"], known.get("base")

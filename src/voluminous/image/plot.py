@@ -85,15 +85,7 @@ def add_bars(
 ) -> None:
     """Add a colour bar of the single channel drawn, or else of each scalar of the medium.
 
-    Parameters
-    ----------
-    axes : matplotlib Axes or list of them
-        Axes that give up space for the bars.
-    image, options, **known
-        As for `scales_of`.
-    drawn : matplotlib AxesImage
-    own : bool
-        As for `add_color_bar`.
+    Axes give up space for the bars; `known` are further arguments of `scales_of`.
     """
     from .annotate.scales import scales_of
 

@@ -73,12 +73,7 @@ STRETCHES = (*_FIXED, *_SOFT)
 def curve(stretch: str | float, softening: float | None = None) -> Curve:
     """Return the curve of a named stretch, or v**(1/g) for a number g.
 
-    Parameters
-    ----------
-    stretch : {"linear", "sqrt", "gamma", "asinh", "log"} or float
-        Name of the curve, or g.
-    softening : float, optional
-        For "asinh" and "log": end of the linear part, in units of white.
+    `softening` is the end of the linear part of "asinh" and "log", in units of white.
     """
     if softening is not None and stretch not in tuple(_SOFT):
         raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
@@ -122,18 +117,10 @@ def _top(exposure: Any, vmax: Any) -> float | None:
 def scale(
     values: NDArray[Any], bend: Curve, norm: Any, exposure: Any, vmin: Any, vmax: Any
 ) -> Normalize:
-    """Return the matplotlib norm that maps intensities to 0 … 1.
+    """Return the matplotlib norm that maps the intensities of one channel to 0 … 1.
 
-    Parameters
-    ----------
-    values : array
-        One channel; its finite values set the limits that are None.
-    bend : Curve
-        The stretch, used if `norm` is None.
-    norm : {"linear", "log"}, Normalize or None
-        Replaces the stretch.
-    exposure, vmin, vmax : float or None
-        Limits; `exposure` means vmax = 1 / exposure.
+    `norm` replaces the stretch `bend`; `exposure` means vmax = 1 / exposure; the finite values set
+    the limits that are None.
     """
     from matplotlib.colors import FuncNorm, LogNorm, Normalize
 
@@ -256,15 +243,10 @@ def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any)
 
 
 def automatic_exposure(brightest: NDArray[Any]) -> float:
-    """Return 1 / w, where w is the 99.9 % percentile of the pixels above zero.
+    """Return 1 / w, where w is the 99.9 % percentile of the pixels above zero; 1 if there are none.
 
     Black pixels do not count, so that a small object in front of black is exposed like a large
     one; 0.1 % may be overexposed, so that a star does not darken the rest.
-
-    Parameters
-    ----------
-    brightest : array
-        Maximum over the colours of each pixel, finite; if all are black the result is 1.
     """
     lit = brightest[brightest > 0]
     if lit.size == 0:
