@@ -1,6 +1,7 @@
 // Bundles the page (committed, so that installing from a clone needs no Node), or its tests.
 import { build } from "esbuild";
-import { copyFileSync, readdirSync, readFileSync } from "node:fs";
+import { createHash } from "node:crypto";
+import { copyFileSync, readdirSync, readFileSync, statSync, writeFileSync } from "node:fs";
 import { gzipSync } from "node:zlib";
 
 const out = "../src/voluminous/viewer/static/";
@@ -27,8 +28,19 @@ if (process.argv.includes("--tests")) {
   });
   await build({ ...shared, entryPoints: ["src/explorer.css"], outfile: out + "explorer.css" });
   for (const name of ["index.html", "icon.svg"]) copyFileSync(`src/${name}`, out + name);
+  // A test compares both with what is there: a bundle that is older than its sources is found.
+  const hashes = { sources: hashed("src/"), bundle: hashed(out) };
+  writeFileSync("bundle.json", JSON.stringify(hashes, null, 2) + "\n");
   let total = 0;
   for (const name of readdirSync(out)) total += gzipSync(readFileSync(out + name)).length;
   console.log(`${(total / 1024).toFixed(1)} KiB compressed`);
   if (total > 60 * 1024) process.exitCode = 1;
+}
+
+/** SHA-256 of all files of a folder: name, zero, content, in the order of their names. */
+function hashed(folder) {
+  const names = readdirSync(folder, { recursive: true }).filter((name) => statSync(folder + name).isFile());
+  const hash = createHash("sha256");
+  for (const name of names.sort()) hash.update(name).update("\0").update(readFileSync(folder + name));
+  return hash.digest("hex");
 }

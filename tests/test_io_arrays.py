@@ -13,9 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-import real_data
 import voluminous as vm
-from reference import data_directory
 from voluminous.io import compressed, find_reader
 
 RHO = np.arange(24, dtype=np.float32).reshape(2, 3, 4) + 1
@@ -126,12 +124,6 @@ def test_packed_files_are_what_is_in_them(tmp_path, suffix):
 
 
 def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
-    monkeypatch.setattr(compressed, "_SMALL", 1 << 20)
-    path = tmp_path / "a.npy.bz2"
-    path.write_bytes(bz2.compress(bytes(32 << 20)))
-    assert path.stat().st_size < 100
-    with pytest.raises(vm.FileFormatError, match="more than 1000 times its size"):
-        vm.open(path)
     monkeypatch.setattr(compressed, "available_memory", lambda: 100)
     (tmp_path / "b.npy.gz").write_bytes(gzip.compress(npy()))
     with pytest.raises(
@@ -141,14 +133,6 @@ def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
 
 
 # Real data
-
-
-def test_stent():
-    truth = real_data.load("stent")
-    volume = vm.open(data_directory() / "data" / "medical" / "stent_ct.npz", axes="zyx", unit="mm")
-    assert volume.array("arr_0").dtype == np.int16
-    np.testing.assert_array_equal(volume.array("arr_0"), truth.array("ct"))
-    np.testing.assert_array_equal(volume.grid.bounds, truth.grid.bounds)
 
 
 @pytest.mark.parametrize("down", ["x", "yz"])

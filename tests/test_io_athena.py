@@ -82,74 +82,28 @@ def refined(root, at, axes=(0, 1, 2)):
 CUBE = ((-1.0, 1.0), (0.0, 2.0), (-3.0, 1.0))
 SHELL = ((1.0, 3.0), (0.0, np.pi), (0.0, 2 * np.pi))
 DISC = ((1.0, 3.0), (0.0, 2 * np.pi), (-1.0, 1.0))
+
+
+def case(kind, blocks, at, ends, mesh="cartesian", **more):
+    """The kind of grid, and the file of blocks of 4 cells, of which the one at `at` is split."""
+    flat = blocks[2] == 1 and at is not None
+    root = (4 * blocks[0], 4 * blocks[1], 1 if flat else 4 * blocks[2])
+    split = refined(blocks, at, (0, 1) if flat else (0, 1, 2))
+    return kind, {"blocks": split, "root": root, "ends": ends, "kind": mesh, **more}
+
+
 FILES = {
-    "one level": (
-        vm.CartesianGrid,
-        {"blocks": refined((2, 2, 1), None), "root": (8, 8, 4), "ends": CUBE},
+    "one level": case(vm.CartesianGrid, (2, 2, 1), None, CUBE),
+    "refined": case(vm.PatchGrid, (2, 2, 2), (1, 0, 1), CUBE),
+    "plane": case(vm.PatchGrid, (2, 2, 1), (1, 1, 0), CUBE),
+    "stretched": case(vm.CartesianGrid, (2, 2, 1), None, CUBE, ratio=(1.1, 1.0, 0.9)),
+    "shell": case(vm.SphericalGrid, (2, 1, 2), None, SHELL, "spherical_polar"),
+    "refined shell": case(vm.SphericalGrid, (2, 2, 2), (1, 0, 1), SHELL, "spherical_polar"),
+    "meridional plane": case(
+        vm.SphericalGrid, (2, 2, 1), (0, 1, 0), SHELL, "spherical_polar", ratio=(1.01, 1.0, 1.0)
     ),
-    "refined": (
-        vm.PatchGrid,
-        {"blocks": refined((2, 2, 2), (1, 0, 1)), "root": (8, 8, 8), "ends": CUBE},
-    ),
-    "plane": (
-        vm.PatchGrid,
-        {"blocks": refined((2, 2, 1), (1, 1, 0), (0, 1)), "root": (8, 8, 1), "ends": CUBE},
-    ),
-    "stretched": (
-        vm.CartesianGrid,
-        {
-            "blocks": refined((2, 2, 1), None),
-            "root": (8, 8, 4),
-            "ends": CUBE,
-            "ratio": (1.1, 1.0, 0.9),
-        },
-    ),
-    "shell": (
-        vm.SphericalGrid,
-        {
-            "blocks": refined((2, 1, 2), None),
-            "root": (8, 4, 8),
-            "ends": SHELL,
-            "kind": "spherical_polar",
-        },
-    ),
-    "refined shell": (
-        vm.SphericalGrid,
-        {
-            "blocks": refined((2, 2, 2), (1, 0, 1)),
-            "root": (8, 8, 8),
-            "ends": SHELL,
-            "kind": "spherical_polar",
-        },
-    ),
-    "meridional plane": (
-        vm.SphericalGrid,
-        {
-            "blocks": refined((2, 2, 1), (0, 1, 0), (0, 1)),
-            "root": (8, 8, 1),
-            "ends": SHELL,
-            "kind": "spherical_polar",
-            "ratio": (1.01, 1.0, 1.0),
-        },
-    ),
-    "disc": (
-        vm.CylindricalGrid,
-        {
-            "blocks": refined((2, 2, 1), None),
-            "root": (8, 8, 4),
-            "ends": DISC,
-            "kind": "cylindrical",
-        },
-    ),
-    "flat disc": (
-        vm.CylindricalGrid,
-        {
-            "blocks": refined((2, 2, 1), (1, 1, 0), (0, 1)),
-            "root": (8, 8, 1),
-            "ends": DISC,
-            "kind": "cylindrical",
-        },
-    ),
+    "disc": case(vm.CylindricalGrid, (2, 2, 1), None, DISC, "cylindrical"),
+    "flat disc": case(vm.CylindricalGrid, (2, 2, 1), (1, 1, 0), DISC, "cylindrical"),
 }
 
 

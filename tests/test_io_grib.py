@@ -54,38 +54,3 @@ def test_messages_of_several_kinds_must_be_chosen(tmp_path):
     for kind in ("heightAboveGround", "isobaricInhPa"):
         volume = vm.open(path, filter_by_keys={"typeOfLevel": kind})
         assert volume.meta["axes"]["z"]["name"] == kind
-
-
-def test_a_cut_file_is_an_error(tmp_path):
-    path = grib(tmp_path / "air.grib")
-    path.write_bytes(path.read_bytes()[:600])
-    with pytest.raises(vm.FileFormatError, match="cut short"):
-        vm.open(path)
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_an_engine_of_another_package(tmp_path, monkeypatch):
-    """As a package registers it: an entry point with a class that says what it can open."""
-    xr = pytest.importorskip("xarray")
-
-    class Engine(xr.backends.BackendEntrypoint):
-        def guess_can_open(self, filename_or_obj):
-            return str(filename_or_obj).endswith(".ours")
-
-        def open_dataset(self, filename_or_obj, *, drop_variables=None):
-            return xr.Dataset({"rho": (("z", "y", "x"), VALUES)})
-
-    from voluminous.io.labelled import netcdf as engines
-
-    class Entry:
-        name = "ours"
-        load = staticmethod(lambda: Engine)
-
-    monkeypatch.setattr(engines.importlib.metadata, "entry_points", lambda group: (Entry,))
-    real = xr.open_dataset
-    monkeypatch.setattr(
-        xr, "open_dataset", lambda path, engine, **more: real(path, engine=Engine, **more)
-    )
-    path = tmp_path / "a.ours"
-    path.write_bytes(b"something")
-    np.testing.assert_array_equal(vm.open(path).array("rho"), VALUES.T)

@@ -1,7 +1,6 @@
 """OpenVDB: voxels land where its library says, with a stand-in for it where it is not there."""
 
 import importlib
-import struct
 import sys
 import types
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.io import find_reader
 from voluminous.io.openvdb import _MAGIC as MAGIC
 
 VALUES = np.random.default_rng(0).random((5, 4, 3), dtype=np.float32)
@@ -55,22 +53,6 @@ class Grid:
         array[box] = self.values
 
 
-def head(ends, size):
-    """Return a file's head that tells of grids without voxels, up to `size` bytes."""
-
-    def text(data):
-        return struct.pack("<I", len(data)) + data
-
-    content = MAGIC + struct.pack("<3I", 224, 10, 0) + b"\1" + b"u" * 36
-    content += struct.pack("<I", 1) + text(b"creator") + text(b"string") + text(b"me")
-    content += struct.pack("<I", len(ends))
-    for end in ends:
-        content += text(b"name") + text(b"Tree_float_5_4_3") + text(b"")
-        content += struct.pack("<3q", 0, 0, end)
-        content = content.ljust(end, b"\0")
-    return content[:size]
-
-
 @pytest.fixture
 def made(monkeypatch):
     """Return the grids that the stand-in finds in any file."""
@@ -89,7 +71,7 @@ def made(monkeypatch):
 @pytest.fixture
 def path(made, tmp_path):
     path = tmp_path / "a.vdb"
-    path.write_bytes(head([300, 400], 400))
+    path.write_bytes(MAGIC)
     return path
 
 
@@ -128,10 +110,6 @@ def test_voxels_are_cells_around_their_places(either):
     assert vm.open(either, {"rho": "density"}).fields == ("rho",)
 
 
-def test_the_unit_of_lengths_is_an_option(path):
-    assert str(vm.open(path, "density", unit="m").unit) == "m"
-
-
 def test_grids_share_the_box_of_all(either):
     volume = vm.open(either, ["density", "wind"])
     assert volume.fields == ("density", "wind_x", "wind_y", "wind_z")
@@ -144,26 +122,11 @@ def test_grids_share_the_box_of_all(either):
     assert vm.open(either, "mask").array("mask").dtype == bool
 
 
-def test_what_is_told_without_reading(either):
-    told = {field.name: field for field in find_reader(either).info(either)}
-    assert set(told) == {"density", "wind_x", "wind_y", "wind_z", "mask"}
-    assert told["wind_x"].shape == (3, 2, 2)
-    assert told["density"].dtype == "float32"
-
-
-def test_grids_of_other_voxels_are_not_mixed(either):
-    with pytest.raises(vm.InputError, match=r"different sizes.*mask \[1. 1. 1.\].*choose"):
-        vm.open(either)
-    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'"):
-        vm.open(either, "densty")
-
-
-@pytest.mark.parametrize("part", [0, 0.05, 0.2, 0.5, 0.9, 0.999])
-def test_files_cut_short_never_reach_the_library(either, part):
-    content = either.read_bytes()
-    either.write_bytes(content[: int(part * len(content))])
-    with pytest.raises(vm.FileFormatError, match=either.name):
-        vm.open(either, "density")
+def test_files_cut_short_are_refused(real):
+    content = real.read_bytes()
+    real.write_bytes(content[: len(content) // 2])
+    with pytest.raises(vm.FileFormatError, match=real.name):
+        vm.open(real, "density")
 
 
 def test_without_the_library_it_is_said_how_to_get_it(path, monkeypatch):

@@ -79,17 +79,21 @@ def same(one, other):
         np.testing.assert_allclose(here, there, rtol=1e-4, atol=1e-6 * np.abs(there).max())
 
 
-def test_gadget_is_what_from_particles_makes_of_its_particles(tmp_path):
-    volume = vm.open(gadget(tmp_path / "s.hdf5", smoothed()), ["density", "velocity"])
-    expected = vm.Volume.from_particles(
+def expected(kernel="cubic"):
+    volume = vm.Volume.from_particles(
         (POSITIONS * KPC * u.cm).to("kpc"),
         MASSES * MSUN10 * u.g,
-        # Gadget writes the radius of the support.
-        smoothing_length=LENGTHS * KPC * u.cm,
+        smoothing_length=LENGTHS * KPC * u.cm,  # Gadget writes the radius of the support
         fields={"velocity": VELOCITIES.astype("f4") * u.km / u.s},
+        kernel=kernel,
     )
-    expected["density"] = expected["density"].to("g / cm3")
-    same(volume, expected)
+    volume["density"] = volume["density"].to("g / cm3")
+    return volume
+
+
+def test_gadget_is_what_from_particles_makes_of_its_particles(tmp_path):
+    volume = vm.open(gadget(tmp_path / "s.hdf5", smoothed()), ["density", "velocity"])
+    same(volume, expected())
     assert str(volume.unit) == "kpc"
     assert volume.units == {"density": "g / cm3"} | {f"velocity_{a}": "km / s" for a in "xyz"}
     assert total(volume).to_value("g") == pytest.approx(MASSES.sum() * MSUN10, rel=1e-12)
@@ -148,56 +152,42 @@ def test_comoving_units_become_proper_ones(tmp_path, told):
     )
     volume = vm.open(path)
     # a = h = 1/2: kpc / h, comoving, are kpc; masses are twice what is written.
-    expected = vm.open(gadget(tmp_path / "t.hdf5", smoothed() | {"Masses": 2 * MASSES}))
-    expected["velocity_x"] = expected["velocity_x"] * 0.5**0.5
+    proper = vm.open(gadget(tmp_path / "t.hdf5", smoothed() | {"Masses": 2 * MASSES}))
+    proper["velocity_x"] = proper["velocity_x"] * 0.5**0.5
     np.testing.assert_allclose(volume.grid.bounds, [[0, 10]] * 3, rtol=2e-7)  # the periodic box
     assert total(volume).to_value("g") == pytest.approx(2 * MASSES.sum() * MSUN10, rel=1e-12)
-    momentum = total(expected, "velocity_x")
+    momentum = total(proper, "velocity_x")
     assert (total(volume, "velocity_x") / momentum).to_value("") == pytest.approx(1, rel=1e-9)
     assert volume.meta == {"particles": len(MASSES), "redshift": 1.0, "scale_factor": 0.5}
 
 
 def test_swift_tells_units_powers_and_kernel(tmp_path):
-    path = tmp_path / "swift.hdf5"
-    names = {
-        "Coordinates": "Coordinates",
-        "Masses": "Masses",
-        "Velocities": "Velocities",
-        "InternalEnergy": "InternalEnergies",
-        "SmoothingLength": "SmoothingLengths",
+    path, sets = tmp_path / "swift.hdf5", data(SmoothingLength=2 * LENGTHS / 1.936492)
+    exponents = {  # the data set of Gadget; powers of mass, length, time and a
+        "Coordinates": ("Coordinates", 0, 1, 0, 1),
+        "Masses": ("Masses", 1, 0, 0, 0),
+        "Velocities": ("Velocities", 0, 1, -1, 0),
+        "InternalEnergies": ("InternalEnergy", 0, 2, -2, 0),
+        "SmoothingLengths": ("SmoothingLength", 0, 1, 0, 1),
     }
-    gamma = 1.936492
-    sets = data(SmoothingLength=2 * LENGTHS / gamma)
-    exponents = {"Coordinates": (0, 1, 0), "Masses": (1, 0, 0), "Velocities": (0, 1, -1)}
-    exponents |= {"InternalEnergies": (0, 2, -2), "SmoothingLengths": (0, 1, 0)}
+    keys = [f"U_{k} exponent" for k in "MLt"] + ["a-scale exponent"]
     attributes = {
-        name: {
-            "U_M exponent": [m],
-            "U_L exponent": [l],
-            "U_t exponent": [t],
-            "a-scale exponent": [float(name in ("Coordinates", "SmoothingLengths"))],
-            "h-scale exponent": [0.0],
-        }
-        for name, (m, l, t) in exponents.items()  # noqa: E741
+        name: {key: [float(n)] for key, n in zip(keys, powers, strict=True)}
+        | {"h-scale exponent": [0.0]}
+        for name, (_, *powers) in exponents.items()
     }
-    gadget(path, {new: sets[old] for old, new in names.items()}, header={}, attributes=attributes)
+    sets = {name: sets[old] for name, (old, *_) in exponents.items()}
+    gadget(path, sets, header={}, attributes=attributes)
     with h5py.File(path, "a") as file:
-        for name, size in (("length", KPC), ("mass", MSUN10), ("time", KPC / KMS)):
-            letter = {"length": "L", "mass": "M", "time": "t"}[name]
+        for name, letter, size in zip(
+            ("length", "mass", "time"), "LMt", (KPC, MSUN10, KPC / KMS), strict=True
+        ):
             file.require_group("Units").attrs[f"Unit {name} in cgs (U_{letter})"] = [size]
         file.create_group("Cosmology").attrs["Cosmological run"] = [0]
         file.create_group("HydroScheme").attrs["Kernel function"] = b"Wendland C2 (C2)"
     volume = vm.open(path)
-    expected = vm.Volume.from_particles(
-        (POSITIONS * KPC * u.cm).to("kpc"),
-        MASSES * MSUN10 * u.g,
-        smoothing_length=LENGTHS * KPC * u.cm,
-        kernel="wendland-c2",
-        fields={"velocity": VELOCITIES.astype("f4") * u.km / u.s},
-    )
-    expected["density"] = expected["density"].to("g / cm3")
     assert volume.units["internal_energy"] == "km2 / s2"
-    same(volume, expected)
+    same(volume, expected("wendland-c2"))
 
 
 @pytest.mark.parametrize(
@@ -378,29 +368,6 @@ def test_phantom_that_is_refused(tmp_path, change, words):
     assert "dump_00002" in str(failure.value)
 
 
-def phantom_hdf5(path):
-    """Write a sound dump in HDF5 with what is no field beside what is one."""
-    with h5py.File(path, "w") as file:
-        head = file.create_group("header")
-        head.attrs.update(udist=1e13, umass=2e33, utime=1e6, hfact=1.2, time=1.0)
-        head.attrs.update(fileident="FT:Phantom", nothing=h5py.Empty("f8"))
-        head["massoftype"] = np.full(7, 1e-3)
-        head["text"], head["empty"], head["none"] = "words", h5py.Empty("f8"), np.zeros(0)
-        head.create_group("deeper")["x"] = np.ones(3)
-        dust = file.create_group("particles")
-        dust["xyz"], dust["vxyz"], dust["h"] = POSITIONS, VELOCITIES, LENGTHS
-        dust["itype"] = np.ones(COUNT, int)
-        dust["label"], dust["words"] = "words", np.array([b"a"] * COUNT)
-        dust["empty"], dust["none"] = h5py.Empty("f8"), np.zeros(0)
-        dust.create_group("deeper")["x"] = np.ones(3)
-        dust["tensor"], dust["short"] = np.ones((COUNT, 3, 3)), np.ones(3)
-        dust["alias"] = h5py.SoftLink("/particles/h")
-        dust["abundance"] = np.arange(5.0) * np.ones((COUNT, 1))
-        dust["dustfrac"], dust["deltav"] = np.ones((COUNT, 1)), VELOCITIES
-        file.create_group("sinks")["words"] = "none"
-    return path
-
-
 # --- real data --------------------------------------------------------------------------------
 
 
@@ -409,39 +376,6 @@ def real(name):
     if not path.exists():
         pytest.skip(f"no {name} in {data_directory()}; set VOLUMINOUS_TEST_DATA")
     return path
-
-
-def column_of_kernels(positions, lengths, mass, ticks):
-    """Columns along z by a direct sum of the cubic spline's own columns."""
-    b, z = np.linspace(0, 1, 501), np.linspace(0, 1, 801)
-    r = np.minimum(np.hypot(b[:, None], z), 1)
-    shape = (1 - r) ** 3 - 4 * np.maximum(0.5 - r, 0) ** 3
-    column = 2 * 16 / np.pi * np.trapezoid(shape, z, axis=1)
-    image, step = np.zeros((len(ticks),) * 2), ticks[1] - ticks[0]
-    for (x, y, _), radius in zip(positions, 2 * lengths, strict=True):
-        i, j = (slice(*np.searchsorted(ticks, [v - radius, v + radius + step])) for v in (x, y))
-        away = np.hypot(ticks[None, i] - x, ticks[j, None] - y) / radius
-        image[j, i] += mass / radius**2 * np.interp(away, b, column, right=0)
-    return image
-
-
-@pytest.mark.exhaustive
-def test_columns_of_a_disc_are_those_of_its_kernels():
-    path = real("phantom_disc/disc_00001.h5")
-    with h5py.File(path) as file:
-        positions, lengths = file["particles/xyz"][:], file["particles/h"][:]
-        mass, scale = file["header"].attrs["mass"], file["header"].attrs["udist"]
-    volume = vm.open(path, "density", unit=scale * u.cm)
-    volume["density"] = volume.array("density") * (scale**3 / 1.9891e33)  # the code's numbers
-    width, pixels = 160.0, 200
-    ticks = (np.arange(pixels) + 0.5) / pixels * width - width / 2
-    exact = column_of_kernels(positions, lengths, mass, ticks)
-    camera = vm.Orthographic(0, 0, width=width, resolution=pixels, center=(0, 0, 0))
-    image = vm.render(volume, vm.Coefficients("density", 0), camera, scheme="post-classified")
-    found = image.intensity[..., 0]
-    # Cells of up to one smoothing length: 1.3 % on the average.
-    assert np.abs(found - exact).sum() < 0.02 * exact.sum()
-    assert found.sum() == pytest.approx(exact.sum(), rel=0.01)
 
 
 def test_the_two_files_of_a_disc_are_one():

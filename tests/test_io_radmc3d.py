@@ -160,39 +160,6 @@ def test_spherical_octrees_split_the_dimensions_that_are_there(tmp_path):
     np.testing.assert_array_equal(volume.array("gas_density"), np.arange(8))
 
 
-def test_spherical_layers_are_the_octree_of_the_same_cells(tmp_path):
-    walls = [R, np.linspace(0.3, PI / 2, 7), np.array([0, 2 * PI])]
-    layers = [[0, 1, 1, 1, 2, 3, 9], [1, 3, 5, 1, 2, 1, 1], [0, 11, 6, 1, 2, 1, 1]]
-    put_grid(tmp_path, walls, coordinates=100, active=(1, 1, 0), layers=layers)
-    shapes = [(12, 6), (4, 6), (4, 2), (4, 2)]
-    put_field(tmp_path, "gas_density", np.arange(float(72 + 24 + 8 + 8)))
-    volume = vm.open(tmp_path)
-    density, cells = volume.array("gas_density"), volume.grid
-    assert cells.size == 72 - 6 - 2 + 24 - 2 + 8 + 8
-    centers, levels = cells.native_centers(), cells.levels
-    first, low = 0, [np.zeros(2), np.zeros(2), np.array([4, 8]), np.array([20, 10])]
-    for k, (shape, level) in enumerate(zip(shapes, (0, 1, 2, 1), strict=True)):
-        edges = [refined(w, level) for w in walls[:2]]
-        for place in range(shape[0] * shape[1]):
-            i, j = (int(v) for v in low[k] + np.array(divmod(place, shape[0]))[::-1])
-            middle = [0.5 * (e[n] + e[n + 1]) for e, n in zip(edges, (i, j), strict=True)]
-            here = np.isclose(centers[0], middle[0], rtol=1e-12) & np.isclose(
-                centers[1], middle[1], rtol=1e-12
-            )
-            here &= levels == level
-            if here.any():  # it is not covered
-                assert density[here] == first + place
-                density = np.where(here, np.nan, density)
-        first += shape[0] * shape[1]
-    assert np.isnan(density).all()
-
-
-def refined(walls, level):
-    for _ in range(level):
-        walls = np.sort(np.concatenate([walls, 0.5 * (walls[1:] + walls[:-1])]))
-    return walls
-
-
 def test_trees_that_are_not_split_along_all_axes(tmp_path):
     walls = [np.array([0.0, 8.0]), np.arange(3.0), np.arange(3.0)]
     flags = [0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]
@@ -291,3 +258,26 @@ def test_a_vector_in_text_is_read_once(tmp_path, monkeypatch):
     for axis, expected in zip("xyz", values((3, 240), 1), strict=True):
         same(in_file_order(volume.array(f"gas_velocity_{axis}")), expected)
     assert len(read) == 1
+
+
+def test_spherical_layers_are_a_tree_of_the_same_cells(tmp_path):
+    walls = [R, np.linspace(0.3, PI / 2, 7), np.array([0, 2 * PI])]
+    layers = [[0, 1, 1, 1, 2, 3, 9], [1, 3, 5, 1, 2, 1, 1], [0, 11, 6, 1, 2, 1, 1]]
+    put_grid(tmp_path, walls, coordinates=100, active=(1, 1, 0), layers=layers)
+    put_field(tmp_path, "gas_density", np.arange(float(72 + 24 + 8 + 8)))
+    volume, found = vm.open(tmp_path), {}
+    r, theta, _ = volume.grid.native_centers()
+    place = [np.interp(x, w, np.arange(len(w))) for x, w in zip((r, theta), walls[:2], strict=True)]
+    boxes = [(0, 0, 0, 12), (1, 0, 0, 4), (2, 4, 8, 4), (1, 20, 10, 4)]  # level, first cell, count
+    for value, level, i, j in zip(
+        volume.array("gas_density"), volume.grid.levels, *place, strict=True
+    ):
+        first = 0
+        for own, low_r, low_theta, count in boxes:
+            rows = {0: 6, 1: 6 if low_r == 0 else 2, 2: 2}[own]
+            if first <= value < first + count * rows:
+                k, m = divmod(int(value) - first, count)
+                assert (level, int(i * 2**own), int(j * 2**own)) == (own, low_r + m, low_theta + k)
+                found[value] = True
+            first += count * rows
+    assert len(found) == volume.grid.size == 72 - 6 - 2 + 24 - 2 + 8 + 8

@@ -75,15 +75,6 @@ def test_blocks(tmp_path, monkeypatch, block):
         read(tmp_path / "a", wrong, 220)
 
 
-def test_heads(tmp_path):
-    (tmp_path / "a").write_bytes(b"1 a remark\n\n 2 3\n4\n1.5 2d0\n 7\n0\n1\n")
-    with TextFile(tmp_path / "a") as file:
-        assert file.integers(1, "x") == [1]
-        assert file.integers(3, "x") == [2, 3, 4]
-        assert file.reals(3, "x").tolist() == [1.5, 2.0, 7.0]
-        assert file.flags("x").tolist() == [0, 1]
-
-
 @pytest.mark.parametrize(
     ("text", "what", "message"),
     [
@@ -100,10 +91,3 @@ def test_errors_name_the_line(tmp_path, text, what, message):
     (tmp_path / "a").write_bytes(text)
     with TextFile(tmp_path / "a") as file, pytest.raises(vm.FileFormatError, match=message):
         what(file)
-
-
-def test_a_file_that_ends_within_a_number(tmp_path):
-    text = b"".join(b"%.16e\n" % x for x in range(1, 21))
-    with pytest.raises(vm.FileFormatError, match="ends within a number"):
-        read(tmp_path / "a", text[:-5], 20)
-    assert read(tmp_path / "a", text[:-1], 20)[-1] == 20

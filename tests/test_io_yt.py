@@ -53,6 +53,7 @@ NESTED = [
     ([0.25, 0.5, 0.25], [0.75, 0.75, 0.5], 1, [8, 4, 4]),
     ([0.375, 0.3125, 0.375], [0.5, 0.4375, 0.5], 2, [4, 4, 4]),
 ]
+PLANES = [([0, 0, 0], [1, 1, 1], 0, [8, 8, 1]), ([0.25, 0.5, 0], [0.5, 1, 1], 1, [4, 8, 1])]
 
 
 def octree(zones=2, seed=3):
@@ -81,43 +82,35 @@ def _split(which, inner):
 
 
 DATASETS = {
-    "uniform": lambda: uniform(bbox=BOX, length_unit="kpc"),
-    "pieces": lambda: uniform(bbox=BOX, nprocs=8),
-    "uneven": lambda: uniform(
-        cell_widths=[np.arange(1, 5) / 10, np.full(6, 1 / 6), np.arange(8, 0, -1) / 36]
+    "uniform": (vm.CartesianGrid, lambda: uniform(bbox=BOX, length_unit="kpc")),
+    "pieces": (vm.CartesianGrid, lambda: uniform(bbox=BOX, nprocs=8)),
+    "uneven": (
+        vm.CartesianGrid,
+        lambda: uniform(
+            cell_widths=[np.arange(1, 5) / 10, np.full(6, 1 / 6), np.arange(8, 0, -1) / 36]
+        ),
     ),
-    "nested": lambda: yt.load_amr_grids(grids(NESTED), [8, 8, 8], length_unit="pc"),
-    "by four": lambda: yt.load_amr_grids(
-        grids([NESTED[0], ([0.25] * 3, [0.5] * 3, 1, [8, 8, 8])]), [8, 8, 8], refine_by=4
+    "nested": (
+        vm.PatchGrid,
+        lambda: yt.load_amr_grids(grids(NESTED), [8, 8, 8], length_unit="pc"),
     ),
-    "flat": lambda: yt.load_amr_grids(
-        grids([([0, 0, 0], [1, 1, 1], 0, [8, 8, 1]), ([0.25, 0.5, 0], [0.5, 1, 1], 1, [4, 8, 1])]),
-        [8, 8, 1],
+    "by four": (
+        vm.PatchGrid,
+        lambda: yt.load_amr_grids(
+            grids([NESTED[0], ([0.25] * 3, [0.5] * 3, 1, [8, 8, 8])]), [8, 8, 8], refine_by=4
+        ),
     ),
-    "holes": lambda: yt.load_amr_grids(grids(NESTED[1:3]), [8, 8, 8]),
-    "octree": octree,
-    "octree of single cells": lambda: octree(1),
-    "octree of large octs": lambda: octree(4),
+    "flat": (vm.PatchGrid, lambda: yt.load_amr_grids(grids(PLANES), [8, 8, 1])),
+    "holes": (vm.PatchGrid, lambda: yt.load_amr_grids(grids(NESTED[1:3]), [8, 8, 8])),
+    "octree": (vm.OctreeGrid, octree),
+    "octree of single cells": (vm.OctreeGrid, lambda: octree(1)),
+    "octree of large octs": (vm.OctreeGrid, lambda: octree(4)),
 }
 
 
 @functools.cache  # yt takes half a second for each
 def dataset(name):
-    return DATASETS[name]()
-
-
-KINDS = {
-    "uniform": vm.CartesianGrid,
-    "pieces": vm.CartesianGrid,
-    "uneven": vm.CartesianGrid,
-    "nested": vm.PatchGrid,
-    "by four": vm.PatchGrid,
-    "flat": vm.PatchGrid,
-    "holes": vm.PatchGrid,
-    "octree": vm.OctreeGrid,
-    "octree of single cells": vm.OctreeGrid,
-    "octree of large octs": vm.OctreeGrid,
-}
+    return DATASETS[name][1]()
 
 
 def cartesian(ds, points):
@@ -164,7 +157,7 @@ def check_cells(volume, data, ds, fields=("density", "velocity_x", "temperature"
 def test_every_cell_is_where_yt_has_it(name):
     ds = dataset(name)
     volume = vm.Volume.from_yt(ds)
-    assert type(volume.grid) is KINDS[name]
+    assert type(volume.grid) is DATASETS[name][0]
     cells = check_cells(volume, ds.all_data(), ds)
     if name != "holes":
         assert len(cells) == volume.grid.size

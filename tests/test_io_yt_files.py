@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
-
 import h5py
 import numpy as np
 import pytest
@@ -116,53 +111,6 @@ def test_amrex_levels_of_different_ratios(tmp_path, ratios):
     np.testing.assert_array_equal(levels[-1], boxes[-1])
 
 
-def write_parthenon(path, ghosts=0):
-    """Write eight blocks in place of one of eight: values x + 10 y + 100 z, times 1 to 5."""
-    corners = [(i, j, k) for k in range(2) for j in range(2) for i in range(2)]
-    blocks = [(1, c) for c in corners] + [(0, c) for c in corners[1:]]
-    with h5py.File(path, "w") as file:
-        info = file.create_group("Info").attrs
-        names = ["prim_density", *(f"prim_velocity_{k}" for k in (1, 2, 3)), "prim_pressure"]
-        info.update(OutputFormatVersion=3, NumMeshBlocks=len(blocks), MeshBlockSize=[4] * 3)
-        info.update(MaxLevel=1, RootGridSize=[8] * 3, Coordinates="UniformCartesian", Time=0.5)
-        info.update(RootGridDomain=[0.0, 1, 1, -1, 1, 1, 0, 4, 1], IncludesGhost=ghosts)
-        info.update(BoundaryConditions=["periodic"] * 6, OutputDatasetNames=["prim"])
-        info.update(NumComponents=np.array([5], np.uint64), ComponentNames=names)
-        code = {"length": 3.0856775814913674e18, "mass": 2e33, "time": 3.15e13}
-        file.create_group("Params").attrs.update(
-            {f"Hydro/code_{name}_cgs": value for name, value in code.items()}
-        )
-        file["Levels"], file["LogicalLocations"] = (
-            np.array([block[k] for block in blocks]) for k in (0, 1)
-        )
-        faces = [
-            [
-                low + width / 2 ** (1 + level) * (place[axis] + np.linspace(0, 1, 5))
-                for axis, (low, width) in enumerate(((0, 1), (-1, 2), (0, 4)))
-            ]
-            for level, place in blocks
-        ]
-        for axis, name in enumerate("xyz"):
-            file[f"Locations/{name}"] = np.array([block[axis] for block in faces])
-        middles = [[(e[1:] + e[:-1]) / 2 for e in block] for block in faces]
-        values = [z[:, None, None] * 100 + y[:, None] * 10 + x for x, y, z in middles]
-        file["prim"] = np.array([[v * k for k in range(1, 6)] for v in values])
-    return path
-
-
-def test_a_parthenon_output(tmp_path):
-    path = write_parthenon(tmp_path / "parthenon.out0.00001.phdf")
-    assert find_reader(path).name == "yt"
-    volume = vm.open(path, unit="pc")
-    assert volume.grid.cells_per_level == (448, 512)
-    x, y, z = volume.grid.cell_centers()
-    density = 2e33 / 3.0856775814913674e18**3
-    np.testing.assert_allclose(volume.array("density"), density * (x + 10 * y + 100 * z), rtol=1e-4)
-    assert volume.units["velocity_y"] == "cm / s"
-    with pytest.raises(vm.InputError, match="ghost"):
-        vm.open(write_parthenon(tmp_path / "ghosts.phdf", ghosts=1))
-
-
 @pytest.mark.parametrize(
     ("items", "attributes"),
     [
@@ -188,34 +136,12 @@ def test_layouts_are_told_without_yt(items, attributes, tmp_path):
     assert find_reader(path).name == "hdf5"
 
 
-def test_without_yt_it_is_said_how_to_get_it(tmp_path):
-    path, _ = write_amrex(tmp_path / "plt00010")
-    program = (
-        "import sys; sys.modules['yt'] = None\n"
-        "import voluminous as vm\n"
-        f"try: vm.open({str(path)!r})\n"
-        "except vm.errors.MissingPackageError as error: print(error)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert 'pip install "voluminous[yt]"' in done.stdout, done.stderr
-
-
 def real(place):
     """Return the path of real data, or skip the test if it is absent."""
     path = data_directory() / "data" / place
     if not path.exists():
         pytest.skip(f"no {path}; set VOLUMINOUS_TEST_DATA")
     return path
-
-
-def copied(source, directory):
-    """Return a copy that may be damaged."""
-    shutil.copytree(source, directory)
-    for file in directory.iterdir():
-        os.chmod(file, 0o644)
-    return directory
 
 
 def compared(volume, path, fields):
@@ -264,12 +190,3 @@ def test_an_enzo_output():
         unit = volume.array("density").max() / max(file[g]["Density"][()].max() for g in file)
     mass = (volume.array("density") * volume.grid.cell_volumes).sum()
     assert mass / volume.grid.cell_volumes.sum() == pytest.approx(mean * unit, rel=1e-5)
-
-
-def enzo_names(directory, *stems):
-    """Write files that are called as Enzo's are."""
-    directory.mkdir()
-    for stem in stems:
-        for ending in ("", ".hierarchy", ".boundary", ".cpu0000"):
-            (directory / (stem + ending)).write_text("InitialCycleNumber = 1\n")
-    return directory

@@ -445,10 +445,17 @@ def test_wrong_messages_are_answered_and_nothing_breaks(explorer, message):
     assert "intensity" in page.ask("probe", x=0.5, y=0.5)
 
 
-def test_an_error_of_the_renderer_is_told_and_the_next_picture_comes(explorer):
+def test_a_field_that_does_not_exist_is_refused_before_anything_is_drawn(explorer):
     page = Page(explorer)
     page.put("set", patch=[["medium.0.expr", "nothing_here"]], label="expression")
     page.wait(lambda m: m["kind"] == "notice" and "nothing_here" in m["text"])
+    assert explorer.medium == SHELL + CORE
+
+
+def test_an_error_of_the_renderer_is_told_and_the_next_picture_comes(explorer):
+    page = Page(explorer)
+    page.put("set", patch=[["render.bounds", True], ["render.scheme", "second-order"]], label="a")
+    page.wait(lambda m: m["kind"] == "notice" and "bounds" in m["text"])
     last = page.put("undo")
     page.exact(last)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
+import hashlib
 import http.client
 import json
 import os
 import socket
 import stat
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,6 +117,21 @@ def test_every_file_is_served_with_a_policy_and_nothing_else_is(server):
     assert get(server, "/", "POST")[0] == 405
     assert get(server, "/", Host="evil.example")[0] == 403
     assert get(server, "/", Origin="http://evil.example")[0] == 403
+
+
+def test_the_committed_bundle_is_that_of_the_sources():
+    """`npm run build` in ``frontend`` makes it, and writes down of what."""
+    root = Path(__file__).parent.parent
+    folders = {"sources": root / "frontend/src", "bundle": root / "src/voluminous/viewer/static"}
+    hashes = json.loads((root / "frontend/bundle.json").read_text())
+    for name, folder in folders.items():
+        digest = hashlib.sha256()
+        files = {p.relative_to(folder).as_posix(): p for p in folder.rglob("*") if p.is_file()}
+        for path in sorted(files):
+            digest.update(path.encode() + b"\0" + files[path].read_bytes())
+        assert hashes[name] == digest.hexdigest(), f"{name}: run npm run build in frontend"
+    size = sum(len(gzip.compress(p.read_bytes())) for p in folders["bundle"].iterdir())
+    assert size <= 60 << 10
 
 
 def conversation(server):

@@ -49,6 +49,13 @@ export function strengthOf(medium: Table): number {
   return mean(numbers(medium.opacity ?? (medium.type === "colormap" ? 1 : 0)));
 }
 
+/** The colour by which a medium is known in lists: of a table that of its strongest entry. */
+export function colorFor(medium: Table): any {
+  if (medium.color) return medium.color;
+  const opacities = [medium.opacities ?? []].flat().map((o: any) => mean(numbers(o)));
+  return medium.colors?.[Math.max(0, opacities.indexOf(Math.max(...opacities)))] ?? [1, 1, 1];
+}
+
 function scaled(value: any, factor: number): any {
   if (Array.isArray(value)) return value.map((v) => scaled(v, factor));
   return typeof value === "number" ? Number((value * factor).toPrecision(6)) : value;

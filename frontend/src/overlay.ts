@@ -25,6 +25,7 @@ export class Overlay {
   private ends = new Map<string, SVGGElement>();
   private stalks = new Map<string, SVGLineElement>();
   private order = "";
+  private key = "";
 
   constructor(
     private stage: Stage,
@@ -55,6 +56,11 @@ export class Overlay {
   draw(info: VolumeInfo): void {
     const { canvas, frameView } = this.stage;
     if (!frameView) return;
+    // Lines over the whole picture are dear to draw: not anew for another exposure.
+    const size = [canvas.clientWidth, canvas.clientHeight];
+    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown]);
+    if (key === this.key) return;
+    this.key = key;
     this.lines.setAttribute("viewBox", `0 0 ${canvas.clientWidth} ${canvas.clientHeight}`);
     const parts: SVGElement[] = [];
     const { isFlat } = this.stage;

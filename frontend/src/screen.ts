@@ -53,12 +53,14 @@ void main() {
   gl_Position = vec4((corner * 2.0 - 1.0) * place.xy + place.zw, 0, 1);
 }`;
 
-const MIX = `#version 300 es
+// Variants are compiled apart, by numbers that are put in front: a renderer without a graphics card
+// computes every branch, and logarithms are most of the work.
+const MIX = `
 precision highp float;
 precision highp sampler2DArray;
 uniform sampler2D picture;
 uniform sampler2DArray planes;
-uniform int channels, codec, rows;
+uniform int channels, rows;
 uniform float low, step_, scale;
 uniform vec3 mix_[${MOST_CHANNELS}];
 out vec4 color;
@@ -69,53 +71,68 @@ float bright(float v) {
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
   vec3 sum = vec3(0);
-  vec3 texel = codec == 0 ? texelFetch(picture, at, 0).rgb : vec3(0);
   for (int c = 0; c < channels; c++) {
-    float v;
-    if (codec == 0) v = bright(texel[c]);
-    else if (codec == 1) v = bright(texelFetch(picture, at + ivec2(0, c * rows), 0).r);
-    else v = texelFetch(planes, ivec3(at, c), 0).r * scale;
+#if CODEC == 0
+    float v = bright(texelFetch(picture, at, 0)[c]);
+#elif CODEC == 1
+    float v = bright(texelFetch(picture, at + ivec2(0, c * rows), 0).r);
+#else
+    float v = texelFetch(planes, ivec3(at, c), 0).r * scale;
+#endif
     sum += mix_[c] * v;
   }
   color = vec4(clamp(sum, -65000.0, 65000.0), 1);
 }`;
 
-const TONE = `#version 300 es
+const TONE = `
 precision highp float;
 uniform sampler2D linear_, table;
 uniform float black, white, gamma, softening, fade;
-uniform int curve, mode;
 in vec2 at;
 out vec4 color;
-vec3 asinh_(vec3 v) { return log(v + sqrt(v * v + 1.0)); }
-vec3 bend(vec3 v) {
-  if (curve == 1) return asinh_(v / softening) / asinh_(vec3(1.0 / softening));
-  if (curve == 2) return log(1.0 + v / softening) / log(1.0 + 1.0 / softening);
-  return pow(v, vec3(1.0 / gamma));
+float asinh_(float v) { return log(v + sqrt(v * v + 1.0)); }
+float bend(float v) {
+#if CURVE == 1
+  return asinh_(v / softening) / asinh_(1.0 / softening);
+#elif CURVE == 2
+  return log(1.0 + v / softening) / log(1.0 + 1.0 / softening);
+#elif CURVE == 3
+  return pow(v, 1.0 / gamma);
+#else
+  return v;
+#endif
 }
 void main() {
   vec3 v = texture(linear_, at).rgb;
-  vec3 shown;
-  if (mode >= 2) {
-    float p = mode == 3
-      ? log(max(v.r, black) / black) / log(white / black)
-      : bend(vec3(clamp((v.r - black) / (white - black), 0.0, 1.0))).r;
-    shown = texelFetch(table, ivec2(clamp(int(p * 256.0), 0, 255), 0), 0).rgb;
-  } else {
-    vec3 lit = max((v - black) / (white - black), 0.0);
-    if (mode == 1) {
-      float most = max(lit.r, max(lit.g, lit.b));
-      shown = most > 0.0 ? min(lit / most * bend(vec3(min(most, 1.0))), 1.0) : vec3(0);
-    } else shown = bend(min(lit, 1.0));
-  }
+#if MODE >= 2
+#if MODE == 3
+  float p = log(max(v.r, black) / black) / log(white / black);
+#else
+  float p = bend(clamp((v.r - black) / (white - black), 0.0, 1.0));
+#endif
+  vec3 shown = texelFetch(table, ivec2(clamp(int(p * 256.0), 0, 255), 0), 0).rgb;
+#else
+  vec3 lit = max((v - black) / (white - black), 0.0);
+#if MODE == 1
+  float most = max(max(lit.r, max(lit.g, lit.b)), 1e-30);
+  vec3 shown = min(lit * (bend(min(most, 1.0)) / most), 1.0);
+#else
+  vec3 shown = vec3(bend(min(lit.r, 1.0)), bend(min(lit.g, 1.0)), bend(min(lit.b, 1.0)));
+#endif
+#endif
   color = vec4(shown, fade);
 }`;
 
 type Uniforms = (name: string) => WebGLUniformLocation | null;
 
-function program(gl: WebGL2RenderingContext, fragment: string): { use: WebGLProgram; at: Uniforms } {
+interface Program {
+  use: WebGLProgram;
+  at: Uniforms;
+}
+
+function program(gl: WebGL2RenderingContext, variant: string, fragment: string): Program {
   const made = gl.createProgram()!;
-  for (const [type, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment]] as const) {
+  for (const [type, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, `#version 300 es\n${variant}${fragment}`]] as const) {
     const shader = gl.createShader(type)!;
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
@@ -150,8 +167,7 @@ export interface Surface {
 }
 
 export class Screen implements Surface {
-  private mix!: ReturnType<typeof program>;
-  private tone!: ReturnType<typeof program>;
+  private programs = new Map<string, Program>();
   private target!: WebGLFramebuffer;
   private table!: WebGLTexture;
   private tableName = "";
@@ -182,13 +198,20 @@ export class Screen implements Surface {
     const last = this.layers.at(-1)?.picture;
     this.layers = [];
     this.tableName = "";
-    this.mix = program(gl, MIX);
-    this.tone = program(gl, TONE);
+    this.programs.clear();
     this.target = gl.createFramebuffer()!;
     this.table = gl.createTexture()!;
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     if (last) this.take(last);
+  }
+
+  private variant(numbers: string, source: string): Program {
+    const found = this.programs.get(numbers);
+    if (found) return found;
+    const made = program(this.gl, numbers, source);
+    this.programs.set(numbers, made);
+    return made;
   }
 
   get lost(): boolean {
@@ -247,14 +270,16 @@ export class Screen implements Surface {
     gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
     gl.clearColor(0, 0, 0, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    gl.useProgram(this.tone.use);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     shown.forEach((layer, i) => this.showLayer(layer, how[i], shown.length === 2 && i === 1 ? fade : 1));
   }
 
   private showLayer(layer: Layer, { tone, place }: Drawn, fade: number): void {
     const { gl } = this;
-    const { at } = this.tone;
+    const curve = tone.curve === "power" && tone.gamma !== 1 ? 3 : ["power", "asinh", "log"].indexOf(tone.curve);
+    const mode = tone.colormap !== null ? (tone.logarithmic ? 3 : 2) : tone.hue ? 1 : 0;
+    const { at, use } = this.variant(`#define CURVE ${curve}\n#define MODE ${mode}\n`, TONE);
+    gl.useProgram(use);
     if (fade < 1) gl.enable(gl.BLEND);
     else gl.disable(gl.BLEND);
     const scale = 2 ** (TOP - topOf(layer.picture.head));
@@ -270,8 +295,6 @@ export class Screen implements Surface {
     gl.uniform1f(at("gamma"), tone.gamma);
     gl.uniform1f(at("softening"), tone.softening);
     gl.uniform1f(at("fade"), fade);
-    gl.uniform1i(at("curve"), ["power", "asinh", "log"].indexOf(tone.curve));
-    gl.uniform1i(at("mode"), tone.colormap !== null ? (tone.logarithmic ? 3 : 2) : tone.hue ? 1 : 0);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     gl.activeTexture(gl.TEXTURE0);
   }
@@ -281,14 +304,14 @@ export class Screen implements Surface {
     if (layer.mixed === key) return;
     layer.mixed = key;
     const { gl } = this;
-    const { at, use } = this.mix;
     const { width, height, channels, low, high } = layer.picture.head;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, layer.linear, 0);
     gl.viewport(0, 0, width, height);
     gl.disable(gl.BLEND);
-    gl.useProgram(use);
     const codec = layer.picture.halves ? 2 : channels === 3 ? 0 : 1;
+    const { at, use } = this.variant(`#define CODEC ${codec}\n`, MIX);
+    gl.useProgram(use);
     // A texture that is drawn into may not be bound, not even unused.
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, codec === 2 ? layer.source : null);
@@ -297,7 +320,6 @@ export class Screen implements Surface {
     gl.uniform1i(at("picture"), 0);
     gl.uniform1i(at("planes"), 1);
     gl.uniform1i(at("channels"), Math.min(channels, MOST_CHANNELS));
-    gl.uniform1i(at("codec"), codec);
     gl.uniform1i(at("rows"), height);
     const shift = TOP - topOf(layer.picture.head);
     gl.uniform1f(at("low"), low + shift);

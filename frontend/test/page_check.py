@@ -1,4 +1,4 @@
-"""Checks of the page in a real browser, against renders of Python. Run: python test/page_check.py [--shots]."""
+"""Checks of the page in a real browser, against renders of Python. Run: python test/page_check.py [--shots FOLDER]."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from playwright.async_api import async_playwright
 
 import voluminous as vm
 
-SHOTS = "--shots" in sys.argv
+SHOTS = sys.argv[sys.argv.index("--shots") + 1] if "--shots" in sys.argv else None
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PIXELS = """() => { const c = document.querySelector('.vlm-canvas'); const gl = c.getContext('webgl2');
   const d = new Uint8Array(4 * c.width * c.height); gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -29,7 +29,7 @@ async def pixels(page) -> np.ndarray:
 
 async def shot(page, name: str) -> None:
     if SHOTS:
-        await page.screenshot(path=f"/tmp/fe_{name}.png")
+        await page.screenshot(path=f"{SHOTS}/fe_{name}.png")
 
 
 async def until(page, name: str, value: str, seconds: float = 15.0) -> None:
@@ -139,11 +139,21 @@ async def main() -> None:
         await page.wait_for_timeout(600)
         await settled(page)
         await same(page, fake, "with asinh", 2)
+        await page.get_by_label("Stretch").select_option("log")
+        await page.get_by_label("Too bright").select_option("clip")
+        await settled(page)
+        await same(page, fake, "with log and clip", 2)
+        await page.get_by_label("Stretch").select_option("custom")
+        await settled(page)
+        await same(page, fake, "with a power", 2)
         await page.get_by_label("Colormap").select_option("viridis")
         await page.wait_for_timeout(600)
         await settled(page)
         await same(page, fake, "with a colormap", 3)
         await shot(page, "colormap")
+        await page.get_by_label("logarithm of the values").check()
+        await settled(page)
+        await same(page, fake, "with a logarithmic colormap", 3)
         await page.keyboard.press("Control+z")
         await page.keyboard.press("Control+z")
         await page.get_by_role("button", name="Reset").click()

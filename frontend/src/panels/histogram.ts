@@ -3,7 +3,7 @@
 // of the optical depth, as eyes need it; counts are logarithmic too, since halos are faint.
 
 import type { App } from "../app";
-import { another, given, isShell, profile, strengthened, strengthOf, STRONGEST, WEAKEST, widthName } from "../media";
+import { another, colorFor, given, isShell, profile, strengthened, strengthOf, STRONGEST, WEAKEST, widthName } from "../media";
 import type { Patch } from "../store";
 import { vivid } from "../ui/color";
 import { refill, svg } from "../ui/dom";
@@ -147,7 +147,7 @@ export class Histogram {
       }),
       svg("line", { x1: 0, x2: WIDTH, y1: HEIGHT, y2: HEIGHT, class: "vlm-base" }),
       ...marks.filter((_, i) => i % every === 0).map((v) => {
-        const x = Math.min(Math.max(this.toX(v), 12), WIDTH - 12);
+        const x = Math.min(Math.max(this.toX(v), 16), WIDTH - 16);
         return svg("text", { x, y: HEIGHT + 14, "text-anchor": "middle" }, pretty(v));
       }),
       unit && svg("text", { x: 2, y: 10, class: "vlm-axis" }, unit),
@@ -168,7 +168,7 @@ export class Histogram {
 
   private shape(medium: Table, i: number): SVGElement {
     const open = this.app.store.open;
-    const color = medium.type === "colormap" ? "#9aa7b5" : vivid(medium.type === "table" ? medium.colors?.[0] : medium.color ?? [1, 1, 1]);
+    const color = medium.type === "colormap" ? "#9aa7b5" : vivid(colorFor(medium));
     const props = {
       class: `vlm-shape${i === this.chosen ? " vlm-chosen" : ""}${medium.hidden ? " vlm-off" : ""}`,
       fill: color, stroke: color, onpointerdown: () => this.choose(i),

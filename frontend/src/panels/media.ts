@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import type { Panel } from "../layout";
-import { absorbed, canLock, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, TYPES, WEAKEST, widthName } from "../media";
+import { absorbed, canLock, colorFor, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, TYPES, WEAKEST, widthName } from "../media";
 import { colorOf, SAFE, toHex, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
 import { choice, labelled, numberField, slider, textField, toggle } from "../ui/fields";
@@ -11,7 +11,7 @@ import type { Message, Table } from "../wire";
 import { Histogram } from "./histogram";
 
 const BINS = 160;
-const DECADES_FOR_LOG = 1000;
+const RATIO_FOR_LOG = 100;
 
 export function mediaPanel(app: App): Panel {
   const { store } = app;
@@ -28,7 +28,7 @@ export function mediaPanel(app: App): Panel {
   const histogram = new Histogram(app, select);
 
   let logarithmic: boolean | null = null;
-  const axis = toggle("logarithmic values", (on) => {
+  const axis = toggle("log axis", (on) => {
     logarithmic = on;
     load();
   }, "The axis of values, for expressions without a logarithm of their own");
@@ -36,7 +36,7 @@ export function mediaPanel(app: App): Panel {
   /** Whether values are drawn logarithmically: by default those of positive fields over decades. */
   function isLog(expr: string): boolean {
     const field = app.info?.fields.find((f) => f.name === expr);
-    return logarithmic ?? Boolean(field && field.min > 0 && field.max / field.min > DECADES_FOR_LOG);
+    return logarithmic ?? Boolean(field && field.min > 0 && field.max / field.min > RATIO_FOR_LOG);
   }
 
   async function load(): Promise<void> {
@@ -115,7 +115,7 @@ export function mediaPanel(app: App): Panel {
       if (rows[i].dataset.key === key) return;
       rows[i].dataset.key = key;
       const swatch = h("span", { class: "vlm-swatch" });
-      swatch.style.background = medium.type === "colormap" ? gradient(app, medium.cmap) : vivid(medium.color ?? medium.colors?.[0] ?? [1, 1, 1]);
+      swatch.style.background = medium.type === "colormap" ? gradient(app, medium.cmap) : vivid(colorFor(medium));
       const tau = medium.type === "coefficients" ? "" : `τ ${pretty(strengthOf(medium), 2)}`;
       refill(name, swatch, h("span", { class: "vlm-title" }, titleOf(medium)), h("span", { class: "vlm-kind" }, kindOf(medium)), h("span", { class: "vlm-tau" }, tau));
       refill(eye, icon(medium.hidden ? "hidden" : "eye"));
@@ -146,7 +146,7 @@ export function mediaPanel(app: App): Panel {
       "div",
       {},
       h("div", { class: "vlm-plot" }, histogram.element),
-      h("div", { class: "vlm-line" }, axis.element, h("span", { class: "vlm-hint" }, "drag peaks and shoulders (Shift: one axis)")),
+      h("div", { class: "vlm-line" }, axis.element, h("span", { class: "vlm-hint" }, "drag the shapes; Shift: one axis")),
       list,
       h(
         "div",

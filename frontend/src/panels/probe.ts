@@ -108,7 +108,7 @@ export function probePanel(app: App): Panel {
       const rows: [string, string][] = [
         ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + ` ${prettyUnit(reply.units?.intensity)}`],
         ["Optical depth", [...new Set((reply.tau ?? []).map((v: number) => pretty(v)))].join("  ")],
-        ["Half of the light from", reply.depth === null ? "nowhere: nothing shines" : prettyLength(reply.depth, unitOf)],
+        ["Half of the light by", reply.depth === null ? "nowhere: nothing shines" : prettyLength(reply.depth, unitOf)],
       ];
       if (reply.point) rows.push(["Point", reply.point.map((v: number) => prettyLength(v, unitOf)).join(", ")]);
       for (const [name, value] of Object.entries((reply.values ?? {}) as Record<string, number>)) rows.push([name, withUnit(value, reply.units?.[name])]);

@@ -105,7 +105,6 @@ export function tonePanel(app: App): Panel {
       gamut.element.hidden = Boolean(now.colormap);
       maps.options(["none", ...[...stage.tables.keys()].sort()]);
       maps.update(now.colormap ?? "none");
-      channel.options(now.colormap ? [] : ["all"]);
       channel.options([...(now.colormap ? [] : ["all"]), ...[...Array(store.channels).keys()].map((k) => String(k + 1))]);
       channel.element.hidden = store.channels < 2;
       const one = [now.channels].flat()[0];

@@ -108,7 +108,12 @@ export function textField(label: string, changed: (value: string) => void, hint?
 
 export function choice(label: string, options: string[], changed: (value: string) => void, hint?: string): Field<string> & { options(list: string[]): void } {
   const input = h("select");
-  const options_ = (list: string[]) => input.replaceChildren(...list.map((name) => h("option", { value: name }, name)));
+  let known = "";
+  const options_ = (list: string[]) => {
+    if (list.join() === known) return;
+    known = list.join();
+    input.replaceChildren(...list.map((name) => h("option", { value: name }, name)));
+  };
   options_(options);
   input.addEventListener("change", () => changed(input.value));
   return {

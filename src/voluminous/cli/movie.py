@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .common import check_directory, say
-from .render import add_scene_options, scene_from
+from .render import add_scene_arguments, scene_from
 
 if TYPE_CHECKING:
     from ..cameras import Camera
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
-    add_scene_options(parser)
+    add_scene_arguments(parser)
     help = ".mp4, .gif or .webp; or a picture per frame: orbit.png writes orbit_0000.png and so on"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=help)
     group = parser.add_argument_group("path of the camera")

@@ -42,7 +42,6 @@ _SHOWN = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
-    add_scene_options(parser)
     help = (
         "image to write (.png, .tif, .exr, .fits, .npz); may be given several times; "
         "by default the file's name with .png, in the working directory"
@@ -50,10 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_several(parser, "-o --output", "FILE", help, type=Path)
     help = "add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)"
     parser.add_argument("--annotate", action="store_true", help=help)
+    add_scene_arguments(parser)
 
 
-def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments from which `scene_from` makes a scene."""
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the file of a scene and the options that change it, or make it for a data file."""
     parser.add_argument(
         "scene",
         type=Path,
@@ -66,12 +66,8 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         "file with data also an option of its format, such as unit=pc"
     )
     add_several(parser, "--set", "KEY=VALUE", help)
-    add_data_options(parser)
     add_render_options(parser)
-
-
-def add_data_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for data files; all are None unless given."""
+    # All are None unless given.
     group = parser.add_argument_group("data files", "what is chosen by itself for these")
     group.add_argument("--field", metavar="EXPR", help="field or expression to show")
     group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 
-from .render import add_scene_options, scene_from
+from .render import add_scene_arguments, scene_from
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
-    add_scene_options(parser)
+    add_scene_arguments(parser)
     group = parser.add_argument_group("where it is served")
     help = "serve a unix socket that only you can open, for ssh -L, instead of a port"
     group.add_argument("--socket", action="store_true", help=help)

@@ -4,16 +4,8 @@
 provide.
 """
 
-from typing import Any
-
 from .contract import FieldInfo, Reader
 from .labelled.convert import from_xarray
 from .registry import find_reader, open, readers
 
 __all__ = ["FieldInfo", "Reader", "find_reader", "from_xarray", "open", "readers"]
-
-
-def __getattr__(name: str) -> Any:
-    if name == "save":
-        raise AttributeError("voluminous.io.save(volume, path) is now volume.save(path)")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -70,26 +70,14 @@ def by_library(name: str) -> Iterator[None]:
 
 
 def _blame(error: Exception) -> str:
-    message = f"{type(error).__name__}: {_shortened(str(error))}"
+    # Some messages quote the contents of a damaged file.
+    text = str(error) if len(str(error)) <= _LONGEST else f"{str(error)[:_LONGEST]} …"
+    message = f"{type(error).__name__}: {text}"
     if isinstance(error, (FileNotFoundError, PermissionError)):
         return f"a file cannot be opened ({message})"
-    of_hdf5 = isinstance(error, RuntimeError) and _frames(error)[-1].startswith("h5py")
+    modules = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
+    of_hdf5 = isinstance(error, RuntimeError) and modules[-1].startswith("h5py")
     if of_hdf5 or isinstance(error, _DAMAGE) or not type(error).__module__.startswith(_OWN):
         return f"it is damaged, cut short or of another kind ({message})"
-    return f"{_culprit(error)} failed on it with {message}. If the file is sound, please report it"
-
-
-def _culprit(error: Exception) -> str:
-    of_yt = [name for name in _frames(error) if name.startswith("yt.")]
-    frontend = next((n.split(".")[2] for n in of_yt if n.startswith("yt.frontends.")), "")
-    return f"yt's {frontend} frontend".replace("  ", " ") if of_yt else "voluminous"
-
-
-def _frames(error: Exception) -> list[str]:
-    """Return the modules that an exception passed through, the raising one last."""
-    return [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
-
-
-def _shortened(text: str) -> str:
-    """Truncate a message: some quote the contents of a damaged file."""
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
+    culprit = "yt" if any(name.startswith("yt.") for name in modules) else "voluminous"
+    return f"{culprit} failed on it with {message}. If the file is sound, please report it"

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
-import struct
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import FileFormatError, InputError, MissingPackageError
 from ..memory import check_memory
 from .contract import FieldInfo, Reader
+from .guard import by_library
 from .scanners.placement import Arrangement, Placement, arranged
-from .vtk.dataset import OPTIONS, DataArray, Dataset
+from .vtk.dataset import OPTIONS, DataArray, Dataset, Uneven
 
 if TYPE_CHECKING:
     from ..volume import Volume
 
 _MAGIC = b" BDV\0\0\0\0"
-# Format versions whose header `_check_whole` can read (openvdb/version.h).
-_KNOWN = range(216, 300)
 # Array type and number of components for each OpenVDB type name.
 _TYPES = {
     "bool": ("?", 1),
@@ -35,7 +31,6 @@ _TYPES = {
     "vec3d": ("f8", 3),
     "vec3i": ("i4", 3),
 }
-_LONGEST = 200
 # Bytes per cell for the walls along one axis.
 _PER_LAYER = 64
 
@@ -54,25 +49,22 @@ class OpenVDBReader(Reader):
 
     def read(self, path: Path, fields: Any = None, *, unit: Any = None, **options: Any) -> Volume:
         grids = _grids(path)
-        whole = Dataset((1, 1, 1), _nowhere, [_array(path, name, g) for name, g in grids.items()])
-        chosen = {array.name for array, _ in whole.chosen(fields).values()}
-        shown = _dataset(path, {name: g for name, g in grids.items() if name in chosen})
-        return shown.volume(fields, unit)
+        arrays = [_array(path, name, grid, (0, 0, 0), ()) for name, grid in grids.items()]
+        chosen = Dataset((1, 1, 1), Uneven(()), arrays).chosen(fields).values()
+        names = {array.name for array, _ in chosen}
+        chosen_grids = {name: grid for name, grid in grids.items() if name in names}
+        return _dataset(path, chosen_grids).volume(fields, unit)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        found: list[FieldInfo] = []
-        for name, grid in _grids(path).items():
-            found += _dataset(path, {name: grid}).infos()
-        return tuple(found)
+        grids = _grids(path).items()
+        return tuple(f for name, grid in grids for f in _dataset(path, {name: grid}).infos())
 
 
 def _module() -> Any:
     """Return OpenVDB's Python module, which had another name before version 11."""
     for name in ("openvdb", "pyopenvdb"):
-        try:
+        with suppress(ImportError):
             return importlib.import_module(name)
-        except ImportError:
-            continue
     raise MissingPackageError(
         "reading OpenVDB files needs OpenVDB's own Python module, which is not on the Python "
         "package index; install it with\n"
@@ -83,12 +75,12 @@ def _module() -> Any:
 
 
 def _grids(path: Path) -> dict[str, Any]:
+    module = _module()
     grids: dict[str, Any] = {}
-    with _library(path) as module:
-        found = module.readAllGridMetadata(str(path))
-    for number, grid in enumerate(found):
-        if grid.valueTypeName in _TYPES:
-            grids.setdefault(grid.name or f"grid_{number}", grid)
+    with by_library("OpenVDB"):
+        for number, grid in enumerate(module.readAllGridMetadata(str(path))):
+            if grid.valueTypeName in _TYPES:
+                grids.setdefault(grid.name or f"grid_{number}", grid)
     if not grids:
         raise FileFormatError("expected grids of numbers or vectors, there are none")
     return grids
@@ -103,114 +95,52 @@ def _dataset(path: Path, grids: dict[str, Any]) -> Dataset:
             f"the grids have voxels of different sizes or at different places ({listed}); choose "
             "some of one kind with fields=[…]"
         )
-    boxes = [_box(path, name, grid) for name, grid in grids.items()]
-    low = np.min([box[0] for box in boxes], axis=0)
-    points = tuple(int(n) for n in np.max([box[1] for box in boxes], axis=0) - low + 1)
+    boxes = np.array([_box(path, name, grid) for name, grid in grids.items()])
+    low = boxes[:, 0].min(axis=0)
+    points = tuple(int(n) for n in boxes[:, 1].max(axis=0) - low + 1)
     check_memory(_PER_LAYER * sum(points), "the walls of the voxels", "is the file damaged?")
-    origin = first[0] + low @ first[1:]
 
     def arrange(at: str, unit: Any) -> Arrangement:
-        return arranged(points, Placement(origin, first[1:], unit))
+        return arranged(points, Placement(first[0] + low @ first[1:], first[1:], unit))
 
-    arrays = [_array(path, name, grid, low, points) for name, grid in grids.items()]
+    start = tuple(int(n) for n in low)
+    arrays = [_array(path, name, grid, start, points) for name, grid in grids.items()]
     return Dataset(points, arrange, arrays)
 
 
 def _steps(grid: Any) -> np.ndarray:
     """Return the position of voxel (0, 0, 0) and the steps along the indices, shape (4, 3)."""
-    transform = grid.transform
-    if not transform.isLinear:
+    if not grid.transform.isLinear:
         raise InputError(
             f"grid {grid.name!r} has voxels of different sizes (a frustum): resample it to equal "
             "voxels first"
         )
     places = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    corners = np.array([transform.indexToWorld(place) for place in places], float)
+    corners = np.array([grid.transform.indexToWorld(place) for place in places], float)
     return np.concatenate([corners[:1], corners[1:] - corners[0]])
 
 
 def _box(path: Path, name: str, grid: Any) -> tuple[Any, Any]:
     """Return the first and last index of the active voxels."""
-    meta = grid.metadata
-    if "file_bbox_min" in meta and "file_bbox_max" in meta:
-        low, high = meta["file_bbox_min"], meta["file_bbox_max"]
-    else:
+    low, high = (grid.metadata.get(f"file_bbox_{end}") for end in ("min", "max"))
+    if low is None or high is None:
         low, high = _voxels(path, name).evalActiveVoxelBoundingBox()
     if any(a > b for a, b in zip(low, high, strict=True)):
         raise InputError(f"grid {name!r} is empty: no voxel of it is set; choose others")
     return low, high
 
 
-def _array(path: Path, name: str, grid: Any, low: Any = (0, 0, 0), points: Any = ()) -> DataArray:
+def _array(path: Path, name: str, grid: Any, low: Any, points: Any) -> DataArray:
     dtype, components = _TYPES[grid.valueTypeName]
-    load = functools.partial(_load, path, name, tuple(int(n) for n in low), points)
+
+    def load() -> np.ndarray:
+        values = np.empty(points if components == 1 else (*points, components), dtype)
+        _voxels(path, name).copyToArray(values, ijk=low)
+        return values.reshape(*points, components).transpose(2, 1, 0, 3)
+
     return DataArray(name, "", components, np.dtype(dtype), load)
 
 
-def _load(path: Path, name: str, low: tuple[int, ...], points: tuple[int, ...]) -> np.ndarray:
-    grid = _voxels(path, name)
-    dtype, components = _TYPES[grid.valueTypeName]
-    values = np.empty(points if components == 1 else (*points, components), dtype)
-    grid.copyToArray(values, ijk=low)
-    return values.reshape(*points, components).transpose(2, 1, 0, 3)
-
-
 def _voxels(path: Path, name: str) -> Any:
-    with _library(path) as module:
-        return module.read(str(path), name)
-
-
-@contextmanager
-def _library(path: Path) -> Iterator[Any]:
-    """Yield the library; shorten its errors, which may quote gigabytes of a damaged file."""
-    module = _module()
-    try:
-        _check_whole(path)
-    except struct.error as error:
-        raise FileFormatError("it is cut short within its header") from error
-    try:
-        yield module
-    except (Exception, MemoryError) as error:
-        message = str(next(iter(error.args), ""))[:_LONGEST]
-        raise FileFormatError(
-            f"OpenVDB cannot read it ({type(error).__name__}: {message})"
-        ) from None
-
-
-def _nowhere(at: str, unit: Any) -> Arrangement:
-    raise AssertionError("fields are only chosen among these arrays")
-
-
-def _check_whole(path: Path) -> None:
-    """Follow the grid offsets to detect a truncated file, which misleads the library."""
-
-    def take(format: str) -> int:
-        (number,) = struct.unpack(format, file.read(struct.calcsize(format)))
-        return int(number)
-
-    def skip_texts(file: IO[bytes], count: int) -> None:
-        for _ in range(count):
-            file.seek(take("<I"), 1)
-
-    size = path.stat().st_size
-    with open(path, "rb") as file:
-        file.seek(len(_MAGIC))
-        version = take("<I")
-        file.seek(8, 1)  # version of the library
-        if version not in _KNOWN or not take("<B"):  # a stream has no offsets
-            return
-        file.seek(36, 1)  # an identifier
-        for _ in range(take("<I")):
-            skip_texts(file, 3)  # name, type and value of a metadata entry
-            if file.tell() > size:
-                break
-        for number in range(take("<I")):
-            skip_texts(file, 3)  # name, type, and grid with shared voxels
-            file.seek(16, 1)
-            end = take("<q")
-            if not file.tell() <= end <= size:
-                raise FileFormatError(
-                    f"grid {number} ends at byte {end}, but the file has {size} bytes: it is cut "
-                    "short or damaged"
-                )
-            file.seek(end)
+    with by_library("OpenVDB"):
+        return _module().read(str(path), name)

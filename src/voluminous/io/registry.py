@@ -8,6 +8,7 @@ import functools
 import importlib.metadata
 import itertools
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from .contract import FieldChoice, Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
-from .labelled.netcdf import EngineReader, NetCDFReader
+from .labelled.netcdf import GRIBReader, NetCDFReader
 from .native.reader import NativeReader
 from .nexus import NeXusReader
 from .openpmd import OpenPMDReader
@@ -87,7 +88,7 @@ READERS: tuple[Reader, ...] = (
     NPZReader(),
     NPYReader(),
     HDF5Reader(),
-    EngineReader(),
+    GRIBReader(),
     RawReader(),
     PackedReader(lambda path: find_reader(path), lambda *asked: check_options(*asked)),
     AnyYtReader(lambda path: reader_for_suffix(path)),
@@ -171,7 +172,10 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
     url = url_of(path)
     head = b"" if url else _head(path)
     if format is not None:
-        return _named(format, readers())
+        by_name = {reader.name: reader for reader in readers()}
+        if format not in by_name:
+            raise unknown_name("format", format, by_name)
+        return by_name[format]
     for reader in [reader for reader in READERS if reader.remote] if url else readers():
         if reader.matches(path, head):
             return reader
@@ -184,7 +188,7 @@ def reader_for_suffix(path: Path) -> Reader | None:
     return fitting[-1] if fitting else None
 
 
-def check_options(reader: Reader, options: Any) -> None:
+def check_options(reader: Reader, options: Iterable[str]) -> None:
     """Check that the reader supports all options."""
     for option in options:
         if option not in reader.options:
@@ -206,13 +210,6 @@ def _foreign() -> tuple[Reader, ...]:
     return tuple(result)
 
 
-def _named(name: str, among: Any) -> Reader:
-    by_name = {reader.name: reader for reader in among}
-    if name not in by_name:
-        raise unknown_name("format", name, by_name)
-    return by_name[name]
-
-
 def _head(path: Path) -> bytes:
     if path.is_dir():
         return b""
@@ -225,20 +222,15 @@ def _head(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
-def _quick_reader(path: Path) -> Reader | None:
-    """Return the reader for a path without trying yt, which takes seconds to import."""
-    head = _head(path)
-    asked = (reader for reader in readers() if not isinstance(reader, AnyYtReader))
-    return next((reader for reader in asked if reader.matches(path, head)), None)
-
-
 def _unknown_format(path: Path, head: bytes) -> FileFormatError:
     by_name = reader_for_suffix(path)
     if path.is_dir():
-        inside = _openable(path)
-        if inside:
-            known = f"{path} is a directory that no reader knows as a whole"
-            return FileFormatError(f"{known}; open what is in it:\n{inside}")
+        if lines := _openable(path):
+            listed = "\n".join(lines)
+            return FileFormatError(
+                f"{path} is a directory that no reader knows as a whole; open what is in "
+                f"it:\n{listed}"
+            )
         message = f"{path} is a directory that no reader knows"
     elif not head:
         message = f"{path} is empty"
@@ -251,31 +243,23 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
         message = (
             f"{path} is of a format that voluminous does not know; it starts with {head[:8]!r}"
         )
-    message += _if_image(path)
-    listed = ", ".join(map(_named_with_suffixes, readers()))
-    return FileFormatError(f"{message}. Known formats: {listed}")
-
-
-def _openable(directory: Path) -> str:
-    """Return lines that list the supported files in a directory, without trying yt (slow)."""
-    lines = []
-    try:
-        for entry in sorted(itertools.islice(directory.iterdir(), _ENTRIES)):
-            with contextlib.suppress(OSError, InputError):
-                reader = None if entry.name.startswith(".") else _quick_reader(entry)
-                lines += [] if reader is None else [f"  {entry}: {reader.description}"]
-    except OSError:  # no permission to read the directory
-        return ""
-    more = [] if len(lines) <= _LISTED else [f"  … and {len(lines) - _LISTED} more"]
-    return "\n".join(lines[:_LISTED] + more)
-
-
-def _if_image(path: Path) -> str:
     from ..image.formats import FORMATS
 
-    named = any(path.suffix.lower() in form.suffixes for form in FORMATS)
-    return "; images are opened with vm.Image.load" if named and path.is_file() else ""
+    if path.is_file() and any(path.suffix.lower() in form.suffixes for form in FORMATS):
+        message += "; images are opened with vm.Image.load"
+    known = (r.name + (f" ({' '.join(r.suffixes)})" if r.suffixes else "") for r in readers())
+    return FileFormatError(f"{message}. Known formats: {', '.join(known)}")
 
 
-def _named_with_suffixes(reader: Reader) -> str:
-    return f"{reader.name} ({' '.join(reader.suffixes)})" if reader.suffixes else reader.name
+def _openable(directory: Path) -> list[str]:
+    """Return lines that list the supported files in a directory, without trying yt (slow)."""
+    quick = [reader for reader in readers() if not isinstance(reader, AnyYtReader)]
+    lines = []
+    with contextlib.suppress(OSError):  # no permission to read the directory
+        for entry in sorted(itertools.islice(directory.iterdir(), _ENTRIES)):
+            with contextlib.suppress(OSError, InputError):
+                head = b"" if entry.name.startswith(".") else _head(entry)
+                reader = next((reader for reader in quick if reader.matches(entry, head)), None)
+                if reader is not None and not entry.name.startswith("."):
+                    lines.append(f"  {entry}: {reader.description}")
+    return lines[:_LISTED] + [f"  … and {len(lines) - _LISTED} more"] * (len(lines) > _LISTED)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import InputError, UnitsError, unknown_name
 from ..units import quantity_in, split_text
+
+# The text for None, which TOML does not have.
+NONE = "none"
 
 
 class _UnfitError(Exception):
@@ -17,135 +20,98 @@ class _UnfitError(Exception):
 
 @dataclass(frozen=True)
 class Kind:
-    """Expected type of a value: a description, and a converter that may raise `_UnfitError`."""
+    """Expected type of a value: `expected` in words, `types` accepted as they are.
+
+    With `quantity`, texts are quantities such as "0.1 pc"; with `listed`, lists of such values are
+    accepted, of any depth; `words` are texts with a meaning, and what it is; `table` are the types
+    of the values in a table, which `make` converts.
+    """
 
     expected: str
-    take: Callable[[Any], Any]
+    types: tuple[type, ...] = ()
+    quantity: bool = False
+    listed: bool = False
+    words: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    table: tuple[type, ...] = ()
+    make: Callable[[dict[str, Any]], Any] | None = None
 
     def __call__(self, key: str, value: Any) -> Any:
         """Return the value as the constructor expects it."""
         try:
-            return self.take(value)
+            return self._taken(value)
         except _UnfitError:
             raise InputError(f"{key}: expected {self.expected}, got {value!r}") from None
         except UnitsError as error:
             raise UnitsError(f"{key}: {error}") from error
 
-
-def _of(*types: type) -> Callable[[Any], Any]:
-    def take(value: Any) -> Any:
-        # bool is a subclass of int in Python, but true is not accepted as a number here.
-        if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
+    def _taken(self, value: Any) -> Any:
+        if isinstance(value, dict) and self.make is not None:
+            return self.make(value)
+        is_table = isinstance(value, dict) and bool(self.table)
+        if is_table and all(_is_of(self.table, one) for one in value.values()):
+            return value
+        if isinstance(value, list) and self.listed:
+            return [self._taken(one) for one in value]
+        if isinstance(value, str) and value in self.words:
+            return self.words[value]
+        quantity = quantity_in(value) if isinstance(value, str) and self.quantity else None
+        if quantity is None and not _is_of(self.types, value):
             raise _UnfitError
-        return value
-
-    return take
+        return value if quantity is None else quantity
 
 
-def _quantity(value: Any) -> Any:
-    if not isinstance(value, str):
-        return _number(value)
-    found = quantity_in(value)
-    if found is None:
-        raise _UnfitError
-    return found
+def _is_of(types: tuple[type, ...], value: Any) -> bool:
+    # bool is a subclass of int in Python, but true is not accepted as a number here.
+    return isinstance(value, types) and (bool in types or not isinstance(value, bool))
 
 
-def _plain_quantity(value: Any) -> Any:
-    """Parse an unambiguous quantity; any other text is a name."""
-    if not isinstance(value, str):
-        return _number(value)
-    parts = split_text(value)
-    if parts is None or not parts[1][:1].isalpha():  # such as "1.2.840", or "2024-01-01"
-        raise _UnfitError
-    try:
-        return _quantity(value)
-    except UnitsError:
-        raise _UnfitError from None
-
-
-def _listed(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def take_all(value: Any) -> Any:
-        if isinstance(value, list):
-            return [take_all(v) for v in value]
-        return take(value)
-
-    return take_all
-
-
-def _either(*takers: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def take(value: Any) -> Any:
-        for one in takers:
-            try:
-                return one(value)
-            except _UnfitError:
-                continue
-        raise _UnfitError
-
-    return take
-
-
-def _word(word: str) -> Callable[[Any], Any]:
-    def take(value: Any) -> Any:
-        if value != word:
-            raise _UnfitError
-        return value
-
-    return take
-
-
-def _table(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def take_table(value: Any) -> Any:
-        return {key: take(v) for key, v in _of(dict)(value).items()}
-
-    return take_table
-
-
-def _nothing(value: Any) -> None:
-    """Return None for the text that represents it: TOML has no null value."""
-    if value != NONE:
-        raise _UnfitError
-
-
-NONE = "none"
-_number, _text, _whole = _of(int, float), _of(str), _of(int)
-
+_number, _text = (int, float), (str,)
+_either: Any = (*_number, *_text)
 TEXT = Kind("a text", _text)
-BOOLEAN = Kind("true or false", _of(bool))
-WHOLE = Kind("a whole number", _whole)
-WHOLE_OR_BOOLEAN = Kind("true, false or a whole number", _either(_of(bool), _whole))
-WHOLES = Kind("a whole number or a list of them", _listed(_whole))
+BOOLEAN = Kind("true or false", (bool,))
+WHOLE = Kind("a whole number", (int,))
+WHOLES = Kind("a whole number or a list of them", (int,), listed=True)
 NUMBER = Kind("a number", _number)
-NUMBER_OR_NONE = Kind(f"a number, or {NONE!r}", _either(_nothing, _number))
-NUMBERS = Kind("a number or a list of them", _listed(_number))
-QUANTITY = Kind("a number, or a text such as '0.1 pc'", _quantity)
+NUMBER_OR_NONE = Kind(f"a number, or {NONE!r}", _number, words={NONE: None})
+NUMBERS = Kind("a number or a list of them", _number, listed=True)
+QUANTITY = Kind("a number, or a text such as '0.1 pc'", _number, quantity=True)
 QUANTITY_OR_AUTO = Kind(
-    "a number, a text such as '0.1 pc', or 'auto'", _either(_word("auto"), _quantity)
+    "a number, a text such as '0.1 pc', or 'auto'", _number, quantity=True, words={"auto": "auto"}
 )
-QUANTITIES = Kind("numbers or texts such as '0.1 pc'", _listed(_quantity))
-EXPRESSION = Kind("an expression", _either(_text, _number))
-EXPRESSIONS = Kind("an expression, or a list of them", _listed(_either(_text, _number)))
-NUMBER_OR_TEXT = Kind("a number or a text", _either(_number, _text))
-COLORS = Kind("a name, a number or a list of them", _listed(_either(_text, _number)))
-NUMBERS_OR_TEXT = Kind("a text, a number or a list of numbers", _either(_text, _listed(_number)))
-FIELDS = Kind(
-    "a name, a list of names, or a table name = place", _either(_listed(_text), _table(_text))
-)
-EXPRESSION_TABLE = Kind("a table name = expression", _table(_either(_text, _number)))
-TEXT_TABLE = Kind("a table name = text", _table(_text))
-# For keys without a description: texts with units become quantities, other values stay unchanged.
-ANYTHING = Kind("a value", _either(_listed(_plain_quantity), lambda value: value))
+QUANTITIES = Kind("numbers or texts such as '0.1 pc'", _number, quantity=True, listed=True)
+EXPRESSION = Kind("an expression", _either)
+EXPRESSIONS = Kind("an expression, or a list of them", _either, listed=True)
+NUMBER_OR_TEXT = Kind("a number or a text", _either)
+COLORS = Kind("a name, a number or a list of them", _either, listed=True)
+NUMBERS_OR_TEXT = Kind("a text, a number or a list of numbers", _either, listed=True)
+FIELDS = Kind("a name, a list of names, or a table name = place", _text, listed=True, table=_text)
+EXPRESSION_TABLE = Kind("a table name = expression", table=_either)
+TEXT_TABLE = Kind("a table name = text", table=_text)
 
 _ANNOTATED = {"int": WHOLE, "float": NUMBER, "float | None": NUMBER, "bool": BOOLEAN, "str": TEXT}
 
 
-def or_table(kind: Kind, make: Callable[[dict[str, Any]], Any]) -> Kind:
-    """Return a kind that also accepts a table, which `make` converts."""
+def anything(value: Any) -> Any:
+    """Return a value of a key without a kind: unambiguous texts with units become quantities.
 
-    def take(value: Any) -> Any:
-        return make(value) if isinstance(value, dict) else kind.take(value)
+    Other texts, such as "1.2.840" or "2024-01-01", are names, and everything stays as it is in a
+    list with one of these.
+    """
 
-    return Kind(f"{kind.expected}, or a table", take)
+    def taken(one: Any) -> Any:
+        if isinstance(one, list):
+            return [taken(part) for part in one]
+        if not isinstance(one, str):
+            return one
+        parts = split_text(one)
+        if parts is None or not parts[1][:1].isalpha():
+            raise _UnfitError
+        return quantity_in(one)
+
+    try:
+        return taken(value)
+    except (_UnfitError, UnitsError):
+        return value
 
 
 def arguments(
@@ -153,14 +119,8 @@ def arguments(
 ) -> dict[str, Any]:
     """Return a section's values as keyword arguments of the function that it describes.
 
-    Parameters
-    ----------
-    function : callable
-        Its parameters are the allowed keys; those without a default are required.
-    section : mapping
-        The values, as in the file.
-    kinds : mapping of Kind
-        Kind of each key; by default it follows from the parameter's annotation.
+    The parameters of the function are the allowed keys; those without a default are required. The
+    kind of a key, if it is not in `kinds`, follows from the annotation of its parameter.
     """
     parameters = {
         name: parameter
@@ -171,13 +131,20 @@ def arguments(
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in section:
             raise InputError(f"{name} is missing; there may be: {', '.join(parameters)}")
+        kind = _ANNOTATED.get(str(parameter.annotation))
+        kinds = {name: kind, **kinds} if kind is not None else kinds
+    return converted(section, kinds)
+
+
+def converted(section: Mapping[str, Any], kinds: Mapping[str, Kind]) -> dict[str, Any]:
+    """Return the values of a section as constructors expect them."""
     return {
-        key: kinds.get(key, _ANNOTATED.get(str(parameters[key].annotation), ANYTHING))(key, value)
+        key: kinds[key](key, value) if key in kinds else anything(value)
         for key, value in section.items()
     }
 
 
-def check_keys(section: Mapping[str, Any], known: Any) -> None:
+def check_keys(section: Mapping[str, Any], known: Collection[str]) -> None:
     """Raise an error for the first unknown key; it names the nearest known one."""
     for key in section:
         if key not in known:

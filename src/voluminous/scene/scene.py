@@ -102,24 +102,19 @@ class Scene:
         VoluminousError
             If it is not a scene; the message contains file, section and key.
         """
+        from ..image import Image
         from ..image.formats import FORMATS
 
         path = as_path(path)
         if any(path.suffix.lower() in form.suffixes for form in FORMATS):
-            return cls._of_image(path)
+            provenance = Image.load(path).provenance or {}
+            with placed(path):
+                if "scene" not in provenance:
+                    raise InputError("this image carries no scene: it was not rendered from one")
+                return cls(provenance["scene"], path.parent)
         text = text_of(path)
         with placed(path):
             return cls(settings.loads(text), path.parent)
-
-    @classmethod
-    def _of_image(cls, path: Path) -> Scene:
-        from ..image import Image
-
-        settings = (Image.load(path).provenance or {}).get("scene")
-        with placed(path):
-            if settings is None:
-                raise InputError("this image carries no scene: it was not rendered from one")
-            return cls(settings, path.parent)
 
     def volume(self) -> Volume:
         """Return the volume, which is read (or computed) on the first call.
@@ -155,13 +150,13 @@ class Scene:
         if isinstance(background, str):
             options["background"] = self.background(background)
         image = render(self.volume(), self.medium, self.camera, objects=objects, **options)
-        told = self.to_dict()
+        carried = self.to_dict()
         if objects is not self.objects:
-            told["object"] = [one.describe() for one in objects]
-        told["render"] = _held({**self._settings["render"], **overrides})
-        there = self.directory.absolute()
-        told = with_paths(told, lambda path: url_of(Path(path)) or str(seen_from(there, path)))
-        return image.replace(provenance={**(image.provenance or {}), "scene": told})
+            carried["object"] = [one.describe() for one in objects]
+        carried["render"] = _storable({**self._settings["render"], **overrides})
+        base = self.directory.absolute()
+        carried = with_paths(carried, lambda path: url_of(Path(path)) or str(seen_from(base, path)))
+        return image.replace(provenance={**(image.provenance or {}), "scene": carried})
 
     def background(self, path: str) -> Image:
         """Load an image file; the path may be relative to the scene's directory."""
@@ -225,30 +220,31 @@ class Scene:
         return f"<Scene of {source}: {self.medium!r}, {self.camera!r}>"
 
 
-def _held(options: Mapping[str, Any]) -> dict[str, Any]:
+def _storable(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of `render` that a file can hold; warn of the others.
+
+    Scalars and flat lists can be held, arrays of an image's size cannot.
+    """
+    single = (str, bool, int, float)
     plain = plain_render({k: value for k, value in options.items() if k != "progress"})
-    others = [key for key, value in plain.items() if not _is_short(value)]
-    if others:
+    storable = {
+        key: value
+        for key, value in plain.items()
+        if all(isinstance(v, single) for v in (value if isinstance(value, list) else [value]))
+    }
+    if others := [key for key in plain if key not in storable]:
         warnings.warn(
             f"the picture's scene is without {', '.join(others)}, which a file cannot hold: "
             "rendered from it the picture will be another",
             stacklevel=3,
         )
-    return {k: value for k, value in plain.items() if k not in others}
-
-
-def _is_short(value: Any) -> bool:
-    """Return True for a scalar or a flat list, but not for an array of an image's size."""
-    single = (str, bool, int, float)
-    return isinstance(value, single) or (
-        isinstance(value, list) and all(isinstance(one, single) for one in value)
-    )
+    return storable
 
 
 def text_of(path: Path) -> str:
     """Return the text of a file, in UTF-8."""
     try:
-        return path.read_text(encoding="utf-8-sig")  # editors on Windows prepend a byte order mark
+        return path.read_text(encoding="utf-8-sig")  # with a byte order mark, as on Windows
     except FileNotFoundError:
         raise missing(path) from None
     except UnicodeDecodeError as error:

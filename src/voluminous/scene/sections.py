@@ -4,97 +4,85 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name, unknown_name
 from ..io.guard import placed
 from . import kinds
-from .kinds import Kind, arguments, check_keys
+from .kinds import Kind, arguments, check_keys, converted
 from .settings import plain_value
 
-_MEDIUM: dict[str, Kind] = {
-    **dict.fromkeys(("expr", "emissivity", "extinction"), kinds.EXPRESSIONS),
-    **dict.fromkeys(("cmap", "norm"), kinds.TEXT),
-    **dict.fromkeys(("color", "colors"), kinds.or_table(kinds.COLORS, lambda t: _color_by(t))),
-    **dict.fromkeys(("opacity", "opacities"), kinds.NUMBERS),
-    "where": kinds.EXPRESSION,
-    **dict.fromkeys(("center", "sigma", "half_width"), kinds.QUANTITY),
-    "path_length": kinds.QUANTITY_OR_AUTO,
-    **dict.fromkeys(("vmin", "vmax"), kinds.QUANTITY),
-    "values": kinds.QUANTITIES,
-    "samples": kinds.WHOLE,
-    **dict.fromkeys(("level", "width"), kinds.QUANTITIES),
-    "density": kinds.TEXT,
-    "shading": kinds.NUMBER,
-    "lights": kinds.ANYTHING,
+if TYPE_CHECKING:
+    from ..cameras import Camera
+    from ..media import Medium
+    from ..objects import SceneObject
+
+# Kinds of keys, and where those of a section differ.
+_OF_ALL: dict[Kind, str] = {
+    kinds.EXPRESSIONS: "expr emissivity extinction",
+    kinds.EXPRESSION: "where",
+    kinds.TEXT: "cmap norm density projection stereo scheme precision device order antialias gamut "
+    "colormap",
+    kinds.NUMBERS: "opacity opacities up view_direction limb_darkening mix",
+    kinds.NUMBER: "shading cutoff softening",
+    kinds.NUMBER_OR_NONE: "tolerance",
+    kinds.NUMBER_OR_TEXT: "exposure stretch",
+    kinds.NUMBERS_OR_TEXT: "background",
+    kinds.QUANTITY: "center sigma half_width vmin vmax incl phi posang zenith fov eye_distance",
+    kinds.QUANTITY_OR_AUTO: "path_length",
+    kinds.QUANTITIES: "values level width position target shift positions points origin length "
+    "radii luminosities psf",
+    kinds.COLORS: "colors",
+    kinds.WHOLE: "samples max_panels channel bits",
+    kinds.WHOLES: "resolution channels",
+    kinds.BOOLEAN: "bounds transparent half",
 }
-_CAMERA: dict[str, Kind] = {
-    **dict.fromkeys(("incl", "phi", "posang", "zenith", "fov"), kinds.QUANTITY),
-    **dict.fromkeys(("width", "position", "target", "center", "shift"), kinds.QUANTITIES),
-    **dict.fromkeys(("up", "view_direction"), kinds.NUMBERS),
-    "resolution": kinds.WHOLES,
-    "eye_distance": kinds.QUANTITY,
-    **dict.fromkeys(("projection", "stereo"), kinds.TEXT),
-}
-_OBJECT: dict[str, Kind] = {
-    **dict.fromkeys(("colors",), kinds.COLORS),
-    **dict.fromkeys(("positions", "points", "origin", "length"), kinds.QUANTITIES),
-    **dict.fromkeys(("radii", "luminosities"), kinds.QUANTITIES),
-    **dict.fromkeys(("width", "psf"), kinds.QUANTITIES),
-    **dict.fromkeys(("opacity", "limb_darkening"), kinds.NUMBERS),
-    "channel": kinds.WHOLE,
-}
-_RENDER: dict[str, Kind] = {
-    **dict.fromkeys(("scheme", "precision", "device", "order"), kinds.TEXT),
-    "background": kinds.NUMBERS_OR_TEXT,
-    "cutoff": kinds.NUMBER,
-    "tolerance": kinds.NUMBER_OR_NONE,
-    "samples": kinds.WHOLE,
-    "antialias": kinds.TEXT,
-    "bounds": kinds.BOOLEAN,
-    "max_panels": kinds.WHOLE,
-}
-_IMAGE: dict[str, Kind] = {
-    **dict.fromkeys(("vmin", "vmax", "softening"), kinds.NUMBER),
-    **dict.fromkeys(("gamut", "colormap", "norm"), kinds.TEXT),
-    **dict.fromkeys(("transparent", "half"), kinds.BOOLEAN),
-    "background": kinds.NUMBERS_OR_TEXT,
-    "bits": kinds.WHOLE,
-    "channels": kinds.WHOLES,
-    "mix": kinds.NUMBERS,
-    **dict.fromkeys(("exposure", "stretch"), kinds.NUMBER_OR_TEXT),
-}
+_KINDS = {key: kind for kind, keys in _OF_ALL.items() for key in keys.split()}
+_COLOR = replace(kinds.COLORS, expected=f"{kinds.COLORS.expected}, or a table")
+_MEDIUM = _KINDS | dict.fromkeys(("color", "colors"), replace(_COLOR, make=lambda t: _color_by(t)))
+_CAMERA = _KINDS | {"center": kinds.QUANTITIES}
+_IMAGE = _KINDS | dict.fromkeys(("vmin", "vmax"), kinds.NUMBER)
 
 
-def build_medium(sections: Sequence[Mapping[str, Any]]) -> Any:
+def build_medium(sections: Sequence[Mapping[str, Any]]) -> Medium:
     """Return the sum of the media in ``[[medium]]``."""
     from ..media import MEDIA
 
     parts = _listed("medium", sections, MEDIA, _MEDIUM)
     with placed("[[medium]]"):
-        return sum(parts[1:], parts[0])
+        medium: Medium = sum(parts[1:], parts[0])
+    return medium
 
 
-def build_objects(sections: list[Mapping[str, Any]]) -> list[Any]:
+def build_objects(sections: list[Mapping[str, Any]]) -> list[SceneObject]:
     """Return the stars, lines, … in ``[[object]]``."""
     from ..objects import OBJECTS
 
-    return _listed("object", sections, OBJECTS, _OBJECT)
+    return _listed("object", sections, OBJECTS, _KINDS)
 
 
 def _listed(
     name: str,
     sections: Sequence[Mapping[str, Any]],
     types: Mapping[str, Any],
-    known: Mapping[str, Kind],
+    kinds: dict[str, Kind],
 ) -> list[Any]:
-    found = []
+    made = []
     for number, section in enumerate(sections, start=1):
         with placed(f"[[{name}]] {number}"):
             make, rest = _typed(section, types)
-            found.append(make(**arguments(make, rest, known)))
-    return found
+            made.append(make(**arguments(make, rest, kinds)))
+    return made
+
+
+def _typed(section: Mapping[str, Any], types: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    if "type" not in section:
+        raise InputError(f"type is missing; there are: {', '.join(sorted(types))}")
+    name = kinds.TEXT("type", section["type"])
+    check_name("type", name, types)
+    return types[name], {key: value for key, value in section.items() if key != "type"}
 
 
 def _color_by(section: Mapping[str, Any]) -> Any:
@@ -105,24 +93,26 @@ def _color_by(section: Mapping[str, Any]) -> Any:
         return ColorBy(**arguments(ColorBy, section, _MEDIUM))
 
 
-def build_camera(section: Mapping[str, Any]) -> Any:
+def build_camera(section: Mapping[str, Any]) -> Camera:
     """Return the camera of ``[camera]``; its `looking` constructs it from a ``view_direction``."""
     from ..cameras import CAMERAS
 
     with placed("[camera]"):
         make, rest = _typed({"type": "orthographic", **section}, CAMERAS)
-        if "view_direction" not in section:
-            return make(**arguments(make, rest, _CAMERA))
-        own = {k: v for k, v in rest.items() if k in inspect.signature(make.looking).parameters}
-        others = {k: v for k, v in rest.items() if k not in own}
-        check_keys(others, inspect.signature(make).parameters)
-        given = {k: _CAMERA.get(k, kinds.ANYTHING)(k, v) for k, v in others.items()}
-        if taken := {"incl", "phi", "target"} & set(others):
-            raise InputError(
-                "view_direction takes the place of angles and target; leave those out, got also "
-                + ", ".join(sorted(taken))
-            )
-        return make.looking(**arguments(make.looking, own, _CAMERA), **given)
+        others: dict[str, Any] = {}
+        if "view_direction" in section:
+            own = inspect.signature(make.looking).parameters
+            others = {k: v for k, v in rest.items() if k not in own}
+            check_keys(others, inspect.signature(make).parameters)
+            if taken := {"incl", "phi", "target"} & set(others):
+                raise InputError(
+                    "view_direction takes the place of angles and target; leave those out, got "
+                    f"also {', '.join(sorted(taken))}"
+                )
+            rest = {k: v for k, v in rest.items() if k in own}
+            make = make.looking
+        camera: Camera = make(**arguments(make, rest, _CAMERA), **converted(others, _CAMERA))
+        return camera
 
 
 def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,14 +120,13 @@ def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
 
     None is omitted if it is the default, and written as a word otherwise.
     """
-    known = _render_parameters()
-    told = {}
+    known, plain = _render_parameters(), {}
     for key, value in options.items():
         if value is not None:
-            told[key] = plain_value(value)
+            plain[key] = plain_value(value)
         elif key not in known or known[key].default is not None:
-            told[key] = kinds.NONE
-    return told
+            plain[key] = kinds.NONE
+    return plain
 
 
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,16 +135,15 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     from ..rendering.options import ORDERS, check_cutoff, check_tolerance
     from ..schemes import SCHEMES
 
-    choices = {
-        "scheme": SCHEMES,
-        "precision": PRECISIONS,
-        "device": ("auto", *DEVICES),
-        "order": ORDERS,
-    }
     with placed("[render]"):
         check_keys(section, _render_parameters())
-        options = {key: _RENDER.get(key, kinds.ANYTHING)(key, v) for key, v in section.items()}
-        for key, names in choices.items():
+        options = converted(section, _KINDS)
+        for key, names in (
+            ("scheme", SCHEMES),
+            ("precision", PRECISIONS),
+            ("device", ("auto", *DEVICES)),
+            ("order", ORDERS),
+        ):
             if key in options and options[key] not in names:
                 raise unknown_name(key, options[key], names)
         check_cutoff(options.get("cutoff"))
@@ -183,17 +171,8 @@ def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:
 
     with placed("[image]"):
         check_keys(section, frozenset().union(*(form.options for form in FORMATS)))
-        options = {key: _IMAGE.get(key, kinds.ANYTHING)(key, v) for key, v in section.items()}
-        known = format_of(Path("a.png")).options
+        options = converted(section, _IMAGE)
+        of_png = format_of(Path("a.png")).options
         pixel = Image(np.ones((1, 1, channels)), transparency=np.ones((1, 1)))
-        png.encode(pixel, **{k: v for k, v in options.items() if k in known})
+        png.encode(pixel, **{k: v for k, v in options.items() if k in of_png})
     return options
-
-
-def _typed(section: Mapping[str, Any], types: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    if "type" not in section:
-        raise InputError(f"type is missing; there are: {', '.join(sorted(types))}")
-    name = kinds.TEXT("type", section["type"])
-    if name not in types:
-        raise unknown_name("type", name, types)
-    return types[name], {key: value for key, value in section.items() if key != "type"}

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import FileFormatError, InputError, unknown_name
+from ..errors import FileFormatError, InputError, check_name
 from ..files import url_of
 from ..units import described
 
@@ -23,31 +23,28 @@ _LISTS = ("medium", "object")
 def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return all sections, in order, as tables of plain values."""
     for name in settings:
-        if name not in SECTIONS:
-            raise unknown_name("section", name, SECTIONS)
+        check_name("section", name, SECTIONS)
     for name in ("volume", "medium"):
         if not settings.get(name):
             raise InputError(f"the section {name!r} is missing or empty; a scene needs it")
-    sections = {name: settings.get(name, {}) for name in SECTIONS}
-    for name in _LISTS:
-        sections[name] = _tables(name, sections[name])
-    sections["camera"] = _described(sections["camera"])
-    for name, section in sections.items():
-        if name not in _LISTS and not isinstance(section, Mapping):
-            raise InputError(f"expected a table [{name}], got {name} = {section!r}")
-    return {name: plain_value(section) for name, section in sections.items()}
-
-
-def _tables(name: str, given: Any) -> list[dict[str, Any]]:
-    """Return the tables of a section that may repeat, from tables or Python objects."""
-    if hasattr(given, "components"):
-        given = list(given.components())
-    tables = list(given) if isinstance(given, (list, tuple)) else [given] if given else []
-    plain = [_described(one) for one in tables]
-    for number, table in enumerate(plain, start=1):
-        if not isinstance(table, Mapping):
-            raise InputError(f"expected tables [[{name}]], got {table!r} as number {number}")
-    return plain
+    sections: dict[str, Any] = {}
+    for name in SECTIONS:
+        section = settings.get(name, {})
+        if name not in _LISTS:
+            section = _described(section)
+            if not isinstance(section, Mapping):
+                raise InputError(f"expected a table [{name}], got {name} = {section!r}")
+        else:
+            given = list(section.components()) if hasattr(section, "components") else section
+            several = isinstance(given, (list, tuple))
+            section = [_described(one) for one in (given if several else [given] if given else [])]
+            for number, table in enumerate(section, start=1):
+                if not isinstance(table, Mapping):
+                    raise InputError(
+                        f"expected tables [[{name}]], got {table!r} as number {number}"
+                    )
+        sections[name] = plain_value(section)
+    return sections
 
 
 def _described(thing: Any) -> Any:
@@ -78,27 +75,22 @@ def plain_value(value: Any) -> Any:
 def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
     """Set the value of a key such as ``medium.1.color``; missing tables are created."""
     *path, last = place.split(".")
-    section = path[0] if path else last
-    if section not in SECTIONS:
-        raise unknown_name("section", section, SECTIONS)
+    check_name("section", (*path, last)[0], SECTIONS)
     table: Any = settings
     for step, key in enumerate(path):
-        if isinstance(table, list):
-            table = _item(table, key, place)
-        else:
+        if not isinstance(table, list):
             table = table.setdefault(key, [] if key in _LISTS and not step else {})
+        elif key.isdigit() and 1 <= int(key) <= len(table):
+            table = table[int(key) - 1]
+        else:
+            known = f"expected a number from 1 to {len(table)}"
+            known = known if table else "there is none to change"
+            raise InputError(f"{place!r}: {known}, got {key!r}")
         if not isinstance(table, (dict, list)):
             raise InputError(f"{'.'.join(path[: step + 1])} is a value, not a table: {table!r}")
     if isinstance(table, list):
         raise InputError(f"{place!r}: say which of the {len(table)}, such as '{path[0]}.1.color'")
     table[last] = value
-
-
-def _item(items: list[Any], key: str, place: str) -> Any:
-    if not key.isdigit() or not 1 <= int(key) <= len(items):
-        there = f"expected a number from 1 to {len(items)}" if items else "there is none to change"
-        raise InputError(f"{place!r}: {there}, got {key!r}")
-    return items[int(key) - 1]
 
 
 def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
@@ -129,9 +121,10 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 def loads(text: str) -> dict[str, Any]:
     """Return the tables of a TOML document."""
     try:
-        return tomllib.loads(text)
+        tables: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise FileFormatError(f"not valid TOML: {error}") from error
+    return tables
 
 
 def value(text: str) -> Any:
@@ -155,7 +148,12 @@ def dumps(tables: Mapping[str, Any]) -> str:
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
     """Yield the plain values of a table, then its subtables, each under its header."""
-    tables = {k: v for k, v in table.items() if isinstance(v, Mapping) or _is_array_of_tables(v)}
+    tables = {
+        key: content
+        for key, content in table.items()
+        if isinstance(content, Mapping)
+        or (isinstance(content, list) and content and all(isinstance(c, Mapping) for c in content))
+    }
     for key, content in table.items():
         if key not in tables:
             yield f"{_key(key)} = {inline(content)}"
@@ -164,12 +162,6 @@ def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
         for one in content if isinstance(content, list) else [content]:
             yield f"\n[[{inner}]]" if isinstance(content, list) else f"\n[{inner}]"
             yield from _lines(one, f"{inner}.")
-
-
-def _is_array_of_tables(content: Any) -> bool:
-    return (
-        isinstance(content, list) and bool(content) and all(isinstance(c, Mapping) for c in content)
-    )
 
 
 def _key(key: str) -> str:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import InputError
+from ..media import Medium
 from ..scene.sections import build_camera, build_medium, image_options, render_options
 
 Patch = list[tuple[str, Any]]
@@ -28,16 +30,24 @@ class Document:
         A medium with ``hidden = true`` stays in the list, and is not drawn.
     revision : int
         Grows with every change.
+    check_medium : callable
+        Raises for a medium that does not fit the data.
     """
 
     settings: dict[str, Any]
     revision: int = 0
+    check_medium: Callable[[Medium], None] = lambda medium: None
     _past: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     _future: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     _gesture: str | None = None
 
     def __post_init__(self) -> None:
-        check(self.settings)
+        self._check(self.settings)
+
+    def _check(self, settings: dict[str, Any]) -> None:
+        medium = check(settings)
+        if medium is not None:
+            self.check_medium(medium)
 
     def apply(self, patch: Patch, label: str = "", *, moving: bool = False) -> None:
         """Change values; all of them or, after an error, none.
@@ -59,7 +69,7 @@ class Document:
         changed = copy.deepcopy(self.settings)
         for path, value in patch:
             set_path(changed, path, value)
-        check(changed)
+        self._check(changed)
         if self._gesture is None or self._gesture != label:
             self._past.append((label, self.settings))
             del self._past[:-_MOST_UNDONE]
@@ -107,17 +117,18 @@ def shown(settings: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def check(settings: dict[str, Any]) -> None:
-    """Refuse settings of which no picture can be made."""
-    channels = 3
+def check(settings: dict[str, Any]) -> Medium | None:
+    """Refuse settings of which no picture can be made; return the medium, if one is drawn."""
+    medium: Medium | None = None
     for k, table in enumerate(settings["medium"]):
         if not isinstance(table, dict):
             raise InputError(f"[[medium]] {k + 1} must be a table, got {table!r}")
     if tables := shown(settings):
-        channels = build_medium(tables).channels
+        medium = build_medium(tables)
     build_camera(settings["camera"])
     render_options(settings.get("render", {}))
-    image_options(settings.get("image", {}), channels)
+    image_options(settings.get("image", {}), 3 if medium is None else medium.channels)
+    return medium
 
 
 def set_path(settings: dict[str, Any], path: str, value: Any) -> None:

@@ -83,7 +83,8 @@ class Explorer:
                 "render": dict(others.get("render", {})),
                 "image": dict(others.get("image", {})),
                 "bookmarks": list(others.get("bookmarks", [])),
-            }
+            },
+            check_medium=self._check,
         )
         self._lock = threading.RLock()
         self._clients: list[Client] = []
@@ -94,6 +95,12 @@ class Explorer:
     def _opened(self, index: int) -> Volume:
         one = self.series[index]
         return one if isinstance(one, Volume) else open_volume(one)
+
+    def _check(self, medium: Medium) -> None:
+        """Refuse a medium with fields or units that the volume does not have."""
+        for feature in medium.known_features():
+            self.volume.check_names(feature.expr)
+            self.volume.expression_unit(feature.expr)
 
     def frame_for(self, size: tuple[int, int]) -> None:
         """Fit the first camera to a page's picture, if none was given."""
@@ -325,7 +332,7 @@ class Client:
             return
         moving = message.get("moving") is True
         patch = [(str(path), value) for path, value in message["patch"]]
-        number = int(message["n"])
+        number = self.session.input = int(message["n"])
         with self.explorer._lock:
             document = self.explorer.document
             document.apply(patch, str(message.get("label", "")), moving=moving)
@@ -347,9 +354,12 @@ class Client:
         if self._may_change():
             with self.explorer._lock:
                 stepped = step()
+            self.session.input = int(message["n"])
             if stepped:
-                self.session.want(time.monotonic(), number=int(message["n"]))
+                self.session.want(time.monotonic())
                 self.explorer.changed(self)
+            else:
+                self.tell_document()
 
     def _seen(self, message: dict[str, Any]) -> None:
         self.session.seen(int(message["frame"]), time.monotonic())

@@ -1,15 +1,14 @@
-"""NetCDF, classic and version 4, and whatever another engine of xarray opens (GRIB by cfgrib)."""
+"""NetCDF, classic and version 4, and GRIB."""
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import FileFormatError, MissingPackageError, unknown_name
-from ...packages import is_installed, require
+from ...errors import FileFormatError, unknown_name
+from ...packages import require
 from ..contract import FieldInfo
 from ..guard import by_library
 from ..hdf5 import filters, is_hdf5, is_own, opened
@@ -52,9 +51,11 @@ class NetCDFReader(LabelledReader):
         groups = _groups(path) if is_hdf5(head) else []
         if group is not None and is_hdf5(head) and group.strip("/") not in ["", *groups]:
             raise unknown_name("group", group, groups)
-        engine = _engine(head)
-        if engine == "netcdf4" and not is_hdf5(head):
+        engine = "h5netcdf" if is_hdf5(head) else "scipy"
+        if head.startswith(_CLASSIC[2]):
+            engine = "netcdf4"
             _check_size(path)
+        require(engine.replace("netcdf4", "netCDF4"), self.extra, "reading this kind of NetCDF")
         # Memory is taken by the volume only: xarray would keep what it reads beside it.
         options: dict[str, Any] = {"engine": engine, "cache": False}
         options |= {} if group is None else {"group": group}
@@ -76,27 +77,8 @@ def _decoded(xarray: Any, path: Path, options: dict[str, Any]) -> Any:
         return xarray.open_dataset(path, decode_times=False, **options)
 
 
-def _engine(head: bytes) -> str:
-    """Return what opens a file that starts so."""
-    able = {"h5netcdf": "h5netcdf", "netcdf4": "netCDF4"}
-    if not is_hdf5(head):
-        newest = head.startswith(_CLASSIC[2])
-        able = {"netcdf4": "netCDF4"} if newest else {"scipy": "scipy", "netcdf4": "netCDF4"}
-    for engine, module in able.items():
-        if is_installed(module):
-            return engine
-    advice = next(iter(able.values()))
-    raise MissingPackageError(
-        f"reading this kind of NetCDF needs the package {advice!r}; install it with\n"
-        f"  pip install {advice}"
-    )
-
-
 def _check_size(path: Path) -> None:
-    """Refuse a classic file that is cut short: netCDF4 reads zeros then, scipy raises.
-
-    The header is not counted: the loss of so many bytes at the end is not noticed.
-    """
+    """Refuse a file of 64-bit data that is cut short: netCDF4 reads zeros then."""
     import netCDF4
 
     with netCDF4.Dataset(path) as file:
@@ -112,11 +94,11 @@ def _groups(path: Path) -> list[str]:
     return found
 
 
-class EngineReader(LabelledReader):
-    """Files that no other reader takes, and an engine of xarray does."""
+class GRIBReader(LabelledReader):
+    """Messages that make one set of fields, opened by cfgrib."""
 
     name = "xarray"
-    description = "a file of GRIB or of another engine of xarray"
+    description = "a GRIB file"
     suffixes = (".grib", ".grb", ".grib2", ".grb2")
     packages = ("xarray", "cfgrib")
     extra = "grib"
@@ -126,7 +108,7 @@ class EngineReader(LabelledReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        return head.startswith(_GRIB) or _other_engine(path) is not None
+        return head.startswith(_GRIB)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         return super().read(path, fields, group=options.pop("filter_by_keys", None), **options)
@@ -136,13 +118,7 @@ class EngineReader(LabelledReader):
 
     @contextmanager
     def dataset(self, path: Path, group: Any) -> Iterator[xarray.Dataset]:
-        xarray = require("xarray", "arrays", "reading by an engine of xarray")
-        with open(path, "rb") as file:
-            is_grib = file.read(len(_GRIB)) == _GRIB
-        if not is_grib:
-            with xarray.open_dataset(path, engine=_other_engine(path), cache=False) as data:
-                yield data
-            return
+        xarray = require("xarray", "arrays", "reading GRIB")
         cfgrib = require("cfgrib", "grib", "reading GRIB")
         options = {"indexpath": "", "filter_by_keys": dict(group or {}), "errors": "raise"}
         try:
@@ -156,13 +132,3 @@ class EngineReader(LabelledReader):
             ) from error
         with data:
             yield data
-
-
-def _other_engine(path: Path) -> str | None:
-    for entry in importlib.metadata.entry_points(group="xarray.backends"):
-        try:
-            if entry.load()().guess_can_open(str(path)):
-                return entry.name
-        except Exception:  # a broken engine takes nothing
-            continue
-    return None

@@ -16,7 +16,7 @@ from ..payload import checked_shape
 from ..unit_texts import known_unit
 from .placement import LPS, Placement, conversion, lattice, length_unit, single_field, slabs
 from .stored import data_files, header_lines
-from .voxels import COLORS, VECTOR, VoxelReader, Voxels, component_names, time_step
+from .voxels import COLORS, TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -34,8 +34,6 @@ _SPACES = {
 _SHORT, _MOST_COMPONENTS = "short", 4
 # Kinds of spatial axes.
 _SPATIAL = ("domain", "space", "none", "???", "")
-# Spaces such as right-anterior-superior-time, or RAST.
-_TIMED = re.compile(r"-time$|(?<=s)t$")
 _ENDINGS = {
     **dict.fromkeys(("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal"), VECTOR),
     **dict.fromkeys(("rgb-color", "rgba-color", "3-color", "4-color"), COLORS),
@@ -53,10 +51,7 @@ class NRRDReader(VoxelReader):
     suffixes = (".nrrd", ".nhdr")
     packages = ("nrrd",)
     extra = "medical"
-    options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
-        "time": "number of the time step, from 0, of a file with an axis of time",
-    }
+    options = TIMED
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
@@ -91,7 +86,7 @@ class NRRDReader(VoxelReader):
 
     def write(self, volume: Volume, path: Path) -> None:
         name = single_field(volume, "an NRRD file")
-        values, placed = volume.array(name), lattice(volume)
+        values, (origin, steps) = volume.array(name), lattice(volume)
         unit = volume.grid.describe()["unit"]
         dtype = np.dtype(np.uint8 if values.dtype == np.bool_ else values.dtype)
         patient = volume.meta.get("orientation") == LPS
@@ -101,11 +96,11 @@ class NRRDReader(VoxelReader):
             "dimension: 3",
             "space: left-posterior-superior" if patient else "space dimension: 3",
             "sizes: " + " ".join(map(str, values.shape)),
-            "space directions: " + " ".join(_written(step) for step in placed.steps),
+            "space directions: " + " ".join(_written(step) for step in steps),
             "kinds: domain domain domain",
             "endian: little",
             "encoding: raw",
-            f"space origin: {_written(placed.origin)}",
+            f"space origin: {_written(origin)}",
         ]
         lines += [f'space units: "{unit}" "{unit}" "{unit}"'] if unit else []
         lines += [f"sample units: {volume.units[name]}"] if volume.units[name] else []
@@ -159,25 +154,12 @@ def _per_axis(header: _Header, name: str, default: Any) -> list[Any]:
     return values
 
 
-def _is_timed(header: _Header) -> bool:
-    """Return True if the space has four dimensions, the last of them time."""
-    timed = _TIMED.search(header.get("space", "").lower())
-    return bool(timed) or header.get("space dimension") == 4
-
-
 def _directions(header: _Header) -> list[np.ndarray | None] | None:
     """Return the steps along the axes, None for one that is not in space."""
     if "space directions" not in header:
         return None
-    steps: list[np.ndarray | None] = []
-    for step in _per_axis(header, "space directions", None):
-        if step is None or np.all(np.isnan(step)):
-            steps.append(None)
-            continue
-        if len(step) != 3 + _is_timed(header) or (step[:3].any() and step[3:].any()):
-            raise FileFormatError(f"expected an axis along space or time, got {step.tolist()}")
-        steps.append(step[:3] if len(step) == 3 or step[:3].any() else None)
-    return steps
+    steps = _per_axis(header, "space directions", None)
+    return [None if step is None or np.isnan(step).all() else step for step in steps]
 
 
 def _axes(header: _Header, timed: bool) -> tuple[tuple[int, ...], int | None, str]:
@@ -217,20 +199,17 @@ def _axes(header: _Header, timed: bool) -> tuple[tuple[int, ...], int | None, st
             f"kinds {header.get('kinds') or '(none)'}; a line such as 'kinds: vector domain "
             "domain domain' says what they are"
         )
-    kind = kinds[others[0]] if others else ""
-    # An axis along no direction, and yet a domain, is what four-dimensional spaces have: time.
-    kind = "time" if kind in _SPATIAL[:2] and _is_timed(header) else kind
-    return space, others[0] if others else None, kind
+    return space, others[0] if others else None, kinds[others[0]] if others else ""
 
 
 def _placement(header: _Header, space: tuple[int, ...]) -> Placement:
     directions = _directions(header)
-    named = _SPACES.get(_TIMED.sub("", header.get("space", "").lower()), "")
+    named = _SPACES.get(header.get("space", "").lower(), "")
     if directions is None:
         origin, steps, units = _along_axes(header, list(space))
     else:
-        origin = np.asarray(header.get("space origin", np.zeros(3)))[:3]
-        units = [length_unit(text) for text in header.get("space units", [""] * 3)[:3]]
+        origin = np.asarray(header.get("space origin", np.zeros(3)))
+        units = [length_unit(text) for text in header.get("space units", [""] * 3)]
         steps = np.array([directions[axis] for axis in space])
     factors = np.array([conversion(unit, units[0]) for unit in units])
     # Patients are measured in mm.
