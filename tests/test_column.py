@@ -191,20 +191,6 @@ def test_what_cannot_be_measured():
         vm.column(vm.Volume(sphere, a=np.ones(sphere.shape)), "a", camera, method="exact")
 
 
-def test_maps_say_what_they_are():
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=np.arange(64.0).reshape(4, 4, 4))
-    camera = vm.Orthographic(resolution=4)
-    for image, label in [
-        (vm.column(volume, "a", camera), "column of a"),
-        (vm.column(volume, "x", camera, weight="a"), "mean of x"),
-        (vm.project(volume, "a", camera), "maximum of a"),
-        (vm.project(volume, "a", camera, depth=True)[1], "depth"),
-        (vm.moments(volume, "a", camera, velocity="z").mean, "mean velocity"),
-        (vm.measure(volume, "a", camera=camera, maps=True).maps["a"], "column of a"),
-    ]:
-        assert image.plot().images[0].colorbar.ax.get_ylabel() == label
-
-
 def test_maps_of_a_cube_know_the_sky():
     volume = vm.Volume(vm.CartesianGrid.uniform((6, 5, 4), (-1, 1), unit="deg"))
     volume["a"] = "1 deg + x"

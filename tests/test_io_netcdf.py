@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 
@@ -85,15 +84,6 @@ def test_what_is_cut_short_is_no_zeros(tmp_path, kind, part):
         vm.open(path, "T", isel={"time": 1})
 
 
-def test_plain_hdf5_is_no_netcdf(tmp_path):
-    path = tmp_path / "a.nc"  # whatever it is called
-    with h5py.File(path, "w") as file:
-        file["rho"] = np.zeros((2, 3, 4))
-        file["z"] = np.arange(2.0)
-        file["z"].make_scale("z")
-    assert find_reader(path).name == "hdf5"
-
-
 def test_groups(tmp_path):
     path = tmp_path / "a.nc"
     pytest.importorskip("h5netcdf")
@@ -133,7 +123,3 @@ class _Contract(ReaderContract):
 # All but those that netCDF4's C library reads: what it makes of damage is not ours to test.
 class TestClassic(_Contract):
     kind = "classic"
-
-
-class TestVersion4(_Contract):
-    kind = "4 by h5netcdf"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -56,27 +55,6 @@ def cube(dims=("z", "y", "x"), **options):
     return xr.DataArray(values, dims=dims, name="rho", **options)
 
 
-def test_without_coordinates_cells_are_counted():
-    volume = vm.Volume.from_xarray(cube())
-    assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
-    np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
-    assert volume.meta["axes"]["x"]["name"] == "x"
-
-
-def test_dims_say_it_otherwise():
-    volume = vm.Volume.from_xarray(cube(), dims=("z", "y", "x"))
-    np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4))
-    same = vm.Volume.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
-    np.testing.assert_array_equal(same.array("rho"), volume.array("rho"))
-    with pytest.raises(vm.InputError, match=r"dims must name.*\('x', 'y', 'z'\)"):
-        vm.Volume.from_xarray(cube(), dims=("x", "y"))
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown dimension 'xx'"):
-        vm.Volume.from_xarray(cube(), dims=("xx", "y", "z"))
-
-
-# Coordinates
-
-
 def test_bounds_of_cells_go_before_midpoints():
     data = cube(coords={"z": ("z", [1.0, 5.0], {"bounds": "z_bnds"})}).to_dataset()
     data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [2.0, 8.0]])
@@ -125,26 +103,6 @@ def test_angles_and_pressures_are_no_lengths_and_a_warning_says_so():
     assert volume.meta["time"] == "2001-02-01T00:00:00.000000000"
 
 
-def test_the_sides_of_the_box_can_be_said():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        chosen = {"isel": {"time": 0}, "unit": "km"}
-        volume = vm.Volume.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
-        assert volume.grid.bounds.tolist() == [[0, 4], [0, 2], [0, 1]]
-        assert volume.unit == u.km
-        spaced = vm.Volume.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
-        assert spaced.grid.bounds.tolist() == [[0, 12], [0, 6], [0, 6]]
-        bounded = vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
-        assert bounded.grid.bounds.tolist() == [[0, 1]] * 3
-    with pytest.raises(vm.InputError, match="not bounds and aspect"):
-        vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
-    with pytest.raises(vm.InputError, match="aspect must be three positive"):
-        vm.Volume.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
-
-
-# Which part, which fields
-
-
 def test_other_dimensions_are_chosen():
     with pytest.raises(vm.InputError, match=r"\(time: 2, plev: 3, lat: 6, lon: 12\); choose one of "
                        r"time with isel=\{'time': 0\}"):  # fmt: skip
@@ -155,37 +113,6 @@ def test_other_dimensions_are_chosen():
     np.testing.assert_array_equal(by_value.array("u"), by_number.array("u"))
     part = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
     np.testing.assert_array_equal(part.array("u"), by_number.array("u")[2:5])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"isel": {"tme": 0}}, "unknown dimension 'tme'; did you mean 'time'"),
-        ({"isel": {"time": 2}}, "no time = 2: it has 2 entries, 0 … 1"),
-        ({"sel": {"plev": 510.0}}, "no plev = 510.0: .*nearest is 500.0"),
-        ({"sel": {"plev": "low"}}, "no plev = 'low': it has values 1000.0 … 500.0"),
-        ({"isel": 3}, "isel must be {dimension: entry}"),
-    ],
-)
-def test_a_part_that_is_not_there(options, message):
-    with pytest.raises(vm.VoluminousError, match=message):
-        vm.Volume.from_xarray(atmosphere(), "u", **options)
-
-
-def test_fields_that_lie_elsewhere_are_left_out_and_named():
-    options = {"isel": {"time": 0}, "aspect": (1, 1, 1)}
-    data = atmosphere()
-    data["w"] = (("plev", "lat", "lon2"), np.zeros((3, 6, 13)))
-    with pytest.warns(UserWarning, match=r"left out.*than u: w \(plev: 3, lat: 6, lon2: 13\)"):
-        assert vm.Volume.from_xarray(data, **options).fields == ("u", "v")
-    with pytest.raises(vm.InputError, match=r"same three dimensions, got u .* and w"):
-        vm.Volume.from_xarray(data, ["u", "w"], **options)
-    assert vm.Volume.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown variable 'q'"):
-        vm.Volume.from_xarray(data, "q", **options)
-
-
-# Values
 
 
 def test_pieces_are_computed_when_they_are_used(monkeypatch):
@@ -206,9 +133,6 @@ def test_pieces_are_computed_when_they_are_used(monkeypatch):
         np.testing.assert_array_equal(volume.array("b"), 2 * cube().values.T)
     assert len(computed) == 2
     assert volume.waiting == ("a",)
-
-
-# The accessor
 
 
 def test_the_accessor_comes_with_voluminous_xarray_alone():
@@ -243,9 +167,6 @@ def test_a_picture_is_that_of_the_volume(ball):
         by_field.provenance["medium"]
         == vm.suggest_medium(vm.Volume.from_xarray(ball), "rho**2").describe()
     )
-
-
-# Variables that describe others, quantities, packed numbers
 
 
 def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():

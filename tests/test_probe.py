@@ -121,27 +121,29 @@ def test_first_order_cell_by_cell(precision):
     )
     z, a, b = volume.grid.edges[2], *(volume.array(n)[2, 5] for n in "ab")
     exact = {"rtol": EXACT[precision], "atol": EXACT[precision]}
-    # From above: the last cell comes first; distances count from the volume's middle.
-    np.testing.assert_allclose(found.begin, 4 - z[:0:-1], **exact)
-    np.testing.assert_allclose(found.end, 4 - z[-2::-1], **exact)
+    tau = (b * np.diff(z))[::-1]
+    emitted = (a / b)[::-1] * -np.expm1(-tau)
+    expected = {
+        # From above: the last cell comes first; distances count from the volume's middle.
+        "begin": 4 - z[:0:-1],
+        "end": 4 - z[-2::-1],
+        "j": a[::-1],
+        "alpha": b[::-1],
+        "tau": tau,
+        "theta": np.exp(-tau),
+        "b": emitted,
+        "depth": np.cumsum(tau),
+        "gathered": np.cumsum(np.exp(-(np.cumsum(tau) - tau)) * emitted),
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(getattr(found, name).ravel(), values, **exact)
     np.testing.assert_allclose(found.position[:, :2], [[2.5, 5.5]] * 6, **exact)
     np.testing.assert_array_equal(found.index, [[2, 5, k] for k in range(5, -1, -1)])
     np.testing.assert_array_equal(found.fields["a"], a[::-1])
-    np.testing.assert_allclose(found.j[:, 0], a[::-1], **exact)
-    np.testing.assert_allclose(found.alpha[:, 0], b[::-1], **exact)
-    tau = (b * np.diff(z))[::-1]
-    np.testing.assert_allclose(found.tau[:, 0], tau, **exact)
-    np.testing.assert_allclose(found.theta[:, 0], np.exp(-tau), **exact)
-    emitted = (a / b)[::-1] * -np.expm1(-tau)
-    np.testing.assert_allclose(found.b[:, 0], emitted, **exact)
-    np.testing.assert_allclose(found.depth[:, 0], np.cumsum(tau), **exact)
-    before = np.exp(-(np.cumsum(tau) - tau))
-    np.testing.assert_allclose(found.gathered[:, 0], np.cumsum(before * emitted), **exact)
     table = found.table()
     assert table["a"].unit == table["j"].unit == u.Unit("erg / (s cm2 sr pc)")
     assert table["alpha"].unit == u.pc**-1
     assert table["b"].unit == u.Unit("erg / (s cm2 sr)")
-    assert table["begin"].unit == u.pc
 
 
 @pytest.mark.parametrize("scheme", ["first-order", "second-order"])
@@ -168,17 +170,6 @@ def test_distances_are_from_the_observer():
     np.testing.assert_allclose(away, 0.5 * (found.begin + found.end), rtol=1e-12)
 
 
-def test_points_of_the_image_plane():
-    volume = volume_on(vm.CartesianGrid(WALLS, WALLS, WALLS, unit="pc"))
-    x, y = SIDE.frame(volume.grid).coordinates()
-    by_pixel = vm.probe(volume, MEDIUM, SIDE, (5, 1), scheme="first-order")
-    assert by_pixel.at == (x[5], y[1])
-    at = (np.array([x[5], y[1]]) * u.pc).to("AU")
-    by_point = vm.probe(volume, MEDIUM, SIDE, at=at, scheme="first-order")
-    assert by_point.pixel == (5, 1)
-    np.testing.assert_allclose(by_point.intensity, by_pixel.intensity, rtol=1e-5)
-
-
 def test_a_ray_that_misses_sees_the_background():
     volume = volume_on(GRIDS["cartesian"])
     wide = vm.Orthographic(width=100, resolution=10)
@@ -186,7 +177,6 @@ def test_a_ray_that_misses_sees_the_background():
     assert len(found) == len(found.table()) == 0
     np.testing.assert_array_equal(found.intensity, [0.25, 2.0])
     assert "meets nothing" in str(found)
-    found.plot()
 
 
 def test_empty_cells_are_told_and_wide_steps_are_those_of_the_picture():
@@ -235,7 +225,6 @@ def test_tables_and_plots(tmp_path):
         ({}, "say which ray"),
         ({"pixel": (1, 1), "at": (0, 0)}, "say which ray"),
         ({"pixel": (7, 0)}, "7 x 5 pixels"),
-        ({"pixel": (-1, 0)}, "counted from 0"),
         ({"pixel": 3}, "two whole numbers"),
         ({"at": (np.nan, 0)}, "two finite numbers"),
         ({"pixel": (0, 0), "also": "c"}, "'c'"),
@@ -270,29 +259,20 @@ samples = 2
 """
 
 
-def test_the_command_tells_what_a_ray_has_not(tmp_path, monkeypatch, capsys):
+def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     star = '[[object]]\ntype = "stars"\npositions = [[0, 0, 0]]\nluminosities = 1\n'
     (tmp_path / "scene.toml").write_text(SCENE + star)
-    assert main(["probe", "scene.toml", "--pixel", "2", "3", "--set", "render.samples=2"]) == 0
-    told = capsys.readouterr().out
-    assert "not in it, but in the picture: objects (stars)" in told
-    assert "samples = 2" in told
-    (tmp_path / "plain.toml").write_text(SCENE)
-    assert main(["probe", "plain.toml", "--pixel", "2", "3", "--set", "render.samples=1"]) == 0
-    assert "in the picture" not in capsys.readouterr().out
-
-
-def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.toml").write_text(SCENE)
     asked = ["probe", "scene.toml", "--pixel", "2", "3", "--set", "camera.incl=20"]
     assert main([*asked, "--also", "x", "-o", "ray.ecsv", "-o", "ray.svg"]) == 0
     told = capsys.readouterr().out
     assert "Pixel (2, 3)" in told
     assert "ray.svg" in told
-    scene = vm.Scene.load("scene.toml").replaced({"camera.incl": 20})
-    image = scene.render(samples=1)
+    assert "not in it, but in the picture: objects (stars)" in told
+    assert "samples = 2" in told
+    scene = vm.Scene.load("scene.toml")
+    camera = scene.replaced({"camera.incl": 20}).camera
+    image = vm.render(scene.volume(), scene.medium, camera, scheme="first-order", background=0.5)
     table = QTable.read("ray.ecsv")
     assert table["arriving_1"][0] == pytest.approx(image.intensity[3, 2, 1], rel=1e-6)
     assert "x" in table.colnames

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.backend import get_backend
 from voluminous.expressions import Expression, NumpyOps
-from voluminous.expressions.analysis import Monotonicity
+from voluminous.expressions.expression import Monotonicity
 from voluminous.media import Context
 from voluminous.media.stretch import Stretch
 

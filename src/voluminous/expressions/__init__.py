@@ -19,8 +19,8 @@ from .expression import (
     required_names,
 )
 from .interval_ops import IntervalOps
-from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
+from .parser import CONSTANTS, FUNCTIONS
 from .tree import is_dex
 from .units import has_units, product, resolve, shifted, times, without_unit
 

@@ -1,10 +1,16 @@
-"""`Expression`: the text a user wrote, parsed once, evaluated with NumPy or Dr.Jit."""
+"""`Expression`: the text a user wrote, parsed once, evaluated with NumPy or Dr.Jit.
+
+Along a segment of a ray fields are polynomials with Bézier control points. A sum of fields has the
+sums of these control points and stays between them (Farin 2002, section 5.1); so does a monotonic
+function of a sum. Therefore expressions know whether they are one (`Expression.kind`).
+"""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from enum import IntEnum
 from itertools import chain, pairwise
 from numbers import Real
 from typing import Any, NamedTuple
@@ -13,10 +19,8 @@ import numpy as np
 
 from ..errors import ExpressionError, unknown_name
 from ..units import as_quantity, is_quantity, parse_unit
-from .analysis import Monotonicity, kind_of
-from .language import marked, one_line
 from .ops import Ops, Value
-from .parser import Vector, parse
+from .parser import Vector, marked, one_line, parse
 from .tree import (
     Call,
     Constant,
@@ -33,9 +37,21 @@ from .tree import (
     text,
 )
 
+
+class Monotonicity(IntEnum):
+    """How an expression depends on its fields: each kind includes those before it."""
+
+    CONSTANT = 0
+    SUM = 1
+    MONOTONIC = 2
+    ANY = 3
+
+
+_SUMS = {"add", "subtract", "negative", "positive"}
+_MONOTONIC = {*_SUMS, "log10", "log", "exp", "sqrt", "tanh", "min", "max", "clip", "power"}
 # Operations without jumps, kinks and oscillations.
-_SMOOTH = {"add", "subtract", "multiply", "divide", "negative", "positive", "log10", "log", "exp"}
-_SMOOTH |= {"sqrt", "tanh", "power", "integer_power"}
+_SMOOTH = {*_SUMS, "multiply", "divide", "log10", "log", "exp", "sqrt", "tanh", "power"}
+_SMOOTH |= {"integer_power"}
 # Operations that may be undefined, infinite or either of two values.
 _PARTIAL = {"divide", "power", "log", "log10", "sqrt", "tan", "remainder", "floor_divide"}
 _PARTIAL |= {"compare"}
@@ -118,14 +134,17 @@ class Expression:
         return self if plain == marked(self.text) else self.of_tree(*parse(plain), self.text)
 
     @classmethod
-    def of_tree(cls, tree: Node, names: tuple[str, ...], shown: str) -> Expression:
+    def of_tree(
+        cls, tree: Node, names: tuple[str, ...] | None = None, shown: str | None = None
+    ) -> Expression:
         """Return the expression of a tree, with the fields in it (at least).
 
         `shown` is its text, which no other expression of the same fields may have.
         """
         self = super().__new__(cls)
-        for attribute, value in (("text", shown), ("names", names), ("tree", tree)):
-            object.__setattr__(self, attribute, value)
+        object.__setattr__(self, "tree", tree)
+        object.__setattr__(self, "names", field_names(tree) if names is None else names)
+        object.__setattr__(self, "text", text(tree) if shown is None else shown)
         return self
 
     def margins(self) -> tuple[Expression, ...]:
@@ -137,7 +156,7 @@ class Expression:
             for sides in pairwise(in_steps(steps, side) for side in node.arguments)
         ]
         return tuple(
-            Expression.of_tree(tree, field_names(tree), f"{self.text}: margin {k}")
+            Expression.of_tree(tree, shown=f"{self.text}: margin {k}")
             for k, tree in enumerate(differences)
         )
 
@@ -178,7 +197,7 @@ class Expression:
         curved : collection of str
             Names that are no polynomials along rays, such as the radius.
         """
-        return kind_of(self.tree, curved)
+        return _kind_of(self.tree, curved)
 
     def _calls(self, *operations: str) -> Iterator[Call]:
         for node in nodes(self.tree):
@@ -227,6 +246,59 @@ class Expression:
 
     def __reduce__(self) -> tuple[type[Expression], tuple[str]]:
         return Expression, (self.text,)
+
+
+def _kind_of(
+    node: Node, curved: Collection[str] = (), steps: Sequence[Monotonicity] = ()
+) -> Monotonicity:
+    """Return how an expression depends on its fields, given the kinds of the steps before it.
+
+    Fields in `curved`, such as the radius, are no polynomials along rays.
+    """
+    match node:
+        case Constant():
+            return Monotonicity.CONSTANT
+        case Field(name):
+            return Monotonicity.ANY if name in curved else Monotonicity.SUM
+        case Earlier(step):
+            return steps[step]
+        case Steps(own, result):
+            kinds: list[Monotonicity] = []
+            for one in own:
+                kinds.append(_kind_of(one, curved, kinds))
+            return _kind_of(result, curved, kinds)
+        case Call("compare" | "where" | "logical_and" | "logical_or" | "logical_not"):
+            return Monotonicity.ANY
+        case Call(_, arguments):
+            return _kind_of_call(node, [_kind_of(a, curved, steps) for a in arguments])
+    return Monotonicity.ANY
+
+
+def _kind_of_call(node: Call, kinds: list[Monotonicity]) -> Monotonicity:
+    highest, varying = max(kinds), sum(kind != Monotonicity.CONSTANT for kind in kinds)
+    if not varying or (node.operation in _SUMS and highest == Monotonicity.SUM):
+        return highest
+    if varying > 1 or highest == Monotonicity.ANY:
+        return Monotonicity.ANY
+    match node:
+        case Call("multiply"):
+            return highest
+        case Call("divide") if kinds[1] == Monotonicity.CONSTANT:
+            return highest
+        case Call("interp", _, (_, entries)):
+            monotonic = list(entries) in (sorted(entries), sorted(entries, reverse=True))
+        case Call("integer_power", _, (exponent,)):
+            monotonic = _is_odd(exponent)
+        case Call("power", (_, Constant(exponent))) if exponent.is_integer():
+            monotonic = _is_odd(exponent)
+        case _:
+            monotonic = node.operation in _MONOTONIC
+    return Monotonicity.MONOTONIC if monotonic else Monotonicity.ANY
+
+
+def _is_odd(exponent: float) -> bool:
+    """Return whether a power increases with its base and has no pole."""
+    return exponent > 0 and exponent % 2 == 1
 
 
 def _is_stepped(tree: Node) -> bool:
@@ -342,13 +414,12 @@ def on_one_side(
             own = in_steps(steps, node)
             if own not in sides:
                 name = f"%side {len(sides)}"
-                shown = f"{expression.text}: {name}"
-                condition = Expression.of_tree(own, field_names(own), shown)
+                condition = Expression.of_tree(own, shown=f"{expression.text}: {name}")
                 sides[own] = ComparisonField(name, condition)
             return Field(sides[own].name)
 
         new = replaced(tree, field_of)
-        return Expression.of_tree(new, field_names(new), f"{expression.text}: on one side")
+        return Expression.of_tree(new, shown=f"{expression.text}: on one side")
 
     changed = tuple(map(decided, expressions))
     return changed, tuple(sides.values())

@@ -245,14 +245,10 @@ class Interval:
         lo, hi = select(same & (lo < 0), 0, lo), select(opposite & (hi > 0), 0, hi)
         return type(self)(lo, hi, self.nan | other.nan | undefined)
 
-    def __radd__(self: Own, other: Any) -> Own:
-        return self._like(other) + self
+    __radd__, __rmul__ = __add__, __mul__
 
     def __rsub__(self: Own, other: Any) -> Own:
         return self._like(other) - self
-
-    def __rmul__(self: Own, other: Any) -> Own:
-        return self._like(other) * self
 
     def __rtruediv__(self: Own, other: Any) -> Own:
         return self._like(other) / self

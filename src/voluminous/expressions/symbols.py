@@ -14,7 +14,7 @@ import numpy as np
 
 from .expression import Expression
 from .parser import interpolation, power
-from .tree import Call, Constant, Earlier, Field, Literal, Node, in_steps, text
+from .tree import Call, Constant, Earlier, Field, Literal, Node, in_steps
 
 
 class UnreadableError(TypeError):
@@ -99,7 +99,7 @@ def read(
 
     def expression(value: Any) -> Expression:
         tree = in_steps(tuple(steps), _node(value))
-        return Expression.of_tree(tree, names, text(tree))
+        return Expression.of_tree(tree, names)
 
     return result, expression
 

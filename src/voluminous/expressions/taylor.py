@@ -7,6 +7,7 @@ Analysis*, chapter 9).
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
@@ -80,10 +81,14 @@ class TracedJetOps(Ops):
     ) -> None:
         self._float = float_type
         self._at = TracedIntervalOps(float_type, constant)
-        for name in ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal"):
-            setattr(self, name, self._comparison(name))
-        for name in ("tan", "remainder"):
-            setattr(self, name, self._rough(name))
+        comparisons = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
+        for rule, names in (
+            (self._comparison, comparisons),
+            (self._function, _DERIVATIVES),
+            (self._rough, ("tan", "remainder")),
+        ):
+            for name in names:
+                setattr(self, name, functools.partial(rule, name))
 
     def prepare(self, values: Mapping[str, Value]) -> tuple[Ops, dict[str, Value]]:
         return self, dict(values)
@@ -166,43 +171,6 @@ class TracedJetOps(Ops):
         bend = p * (p - 1.0) * at.power(base.value, p - 2.0)
         return chain(base, value, slope, bend)
 
-    def exp(self, x: TracedJet) -> TracedJet:
-        value = self._at.exp(x.value)
-        return chain(x, value, value, value)
-
-    def log(self, x: TracedJet) -> TracedJet:
-        return self._logarithm(x, self._at.log(x.value), 1.0)
-
-    def log10(self, x: TracedJet) -> TracedJet:
-        return self._logarithm(x, self._at.log10(x.value), 1.0 / math.log(10.0))
-
-    def _logarithm(self, x: TracedJet, value: TracedInterval, factor: float) -> TracedJet:
-        if x.fixed:
-            return TracedJet(value)
-        near = [float(np.nextafter(factor, end)) for end in (0.0, np.inf)]
-        slope = TracedInterval(*map(self._float, near)) / x.value
-        return chain(x, value, slope, -(slope / x.value))
-
-    def sqrt(self, x: TracedJet) -> TracedJet:
-        root = self._at.sqrt(x.value)
-        if x.fixed:
-            return TracedJet(root)
-        slope = 0.5 / root
-        return chain(x, root, slope, -0.5 * (slope / x.value))
-
-    def sin(self, x: TracedJet) -> TracedJet:
-        sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
-        return chain(x, sine, cosine, -sine)
-
-    def cos(self, x: TracedJet) -> TracedJet:
-        sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
-        return chain(x, cosine, -sine, -cosine)
-
-    def tanh(self, x: TracedJet) -> TracedJet:
-        value = self._at.tanh(x.value)
-        slope = 1.0 - value * value
-        return chain(x, value, slope, -2.0 * (value * slope))
-
     def atan2(self, y: TracedJet, x: TracedJet) -> TracedJet:
         """Return the angle; it jumps by a turn where y changes its sign left of the origin."""
         value, *derivatives = self.turning_angle(y, x)
@@ -267,13 +235,20 @@ class TracedJetOps(Ops):
         )
         return TracedJet(value, first, second.unknown_where(mask.either, False))
 
-    def _comparison(self, name: str) -> Callable[[TracedJet, TracedJet], Truth]:
-        compare = getattr(self._at, name)
-        return lambda a, b: compare(a.value, b.value)
+    def _function(self, name: str, x: TracedJet) -> TracedJet:
+        value = getattr(self._at, name)(x.value)
+        return (
+            TracedJet(value)
+            if x.fixed
+            else chain(x, value, *_DERIVATIVES[name](self, x.value, value))
+        )
 
-    def _rough(self, name: str) -> Callable[..., TracedJet]:
-        function = getattr(self._at, name)
-        return lambda *xs: self._of_unknown_shape(function(*(x.value for x in xs)), xs)
+    def _comparison(self, name: str, a: TracedJet, b: TracedJet) -> Truth:
+        truth: Truth = getattr(self._at, name)(a.value, b.value)
+        return truth
+
+    def _rough(self, name: str, *xs: TracedJet) -> TracedJet:
+        return self._of_unknown_shape(getattr(self._at, name)(*(x.value for x in xs)), xs)
 
     def _of_unknown_shape(self, value: TracedInterval, inputs: Sequence[TracedJet]) -> TracedJet:
         if all(x.fixed for x in inputs):
@@ -286,3 +261,23 @@ class TracedJetOps(Ops):
 
     def _zero(self) -> TracedInterval:
         return TracedInterval.constant(self._float(0))
+
+
+def _around(ops: TracedJetOps, number: float) -> TracedInterval:
+    """Return an interval around a number that is not exact."""
+    return TracedInterval(*(ops._float(float(np.nextafter(number, end))) for end in (0, np.inf)))
+
+
+_Rule: TypeAlias = Callable[
+    [TracedJetOps, TracedInterval, TracedInterval], tuple[TracedInterval, TracedInterval]
+]
+# The first two derivatives of a function f, from the ranges of x and f.
+_DERIVATIVES: dict[str, _Rule] = {
+    "exp": lambda ops, x, f: (f, f),
+    "log": lambda ops, x, f: (slope := _around(ops, 1.0) / x, -(slope / x)),
+    "log10": lambda ops, x, f: (slope := _around(ops, 1.0 / math.log(10.0)) / x, -(slope / x)),
+    "sqrt": lambda ops, x, f: (slope := 0.5 / f, -0.5 * (slope / x)),
+    "sin": lambda ops, x, f: (ops._at.cos(x), -f),
+    "cos": lambda ops, x, f: (-ops._at.sin(x), -f),
+    "tanh": lambda ops, x, f: (slope := 1.0 - f * f, -2.0 * (f * slope)),
+}

@@ -17,7 +17,7 @@ import contextlib
 import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple, NoReturn, TypeAlias
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def product(*expressions: Expression) -> Expression:
         lambda left, right: Call("multiply", (left, right)), [e.tree for e in expressions]
     )
     names = tuple(dict.fromkeys(name for e in expressions for name in e.names))
-    return Expression.of_tree(tree, names, text(tree))
+    return Expression.of_tree(tree, names)
 
 
 def _combined(operation: str, expression: Expression, other: Node) -> Expression:
@@ -93,7 +93,7 @@ def _combined(operation: str, expression: Expression, other: Node) -> Expression
         tree = Steps(tree.steps, Call(operation, (tree.result, other)))
     else:
         tree = Call(operation, (tree, other))
-    return Expression.of_tree(tree, expression.names, text(tree))
+    return Expression.of_tree(tree, expression.names)
 
 
 def _counts(unit: Unit) -> bool:
@@ -133,7 +133,7 @@ def _resolved(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expressi
     tree, unit = walk.whole(expression.tree)
     if tree == expression.tree:
         return None, unit
-    return Expression.of_tree(tree, expression.names, text(tree)), unit
+    return Expression.of_tree(tree, expression.names), unit
 
 
 class _Walk:
@@ -162,27 +162,14 @@ class _Walk:
                 return self._steps[step]._replace(node=node)
             case Field(name):
                 return _Part(node, self._units[name])
-            case Call("where", (condition, *choices)):
-                parts = self._alike(node, [self.part(choice) for choice in choices])
-                nodes = (self.part(condition).node, *(p.node for p in parts))
-                return _Part(Call("where", nodes), _unit_of(parts))
-            case Call("interp", (argument,), tables):
-                x = self._plain_if_pure(self.part(argument))
-                return _Part(Call("interp", (x.node,), tables))
-            case Call("integer_power", (base,), (exponent,)):
-                return self._power(node, self.part(base), exponent)
-            case Call("compare", operands):
-                return self._same(node, [self.part(p) for p in operands])._replace(unit=None)
             case Call(operation, arguments):
                 parts = [self.part(a) for a in arguments]
                 values = [np.float64(p.number) for p in parts if p.number is not None]
-                if operation.startswith("logical"):
-                    return self._call(node, parts)
-                if len(values) == len(parts):
-                    with np.errstate(all="ignore"):
-                        value = float(getattr(NumpyOps(), operation)(*values))
-                    return self._call(node, parts)._replace(number=value)
-                return _RULES[operation](self, node, parts)
+                if len(values) < len(parts) or operation in _NOT_ARITHMETIC:
+                    return _RULES.get(operation, _Walk._call)(self, node, parts)
+                with np.errstate(all="ignore"):
+                    value = getattr(NumpyOps(), operation)(*values, *node.constants)
+                return self._call(node, parts)._replace(number=float(value))
         raise TypeError(f"not a number in an expression: {node!r}")
 
     def _call(self, node: Call, parts: list[_Part], unit: Unit = None) -> _Part:
@@ -289,12 +276,9 @@ class _Walk:
 
     def _power(self, node: Call, base: _Part, exponent: float) -> _Part:
         """Return a power with a number as exponent."""
-        made = self._call(node, [base])
-        if base.number is not None:
-            return made._replace(number=float(np.float64(base.number) ** exponent))
         self._refuse_dex(node, base)
         plain = base.unit is None or (_is_radian(base.unit) and node.operation != "sqrt")
-        return made if plain else made._replace(unit=parse_unit(base.unit**exponent))
+        return self._call(node, [base], None if plain else parse_unit(base.unit**exponent))
 
     def _general_power(self, node: Call, parts: list[_Part]) -> _Part:
         base, exponent = parts
@@ -326,18 +310,19 @@ class _Walk:
         same = self._alike(node, parts, plain=plain)
         return self._call(node, same, _unit_of(same))
 
+    def _where(self, node: Call, parts: list[_Part]) -> _Part:
+        choices = self._alike(node, parts[1:])
+        return self._call(node, [parts[0], *choices], _unit_of(choices))
+
     def _negative(self, node: Call, parts: list[_Part]) -> _Part:
         unit = parts[0].unit
         return self._call(node, parts, _dex(unit.physical_unit**-1) if is_dex(unit) else unit)
-
-    def _ratio(self, node: Call, parts: list[_Part]) -> _Part:
-        unit = _radian() if node.operation == "atan2" else None
-        return self._call(node, self._alike(node, parts), unit)
 
     def _function(self, node: Call, parts: list[_Part]) -> _Part:
         return self._call(node, [self._pure(node, p) for p in parts])
 
 
+_NOT_ARITHMETIC = {"where", "compare", "interp", "logical_and", "logical_or", "logical_not"}
 _Rule: TypeAlias = Callable[[_Walk, Call, list[_Part]], _Part]
 _RULES: dict[str, _Rule] = {
     "add": _Walk._sum,
@@ -346,19 +331,28 @@ _RULES: dict[str, _Rule] = {
     "divide": _Walk._times,
     "power": _Walk._general_power,
     "sqrt": lambda walk, node, parts: walk._power(node, parts[0], 0.5),
+    "integer_power": lambda walk, node, parts: walk._power(node, parts[0], node.constants[0]),
+    "compare": lambda walk, node, parts: walk._same(node, parts)._replace(unit=None),
+    "interp": lambda walk, node, parts: walk._call(node, [walk._plain_if_pure(parts[0])]),
+    "where": _Walk._where,
     "log10": _Walk._logarithm,
     "log": _Walk._logarithm,
     "negative": _Walk._negative,
     **dict.fromkeys(("positive", "abs", "min", "max", "clip", "remainder"), _Walk._same),
-    **dict.fromkeys(("atan2", "floor_divide"), _Walk._ratio),
+    "atan2": lambda walk, node, parts: walk._call(node, walk._alike(node, parts), _radian()),
+    "floor_divide": lambda walk, node, parts: walk._call(node, walk._alike(node, parts)),
     **dict.fromkeys(("exp", "sin", "cos", "tan", "tanh"), _Walk._function),
 }
 
 
-def _dex(unit: Unit) -> Unit:
-    from astropy import units as u
+def _astropy() -> Any:
+    from astropy import units
 
-    return u.dex(unit)
+    return units
+
+
+def _dex(unit: Unit) -> Unit:
+    return _astropy().dex(unit)
 
 
 def _unit_of(parts: list[_Part]) -> Unit:
@@ -367,8 +361,7 @@ def _unit_of(parts: list[_Part]) -> Unit:
 
 def _factor(own: Unit, unit: Unit) -> float | None:
     """Return what converts numbers from one unit to another; None if they are of other kinds."""
-    from astropy import units as u
-
+    u = _astropy()
     pair = [unit or u.dimensionless_unscaled for unit in (own, unit)]
     for first, second in (pair, map(_of_gauss, pair)):
         with contextlib.suppress(u.UnitsError, TypeError):
@@ -377,28 +370,24 @@ def _factor(own: Unit, unit: Unit) -> float | None:
 
 
 def _product(first: Unit, second: Unit, sign: int) -> Unit:
-    from astropy import units as u
-
     if _is_radian(first) and _is_radian(second):
         return None
     first, second = (
         None if _is_radian(own) and other is not None and not _has_angle(other) else own
         for own, other in ((first, second), (second, first))
     )
-    plain = u.dimensionless_unscaled
+    plain = _astropy().dimensionless_unscaled
     return parse_unit((first or plain) * (second or plain) ** sign)
 
 
 def _quotient(first: Unit, second: Unit) -> Unit:
-    from astropy import units as u
-
-    return _product(first, second, -1) or u.dimensionless_unscaled
+    return _product(first, second, -1) or _astropy().dimensionless_unscaled
 
 
 def _is_pure(unit: Unit) -> bool:
-    from astropy import units as u
-
-    return not is_dex(unit) and bool(_of_gauss(unit).is_equivalent(u.dimensionless_unscaled))
+    return not is_dex(unit) and bool(
+        _of_gauss(unit).is_equivalent(_astropy().dimensionless_unscaled)
+    )
 
 
 @functools.lru_cache(maxsize=64)
@@ -407,10 +396,9 @@ def _of_gauss(unit: Unit) -> Unit:
 
     astropy's gauss is 1e-4 tesla, of SI.
     """
-    from astropy import units as u
-
     if is_dex(unit):
         return unit
+    u = _astropy()
     gauss, result = u.Unit("g(1/2) / (cm(1/2) s)"), u.Unit(unit.scale)
     for base, power in zip(unit.bases, unit.powers, strict=True):
         is_gauss = base.name.endswith(("G", "Gauss", "gauss")) and base.is_equivalent(u.T)
@@ -432,9 +420,7 @@ def _is_radian(unit: Unit) -> bool:
 
 
 def _radian() -> Unit:
-    from astropy import units as u
-
-    return u.rad
+    return _astropy().rad
 
 
 def _named(unit: Unit) -> str:

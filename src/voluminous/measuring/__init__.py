@@ -1,13 +1,11 @@
 """Measurements: columns, projections, moments, totals, surfaces of optical depth, and `probe`."""
 
 from ..errors import immutable
-from .columns import column
+from .columns import Moments, column, moments
 from .probe_result import Probe
 from .probing import probe
-from .projections import project
-from .surface import TauSurface, tau_surface
+from .projections import TauSurface, project, tau_surface
 from .totals import Measurement, measure
-from .velocities import Moments, moments
 
 __all__ = [
     "Measurement",

@@ -44,12 +44,9 @@ class Probe:
         Distances at which each segment begins and ends, in the volume's unit.
     position : float64 array (n, 3)
         The midpoints of the segments.
-    cell : int array (n,)
-        Flat number of the cell; for schemes that interpolate fields, of that of the midpoint.
-    index : int array (n, 3) or None
-        The cell's number along each axis, if the grid has three.
-    level : int array (n,)
-        How often the base cell was refined.
+    cell, index, level : int arrays (n,), (n, 3) or None, (n,)
+        Flat number of the cell (for schemes that interpolate fields, of that of the midpoint), its
+        number along each axis, if the grid has three, and how often the base cell was refined.
     hidden : bool array (n,)
         Whether the cell lacks a value; such cells are transparent.
     fields : dict of str to array (n,)
@@ -57,26 +54,19 @@ class Probe:
         the midpoint of the segment.
     scalars : dict of str to array (n,)
         The medium's expressions.
-    j : float64 array (n, c)
-        Emissivity per length: in the cell, or its mean over the segment. Where fields are
-        interpolated, the mean of two halves.
-    alpha : float64 array (n, e)
-        Extinction per length, in the same way.
-    tau : float64 array (n, e)
-        Optical depth of the segment.
-    theta : float64 array (n, e)
-        Its transparency θ.
-    b : float64 array (n, c)
-        The intensity that it emits at its front.
+    j, alpha : float64 arrays (n, c), (n, e)
+        Emissivity and extinction per length: in the cell, or the mean over the segment; where
+        fields are interpolated, the mean of two halves.
+    tau, theta, b : float64 arrays (n, e), (n, e), (n, c)
+        Optical depth and transparency θ of the segment, and the intensity that it emits.
     depth : float64 array (n, e)
         Optical depth from the observer to the end of the segment.
     gathered : float64 array (n, c)
         The intensity that the observer receives from all up to the end of the segment.
     arriving : float64 array (n, c)
         Intensity at the front of the segment: from it, from all behind it, and from the background.
-    background : float64 array (c,)
-    intensity : array (c,)
-        The intensity of the pixel, as `render` gives it.
+    background, intensity : array (c,)
+        The background, and the pixel as `render` gives it.
     transparency, optical_depth : array (e,)
         Of the whole ray.
     stopped : bool
@@ -413,18 +403,17 @@ def _draw_fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> No
 
 def _draw_coefficients(panel: Axes, probe: Probe) -> None:
     length, light = probe.units["length"], probe.units["intensity"]
+    other, grey = panel.twinx(), probe.alpha.shape[1] == 1
     _label(panel, _named("emissivity j", _per(light, length)))
-    for values, style in _lines(probe.j):
-        panel.plot(*_steps(probe, values), **style)
-    other: Any = panel.twinx()
-    grey = probe.alpha.shape[1] == 1
     how = "grey" if grey else "dashed"
     _label(other, _named(f"extinction α ({how})", f"1 / {length}" if length else ""))
-    for values, style in _lines(probe.alpha):
+    for values, color in _lines(probe.j):
+        panel.plot(*_steps(probe, values), color=color)
+    for values, color in _lines(probe.alpha):
         if grey:
             other.fill_between(*_steps(probe, values), color="0.5", alpha=0.25, linewidth=0)
         else:
-            other.plot(*_steps(probe, values), **style, linestyle="--")
+            other.plot(*_steps(probe, values), color=color, linestyle="--")
     for axis in (panel, other):
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
 
@@ -434,10 +423,10 @@ def _draw_depth(panel: Axes, probe: Probe) -> None:
     x, other, grey = _walls(probe), panel.twinx(), probe.depth.shape[1] == 1
     _label(panel, "optical depth τ", _FIRST if grey else None)
     _label(other, "transparency (dashed)", _SECOND if grey else None)
-    for values, style in _lines(probe.depth, _FIRST):
-        panel.plot(x, np.append(0.0, values), **style)
-    for values, style in _lines(np.cumprod(probe.theta, axis=0), _SECOND):
-        other.plot(x, np.append(1.0, values), **style, linestyle="--")
+    for values, color in _lines(probe.depth, _FIRST):
+        panel.plot(x, np.append(0.0, values), color=color)
+    for values, color in _lines(np.cumprod(probe.theta, axis=0), _SECOND):
+        other.plot(x, np.append(1.0, values), color=color, linestyle="--")
     panel.set_ylim(bottom=0.0)
     other.set_ylim(-0.03, 1.05)
     if probe.depth[-1].max() > 1.0:
@@ -449,21 +438,19 @@ def _draw_light(panel: Axes, probe: Probe) -> None:
     """Draw the intensity gathered from the observer on, and that which arrives from behind."""
     x = _walls(probe)
     lines = zip(_lines(probe.gathered), probe.arriving.T, probe.background, strict=True)
-    for (gathered, style), arriving, behind in lines:
-        panel.plot(x, np.append(0.0, gathered), **style)
-        panel.plot(x, np.append(arriving, behind), **style, linestyle="--")
-        panel.plot(x[:1], arriving[:1], "o", **style, clip_on=False, zorder=5)
-    styles: dict[str, dict[str, Any]] = {
-        "gathered up to here": {},
-        "arriving from behind": {"linestyle": "--"},
-        "the pixel": {"linestyle": "", "marker": "o"},
-    }
-    from matplotlib.lines import Line2D
-
-    handles = [Line2D([], [], color="0.3", label=name, **how) for name, how in styles.items()]
+    for (gathered, color), arriving, behind in lines:
+        panel.plot(x, np.append(0.0, gathered), color=color)
+        panel.plot(x, np.append(arriving, behind), color=color, linestyle="--")
+        panel.plot(x[:1], arriving[:1], "o", color=color, clip_on=False, zorder=5)
     low, high = panel.get_ylim()
     panel.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
-    panel.legend(handles=handles, fontsize="small", loc="upper center", ncols=3)
+    for name, style in (
+        ("gathered up to here", "-"),
+        ("arriving from behind", "--"),
+        ("the pixel", "o"),
+    ):
+        panel.plot([], [], style, color="0.3", label=name)
+    panel.legend(fontsize="small", loc="upper center", ncols=3)
     _label(panel, _named("intensity", probe.units["intensity"]))
 
 
@@ -480,10 +467,10 @@ def _walls(probe: Probe) -> np.ndarray:
     return np.append(probe.begin[0], probe.end)
 
 
-def _lines(columns: np.ndarray, alone: str = "0.15") -> list[tuple[np.ndarray, dict[str, Any]]]:
+def _lines(columns: np.ndarray, alone: str = "0.15") -> list[tuple[np.ndarray, str]]:
     count = columns.shape[1]
     colors = {1: (alone,), 3: _RGB}.get(count) or tuple(f"C{c}" for c in range(count))
-    return [(v, {"color": c}) for v, c in zip(columns.T, colors, strict=True)]
+    return list(zip(columns.T, colors, strict=True))
 
 
 def _label(axis: Axes, label: str, color: str | None = None) -> None:

@@ -23,8 +23,8 @@ from ..rendering.tracer import Batches, Paths, RayTracer
 from ..schemes.base import Position, Scheme, interpolated_at
 from ..schemes.path import Path
 from ..units import Unit, parse_unit, plain, unit_name
+from .cells import CellQuantity
 from .probe_result import Probe
-from .quantity import CellQuantity
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
@@ -109,10 +109,8 @@ def probe(
     )
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)
     seen = volume.seen_by(camera)
-    quantities = [
-        CellQuantity.of(seen, expr, "also")
-        for expr in (also if isinstance(also, (list, tuple)) else [also])
-    ]
+    listed = also if isinstance(also, (list, tuple)) else [also]
+    quantities = [CellQuantity.of(seen, expr, "also") for expr in listed]
     more = [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))

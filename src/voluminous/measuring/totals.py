@@ -14,9 +14,8 @@ from ..notebook import page, table
 from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
 from ..units import Unit, parse_unit
-from .cells import CellParts
+from .cells import CellParts, CellQuantity, check_volume, integral_unit
 from .columns import as_map, check_exact, exact_maps
-from .quantity import CellQuantity, check_volume, integral_unit
 from .shapes import aperture_weights, region_of
 
 if TYPE_CHECKING:

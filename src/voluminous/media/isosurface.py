@@ -24,7 +24,7 @@ from ..backend.functions import precision_of, unit_interval
 from ..backend.types import Float, Mask
 from ..errors import InputError, check_name
 from ..expressions import Expression
-from ..expressions.analysis import Monotonicity
+from ..expressions.expression import Monotonicity
 from ..expressions.interval import Interval
 from ..units import plain
 from .arguments import (

@@ -20,7 +20,7 @@ from ..backend import dr
 from ..backend.functions import horner
 from ..backend.types import Float, Mask
 from ..expressions import Expression
-from ..expressions.analysis import Monotonicity
+from ..expressions.expression import Monotonicity
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, larger, smaller
 from ..expressions.traced_interval import extremes as without_nan
