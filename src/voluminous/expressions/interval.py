@@ -221,7 +221,8 @@ class Interval:
             low, high = self.smallest, self.size
             lo, _ = self.ends.limits(operator.mul, [(low, low)])
             _, hi = self.ends.limits(operator.mul, [(high, high)])
-            return type(self)(self.ends.positive(lo), hi, self.nan)
+            square: Own = type(self)(self.ends.positive(lo), hi, self.nan)
+            return square
         other = self._like(other)
         undefined = (self.contains(0) & other.infinite) | (other.contains(0) & self.infinite)
         product: Own = self._hull(operator.mul, other, undefined)
