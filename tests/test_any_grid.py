@@ -117,18 +117,6 @@ def test_points_may_have_a_unit(name):
         grid.locate(points * u.K)
 
 
-@pytest.mark.parametrize("name", PLACES)
-@pytest.mark.parametrize("points", [[1, 2, 3], [[1, 2]], 5.0, [[1, 2, 3, 4]], [[[1, 2, 3]]], []])
-def test_points_have_three_coordinates(name, points):
-    with pytest.raises(vm.InputError, match=r"points must have shape \(n, 3\)"):
-        PLACES[name].locate(points)
-
-
-def test_a_field_may_be_called_phi_where_that_is_no_coordinate():
-    volume = vm.Volume(GRID, phi=VALUES, theta=VALUES, R=VALUES)
-    np.testing.assert_array_equal(volume.evaluate("phi"), VALUES)
-
-
 @pytest.mark.parametrize("precision", ["single"])
 def test_an_octree_shows_the_grid_that_it_refines(precision):
     edges = np.linspace(-1, 1, 5)
@@ -148,21 +136,6 @@ def test_an_octree_shows_the_grid_that_it_refines(precision):
     exact = 2e-5 if precision == "single" else 1e-12
     np.testing.assert_allclose(found.intensity, expected.intensity, atol=exact)
     assert found.intensity.max() > 0.3
-
-
-@pytest.mark.parametrize("precision", ["single"])
-def test_the_picture_of_a_shell_on_a_spherical_grid(precision):
-    grid = vm.SphericalGrid(np.linspace(0.5, 1, 6), np.linspace(0, np.pi, 5), np.linspace(0, 6, 7))
-    volume = vm.Volume(vm.SphericalGrid(grid.edges[0], grid.edges[1]))
-    volume["a"] = "where(r < 0.7, 2, 1)"
-    image = vm.render(
-        volume, vm.Coefficients("0", "a"), CAMERA, scheme="first-order", precision=precision
-    )
-    x, y = np.meshgrid(image.x, image.y)
-    chord = [2 * np.sqrt(np.clip(r * r - x * x - y * y, 0, None)) for r in (0.5, 0.7, 1.0)]
-    expected = 2 * (chord[1] - chord[0]) + chord[2] - chord[1]
-    exact = 2e-5 if precision == "single" else 1e-12
-    np.testing.assert_allclose(image.optical_depth[..., 0], expected, atol=exact)
 
 
 def test_flux_conserving_samples_need_a_rule():

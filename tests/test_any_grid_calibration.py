@@ -106,31 +106,6 @@ def test_info_tells_levels_and_resolution():
     assert "x  -1 … 1" in told
 
 
-TURN = 2 * np.pi
-
-
-@pytest.mark.parametrize(
-    ("grid", "expected"),
-    [
-        # Walls that are not evenly spaced: two cells, each split into four.
-        (vm.OctreeGrid([0, 1, 9], [0, 1], [0, 1], [1, *8 * [1, *8 * [0]], 0]), "8 x 4 x 4"),
-        (
-            vm.PatchGrid([[0, 0, 0], [1, 0, 0]], [[3, 1, 1], [2, 1, 1]], [[3, 1, 1], [2, 1, 3]]),
-            "6 x 1 x 3",
-        ),
-        # φ of one cell all around is not split.
-        (vm.CylindricalGrid([0, 1, 2], [0, TURN], [0, 1], refined=[1, *5 * [0]]), "4 x 1 x 2"),
-        (
-            vm.SphericalGrid([1, 2], [0.3, TURN / 4], mirror=True, refined=[1, *4 * [0]]),
-            "2 x 2 x 1",
-        ),
-    ],
-)
-def test_info_counts_the_finest_cells_along_the_own_axes(grid, expected):
-    told = "\n".join(describe_grid(grid))
-    assert f"effective resolution: {expected}" in told
-
-
 def test_info_of_curvilinear_grids():
     grid = vm.SphericalGrid([1.0, 2.0, 4.0], [0.5, np.pi / 2], mirror=True, unit="pc")
     told = "\n".join(describe_grid(grid))

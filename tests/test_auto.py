@@ -80,14 +80,6 @@ def test_levels_are_above_noise_around_zero():
     assert min(shell.center for shell in shells(vm.suggest_medium(volume))) < 0.4
 
 
-def test_velocities_of_a_cube_of_spectra_are_not_what_is_shown():
-    volume = cube(lambda r: np.exp(-3 * r))
-    volume["velocity"] = "z"
-    assert main_scalar(volume).text == "a"
-    del volume["a"]
-    assert main_scalar(volume).text == "velocity"
-
-
 def test_the_mean_gradient_is_that_of_the_field():
     # a = r³: |∇a| = 3 r² = 3 a^(2/3).
     volume, field = cube(lambda r: r**3, 64), Expression("a")
@@ -136,6 +128,8 @@ def test_a_logarithm_is_for_what_spans_decades(values, wide):
         (("velocity_x", "vel2", "speed"), "speed"),
         (("flat", "noisy"), "noisy"),
         (("velocity_x",), "velocity_x"),
+        (("velocity", "noisy"), "noisy"),
+        (("velocity",), "velocity"),
     ],
 )
 def test_the_field_to_look_at_first(names, chosen):
@@ -196,11 +190,6 @@ def test_rounding_is_no_structure(value):
     assert len(shells(vm.suggest_medium(volume))) == 4
 
 
-def test_the_same_data_gives_the_same_medium():
-    first, second = (vm.suggest_medium(cube(np.cos)).describe() for _ in range(2))
-    assert first == second
-
-
 def test_opacity_scales_the_optical_depth_and_large_shells_are_more_transparent():
     core = vm.models.prestellar_core(32)
     one, half = (shells(vm.suggest_medium(core, opacity=o)) for o in (1.0, 0.5))
@@ -209,45 +198,30 @@ def test_opacity_scales_the_optical_depth_and_large_shells_are_more_transparent(
     assert np.all(np.diff([shell.opacity[0] for shell in one]) > 0)
 
 
-def test_an_expression_may_be_given():
-    core = vm.models.prestellar_core(16)
-    media = shells(vm.suggest_medium(core, "r / 1e16", n=2, cmap="viridis"))
-    assert [shell.expr.text for shell in media] == ["r / 1e16"] * 2
+CORE = vm.models.prestellar_core(8)
+UNKNOWN, INPUT = vm.errors.UnknownNameError, vm.InputError
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "told"),
+    ("volume", "options", "error", "told"),
     [
-        ({"expr": "densty"}, vm.errors.UnknownNameError, "density"),
-        ({"cmap": "turbot"}, vm.errors.UnknownNameError, "turbo"),
-        ({"n": 0}, vm.InputError, "positive whole number"),
-        ({"n": 2.5}, vm.InputError, "positive whole number"),
-        ({"n": np.nan}, vm.InputError, "positive whole number"),
-        ({"n": np.inf}, vm.InputError, "positive whole number"),
-        ({"n": None}, vm.InputError, "positive whole number"),
-        ({"n": 101}, vm.InputError, "100 at most"),
-        ({"opacity": -1}, vm.InputError, "positive"),
-        ({"opacity": "1"}, vm.InputError, "positive"),
-        ({"expr": "log10(-density)"}, vm.InputError, "no finite value"),
+        (CORE, {"expr": "densty"}, UNKNOWN, "density"),
+        (CORE, {"cmap": "turbot"}, UNKNOWN, "turbo"),
+        *((CORE, {"n": n}, INPUT, "positive whole number") for n in (0, 2.5, np.nan, np.inf, None)),
+        (CORE, {"n": 101}, INPUT, "100 at most"),
+        (CORE, {"opacity": -1}, INPUT, "positive"),
+        (CORE, {"opacity": "1"}, INPUT, "positive"),
+        (CORE, {"expr": "log10(-density)"}, INPUT, "no finite value"),
+        (CORE, {"expr": np.zeros(3)}, INPUT, "expr must be a field or an expression"),
+        (CORE, {"expr": 3}, INPUT, "for 3 shells write n=3"),
+        (np.ones((2, 2, 2)), {}, INPUT, "needs a vm.Volume first.*holds an array"),
+        ("data.npz", {}, INPUT, "vm.open"),
+        (vm.Volume(CORE.grid), {}, INPUT, "no fields"),
     ],
 )
-def test_errors_say_what_to_do(options, error, told):
+def test_errors_say_what_to_do(volume, options, error, told):
     with pytest.raises(error, match=told):
-        vm.suggest_medium(vm.models.prestellar_core(8), **options)
-
-
-@pytest.mark.parametrize(
-    ("what", "told"),
-    [(np.ones((2, 2, 2)), "holds an array"), ("data.npz", "vm.open"), (None, "NoneType")],
-)
-def test_what_is_no_volume_is_refused(what, told):
-    with pytest.raises(vm.InputError, match=rf"suggest_medium needs a vm.Volume first.*{told}"):
-        vm.suggest_medium(what)
-
-
-def test_a_volume_without_fields_says_so():
-    with pytest.raises(vm.InputError, match="no fields"):
-        vm.suggest_medium(vm.Volume(vm.CartesianGrid.uniform(4, (0, 1))))
+        vm.suggest_medium(volume, **options)
 
 
 @pytest.mark.exhaustive
@@ -294,27 +268,6 @@ def test_a_picture_of_a_data_file_is_a_scene(data):
     np.testing.assert_array_equal(first.intensity, second.intensity)
     assert first.camera["incl"] == 10
     assert len(first.provenance["scene"]["medium"]) == 2
-
-
-def test_the_field_to_render_may_be_named(data):
-    arguments = ["render", "ball.npz", "--field", "sqrt(a) * velocity_x", "-q"]
-    assert main([*arguments, "--set", "camera.resolution=9", "-o", "c.fits"]) == 0
-    medium = vm.Image.load("c.fits").provenance["medium"]
-    assert {part["expr"] for part in medium["parts"]} == {"sqrt(a) * velocity_x"}
-
-
-def test_options_for_data_files_are_refused_beside_a_scene(data, capsys):
-    vm.Scene({"volume": {"path": "ball.npz"}, "medium": vm.Coefficients("a", "a")}).save("s.toml")
-    assert main(["render", "s.toml", "--incl", "20"]) == 2
-    assert "--set camera.incl" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("wrong", [4, 4.0, True, ["a"], np.zeros(3)])
-def test_what_is_no_expression_is_refused(wrong):
-    with pytest.raises(vm.InputError, match="expr must be a field or an expression"):
-        vm.suggest_medium(cube(lambda r: r, 4), wrong)
-    with pytest.raises(vm.InputError, match="for 3 shells write n=3"):
-        vm.suggest_medium(cube(lambda r: r, 4), 3)
 
 
 def test_a_first_picture_needs_a_volume_only():

@@ -11,12 +11,10 @@ import voluminous as vm
 from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
-from voluminous.expressions import Expression
 from voluminous.grids.cartesian.dual_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
 from voluminous.media.context import Context, no_unit
 from voluminous.rendering.sources.empty_space import DUAL
-from voluminous.rendering.sources.wide_steps import Limit
 from voluminous.schemes.pre_integrated import PreIntegrated
 
 CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)
@@ -152,16 +150,6 @@ def test_prominence_is_what_shows_of_the_peak(medium):
     np.testing.assert_array_equal(prominence > 0, shown > 0)
 
 
-def test_what_is_no_number_keeps_no_limit():
-    real = dr.llvm.Float64
-    context = Context(real, real, None, no_unit)
-    limit = Limit(vm.Gaussian("f", 0.5, 0.1, 1.0, 0.5, 0.1), Expression("f"), 0.1, 0.2)
-    values, nan = [0.5, 0.5, np.nan, 0.5, -np.inf], [0.501, np.nan, 0.5, 0.501, -np.inf]
-    exact, near, flat = real(values), real(nan), real([0.5, 0.5, 0.5, np.nan, 0.5])
-    found = np.array(limit.holds(exact, [near, flat], context))
-    np.testing.assert_array_equal(found, [True, False, False, False, False])
-
-
 def test_wings_of_shells_are_crossed_in_wide_steps_where_their_cores_are_not():
     # As many steps as with a limit twice as large everywhere, at less than its errors.
     scene = shells("x*x + y*y + 0.8*z*z")
@@ -181,13 +169,6 @@ def test_wings_of_shells_are_crossed_in_wide_steps_where_their_cores_are_not():
     ]
     even = np.sqrt(np.mean((drawn((volume, sum(parts)), 0.1) - exact) ** 2))
     assert 0 < uneven < 1.5 * even
-
-
-def test_a_rough_field_is_never_crossed_in_wide_steps():
-    volume, medium = shells("x")
-    volume["f"] = np.random.default_rng(0).uniform(size=volume.grid.shape)
-    rough = drawn((volume, medium), 0.1)
-    np.testing.assert_array_equal(rough, drawn((volume, medium), 0))
 
 
 @pytest.mark.parametrize(

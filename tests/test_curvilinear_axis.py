@@ -90,18 +90,6 @@ def test_a_jump_across_the_axis_is_one_crossing_of_each_level_between(kind, view
 
 
 @kinds
-def test_along_the_axis_azimuth_is_zero(kind):
-    """There is none; a choice, but for all rays and accuracies the same."""
-    grid = kind(*EDGES[kind])
-    volume, camera = noise(grid, 1), vm.Orthographic(0, 0, width=0.01, resolution=1)
-    points = np.stack([np.full(4000, 1e-12), np.zeros(4000), np.linspace(1, -1, 4000)], axis=1)
-    f = sampled(grid, volume["f"], points)
-    expected = sum(np.count_nonzero(np.diff(f > level)) for level in LEVELS)
-    for accuracy in ACCURACIES:
-        np.testing.assert_allclose(counted(volume, camera, *accuracy), expected, atol=1e-3)
-
-
-@kinds
 @pytest.mark.parametrize("position", [(0, 0, 0), (0, 0, 0.3)])
 def test_in_a_refined_grid_rays_see_azimuths_of_one_half_plane(kind, position):
     """Or of two, if they go through the axis: a surface with y = 0 is crossed there, and once."""
@@ -128,22 +116,3 @@ def test_a_refined_picture_depends_on_no_accuracy_and_is_inside_its_bounds(kind,
         image = vm.render(volume, SURFACES, camera, bounds=True)
         seen = 1 - 0.5 ** found[-1].reshape(image.lower.shape)
         assert np.all((image.lower <= seen + 1e-9) & (image.upper >= seen - 1e-9))
-
-
-@pytest.mark.exhaustive
-@kinds
-@pytest.mark.parametrize("refined", [None, [1, *8 * [0], *7 * [0]]])
-@pytest.mark.parametrize("medium", [vm.Coefficients("f", 0), SURFACES])
-def test_bounds_hold_where_cells_are_half_a_turn_wide(kind, refined, medium):
-    halves = [[0, PI, 2 * PI] if e is ROUND else e for e in EDGES[kind]]
-    volume = noise(kind(*halves, **({"refined": refined} if refined else {})), 12)
-    cameras = (
-        vm.Orthographic(60, 30, resolution=16),
-        vm.Perspective((0.3, 0.2, 0.1), (-1, 0, 0.1), fov=120, resolution=16),
-    )
-    for camera in cameras:
-        image = vm.render(volume, medium, camera, bounds=True)
-        fine = vm.render(volume, medium, camera, tolerance=1e-7, precision="double", cutoff=0)
-        slack = 1e-7 * fine.intensity.max()
-        assert np.all(image.lower <= fine.intensity + slack)
-        assert np.all(image.upper >= fine.intensity - slack)

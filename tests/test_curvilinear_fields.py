@@ -129,27 +129,6 @@ def test_azimuth_goes_round(name):
     assert (np.abs(pair[0].intensity - pair[1].intensity).max(axis=-1) <= error + 1e-9).all()
 
 
-@pytest.mark.parametrize("scheme", ["post-classified", "first-order", "second-order"])
-def test_single_precision_is_near_double(scheme):
-    volume = volume_of(GRIDS["full"], "sin(3*x) + cos(2*y) * z")
-    medium = vm.Gaussian("f", 0.5, 0.2, [1.0], 0.5, 0.3)
-    pair = [
-        vm.render(volume, medium, CAMERAS["oblique"], scheme=scheme, precision=p, tolerance=1e-4)
-        for p in ("single", "double")
-    ]
-    off = np.abs(pair[0].intensity - pair[1].intensity)
-    assert off.max() <= 1e-3 * pair[1].intensity.max()
-    assert np.median(off) <= 1e-5 * pair[1].intensity.max()
-
-
-def test_one_panel_is_near_too():
-    volume = volume_of(GRIDS["full"], "sin(3*x) + cos(2*y) * z")
-    medium = vm.Gaussian("f", 0.5, 0.2, [1.0], 0.5, 0.3)
-    exact = drawn(volume, medium, "oblique").intensity
-    quick = vm.render(volume, medium, CAMERAS["oblique"], tolerance=None).intensity
-    assert np.sqrt(np.mean((quick - exact) ** 2)) < 0.01 * exact.max()
-
-
 def sampled(grid, values, points):
     """Return a field between centres: linear in each own coordinate, constant beyond the last."""
     own = Frame.of(grid).coordinates(points)

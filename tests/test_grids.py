@@ -9,7 +9,7 @@ from astropy import units as u
 import voluminous as vm
 from contracts import GridContract
 from contracts.grid import make_ray, walk_along
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr
 
 UNEVEN = [-1.0, -0.3, 0.1, 0.8, 2.0]
 
@@ -63,12 +63,6 @@ class TestRectilinear(CartesianContract):
         return vm.CartesianGrid(UNEVEN, [0.0, 0.5, 0.75, 3.0], [-2.0, -1.9, 1.0])
 
 
-class TestOneCellFarFromTheOrigin(CartesianContract):
-    @pytest.fixture
-    def grid(self):
-        return vm.CartesianGrid([3e3, 3.001e3], [-2e3, -1.999e3], [0, 1.0])
-
-
 class TestManyWidths(CartesianContract):
     """Cells of very different widths, a million to one."""
 
@@ -79,16 +73,6 @@ class TestManyWidths(CartesianContract):
         widths = [1.0, 1e-6, 1e-3, 1.0, 1e-5, 0.1]
         edges = np.concatenate([[0.0], np.cumsum(widths)])
         return vm.CartesianGrid(edges, -edges[::-1], [0.0, 1e-6, 1.0])
-
-
-def test_ray_is_traced_in_pieces_of_the_same_distances():
-    grid, backend = vm.CartesianGrid(UNEVEN, UNEVEN, UNEVEN), get_backend("cpu", "double")
-    origin, direction = np.array([[-3.0, 0.05, 0.2]]), np.array([[1.0, 0.0, 0.0]])
-    whole = walk_along(grid, backend, make_ray(backend, origin, direction))
-    np.testing.assert_allclose(whole.end[:, 0], np.subtract(UNEVEN[1:], UNEVEN[0]), rtol=1e-15)
-    rest = walk_along(grid, backend, make_ray(backend, origin, direction, first=3.5))
-    # Distances count from where the ray enters the domain, wherever the walk begins.
-    np.testing.assert_allclose(rest.end[:, 0], whole.end[2:, 0], rtol=1e-15)
 
 
 def test_uniform_cells_are_recognised_to_rounding():
@@ -141,15 +125,6 @@ def test_a_name_of_another_unit_is_a_slip():
             make()
     # Whoever gives a unit itself, as readers do, means it.
     assert vm.CartesianGrid(edges * u.s, edges, edges).unit == u.s
-
-
-def test_grids_far_from_the_origin_tell_where_they_end():
-    far = 1e8 + np.array([0.0, 1.0, 2.5])
-    edges = np.array([-1.0, 1.0])
-    told = "x: 100000000 … 100000002.5, y: -1 … 1"
-    for grid in (vm.CartesianGrid(far, edges, edges), vm.OctreeGrid(far, edges, edges)):
-        assert told in repr(grid)
-    assert "R: 100000000 … 100000002.5, " in repr(vm.CylindricalGrid(far, [0, 1], edges))
 
 
 def test_edges_are_a_copy_that_cannot_be_changed():

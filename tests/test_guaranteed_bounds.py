@@ -126,12 +126,6 @@ def two_shells(f):
     return [a + b for a, b in zip(first[0], second[0], strict=True)], first[1] + second[1]
 
 
-def thick(f):
-    a = shell(gaussian(f["weight"], 0.5, 0.5), COLOR, 40.0, 0.3)
-    b = shell(gaussian(f["density"], 1.0, 0.5), COLOR[::-1], 90.0, 1.0)
-    return [p + q for p, q in zip(a[0], b[0], strict=True)], a[1] + b[1]
-
-
 def tabulated(f):
     columns = [
         [np.interp(f["density"], NODES, c) for c in COLORS.T],
@@ -156,18 +150,9 @@ def ball(f):
     return shell(gaussian(r, 0.6, 0.1), COLOR, 3.0, 0.3)
 
 
-def signed_pair(f):
-    j, alpha = shell(gaussian(f["density"], 1.0, 0.3), [1, -1, 0.5], 9.0, 0.3)
-    others = (f["x"], f["y"], -1.0)
-    return [a + b for a, b in zip(j, others, strict=True)], alpha + 3 * f["density"]
-
-
 X = "density"
+THIN = vm.Gaussian("log10(density)", 0.2, 0.05, COLOR, 2.0, 0.3)
 MEDIA = {
-    "thin": (
-        vm.Gaussian("density", 1.0, 0.05, COLOR, 2.0, 0.1),
-        lambda f: shell(gaussian(f[X], 1.0, 0.05), COLOR, 2.0, 0.1),
-    ),
     "wide": (
         vm.Gaussian("density", 1.0, 3.0, COLOR, 2.0, 0.5),
         lambda f: shell(gaussian(f[X], 1.0, 3.0), COLOR, 2.0, 0.5),
@@ -176,23 +161,7 @@ MEDIA = {
         vm.Rectangle("log(density)", 0.2, 0.3, COLOR, 2.0, 0.3),
         lambda f: shell((np.abs(np.log(f[X]) - 0.2) <= 0.3) * 1.0, COLOR, 2.0, 0.3),
     ),
-    "pair": (
-        vm.Gaussian("log10(density)", 0.2, 0.05, COLOR, 2.0, 0.3)
-        + vm.Gaussian("density", 1.0, 0.3, [0, 0.5, 0.8], 5.0, 0.1),
-        two_shells,
-    ),
-    "opaque": (
-        vm.Gaussian("weight", 0.5, 0.5, COLOR, 40.0, 0.3)
-        + vm.Gaussian("density", 1.0, 0.5, COLOR[::-1], 90.0, 1.0),
-        thick,
-    ),
-    "smooth": (
-        vm.Coefficients(["density * weight", "sqrt(density)", "exp(-weight)"], "weight ** 2"),
-        lambda f: (
-            [f[X] * f["weight"], np.sqrt(f[X]), np.exp(-f["weight"])],
-            f["weight"] ** 2,
-        ),
-    ),
+    "pair": (THIN + vm.Gaussian("density", 1.0, 0.3, [0, 0.5, 0.8], 5.0, 0.1), two_shells),
     "signed": (
         vm.Coefficients(["weight - 0.5", "sin(9 * x)", "-density"], "density"),
         lambda f: ([f["weight"] - 0.5, np.sin(9 * f["x"]), -f[X]], f[X]),
@@ -203,11 +172,6 @@ MEDIA = {
             [f[X] * f["weight"] ** 9, (f["weight"] - 0.5) ** 3, 1 - f["x"]],
             40 * f["weight"],
         ),
-    ),
-    "signed pair": (
-        vm.Gaussian("density", 1.0, 0.3, [1, -1, 0.5], 9.0, 0.3)
-        + vm.Coefficients(["x", "y", "-1"], "3 * density"),
-        signed_pair,
     ),
     "table": (vm.Table("density", NODES, COLORS, OPACITIES, 0.3), tabulated),
     "colormap": (
@@ -322,18 +286,6 @@ def test_a_gaussian_on_a_ramp_is_exact_in_one_panel(sigma, tau):
     assert image.upper.item() - image.lower.item() < 1e-9 * truth
 
 
-def test_bounds_do_not_depend_on_the_precision_of_the_picture():
-    found = [
-        vm.render(
-            volume(), MEDIA["pair"][0], camera(), bounds=True, max_panels=1, precision=precision
-        )
-        for precision in ("single", "double")
-    ]
-    assert np.array_equal(found[0].lower, found[1].lower)
-    assert np.array_equal(found[0].upper, found[1].upper)
-    assert found[0].lower.dtype == np.float64
-
-
 def test_empty_space_is_bounded_too():
     """A small ball in a large box: most blocks are leapt over, and count in the upper bound."""
     data = vm.Volume(vm.CartesianGrid.uniform(40, (-1, 1)))
@@ -366,22 +318,6 @@ def test_functions_that_cannot_be_read_have_no_bounds():
 def test_what_cannot_be_bounded_is_refused(options, message):
     with pytest.raises(InputError, match=message):
         vm.render(volume(), MEDIA["wide"][0], camera(), **options)
-
-
-def test_scene_files_ask_for_bounds():
-    scene = vm.Scene(
-        {
-            "volume": {"model": "sphere", "resolution": 8},
-            "medium": [{"type": "coefficients", "emissivity": "inside", "extinction": "inside"}],
-            "camera": {"resolution": 8},
-            "render": {"bounds": True},
-        }
-    )
-    image = scene.render()
-    assert np.all(image.lower <= image.upper)
-    assert scene.replaced({"render.max_panels": 16}).render_options["max_panels"] == 16
-    with pytest.raises(InputError, match="bounds: expected true or false"):
-        scene.replaced({"render.bounds": "no"})
 
 
 @pytest.mark.exhaustive

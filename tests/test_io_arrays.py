@@ -124,12 +124,6 @@ def test_packed_files_are_what_is_in_them(tmp_path, suffix):
 
 
 def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
-    monkeypatch.setattr(compressed, "_SMALL", 1 << 20)
-    path = tmp_path / "a.npy.bz2"
-    path.write_bytes(bz2.compress(bytes(32 << 20)))
-    assert path.stat().st_size < 100
-    with pytest.raises(vm.FileFormatError, match="more than 1000 times its size"):
-        vm.open(path)
     monkeypatch.setattr(compressed, "available_memory", lambda: 100)
     (tmp_path / "b.npy.gz").write_bytes(gzip.compress(npy()))
     with pytest.raises(

@@ -1,7 +1,5 @@
 """DICOM: series in any order, their values, and what makes no volume."""
 
-import struct
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ import voluminous as vm
 from contracts import ReaderContract
 from scanner_files import (
     ORIGIN,
-    SAGITTAL,
     UPRIGHT,
     VALUES,
     WIDTHS,
@@ -161,15 +158,6 @@ def test_tables_of_contents(tmp_path, pydicom):
         vm.open(path)
 
 
-def test_packed_pixels(tmp_path, pydicom):
-    path = series(tmp_path)
-    for file in path.iterdir():
-        head = pydicom.dcmread(file)
-        head.compress(pydicom.uid.RLELossless)
-        head.save_as(file)
-    np.testing.assert_array_equal(vm.open(path).array("ct"), VALUES)
-
-
 def test_doses_have_offsets_of_frames(tmp_path, pydicom):
     head = dicom_slice(VALUES[:, :, 0].astype(np.uint16), ORIGIN, UPRIGHT)
     stored = np.abs(VALUES).astype(np.uint16)
@@ -182,50 +170,6 @@ def test_doses_have_offsets_of_frames(tmp_path, pydicom):
     assert volume.units["rtdose"] in ("Gy", "J / kg")  # astropy 6 does not know the gray
     down = np.diag(WIDTHS * [1, 1, -1])
     check_places(volume, (stored * 0.001).astype(np.float32), ORIGIN, down)
-
-
-def csa_header(**tags):
-    """Return Siemens's private header, of the second kind."""
-    parts = [b"SV10\4\3\2\1", struct.pack("<2I", len(tags), 77)]
-    for name, values in tags.items():
-        vr = b"IS" if isinstance(values[0], int) else b"FD"
-        parts.append(struct.pack("<64si4s3i", name.encode(), len(values), vr, 6, len(values), 77))
-        for value in values:
-            text = str(value).encode() + b"\0"
-            parts += [struct.pack("<4i", len(text), len(text), 77, len(text))]
-            parts += [text.ljust(-(-len(text) // 4) * 4, b"\0")]
-    return b"".join(parts)
-
-
-def write_mosaic(path, values, origin, steps, sign=1.0):
-    """Tiles of a picture, the first slice at `origin`; row by row, empty ones at the end."""
-    columns, rows, count = values.shape
-    side = int(np.ceil(np.sqrt(count)))
-    picture = np.zeros((side * rows, side * columns), values.dtype)
-    for k in range(count):
-        down, across = divmod(k, side)
-        tile = (slice(down * rows, (down + 1) * rows), slice(across * columns, None))
-        picture[tile][:, :columns] = values[:, :, k].T
-    steps = np.asarray(steps)
-    # The position in the head is that of a single slice as large as the mosaic.
-    moved = (side - 1) * (columns * steps[0] + rows * steps[1]) / 2
-    head = dicom_slice(picture.T, origin - moved, steps)
-    head.ImageType = ["ORIGINAL", "PRIMARY", "M", "MOSAIC"]
-    head.SpacingBetweenSlices = float(np.linalg.norm(steps[2]))
-    normal = (steps[2] / np.linalg.norm(steps[2])).tolist()
-    block = head.private_block(0x0029, "SIEMENS CSA HEADER", create=True)
-    tags = {"NumberOfImagesInMosaic": [count], "SliceNormalVector": normal}
-    block.add_new(0x10, "OB", csa_header(Echo=[1], **tags))
-    head.save_as(path, enforce_file_format=True)
-    return path
-
-
-@pytest.mark.parametrize("steps", [UPRIGHT, SAGITTAL, UPRIGHT * [1, 1, -1]])
-def test_mosaics_are_taken_apart(tmp_path, pydicom, steps):
-    pytest.importorskip("nibabel")
-    path = write_mosaic(tmp_path / "epi.dcm", VALUES, ORIGIN, steps)
-    check_places(vm.open(path), VALUES, ORIGIN, steps)
-    check_places(vm.open(tmp_path), VALUES, ORIGIN, steps)
 
 
 class TestDICOMSeries(ReaderContract):

@@ -108,12 +108,6 @@ def several(folder):
     return path
 
 
-class TestSeveral(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        return several
-
-
 # Values
 
 
@@ -161,16 +155,9 @@ def test_compressed_images_are_what_astropy_unpacks(tmp_path, kind, dtype):
     ("text", "unit"),
     [
         ("K (Ta*)", u.K),
-        ("K (Tmb)", u.K),
-        ("K Ta*", u.K),
         ("JY/BEAM", u.Jy / u.beam),
-        ("Jy/beam", u.Jy / u.beam),
-        ("JY/PIXEL", u.Jy / u.pix),
         ("JY/BEAM.KM/S", u.Jy / u.beam * u.km / u.s),
         ("km/s", u.km / u.s),
-        ("KM/S", u.km / u.s),
-        ("M/S", u.m / u.s),
-        ("     DEG", u.deg),
         ("      HZ", u.Hz),
         ("10**(-20)*erg/s/cm**2/Angstrom", 1e-20 * u.erg / u.s / u.cm**2 / u.AA),
         ("counts", u.ct),
@@ -253,26 +240,6 @@ def test_each_cell_has_its_value_and_its_place(tmp_path, name):
     np.testing.assert_allclose(volume.array("velocity").ravel(), velocity / 1e3, rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", HEADERS)
-def test_x_runs_to_the_west_y_to_the_north_z_upwards(tmp_path, name):
-    volume = vm.open(written(tmp_path / "cube.fits", numbers((6, 7, 8)), HEADERS[name]))
-    middle = 0.5 * (np.array(volume.grid.shape) - 1)
-    lon, lat, v = volume.wcs.wcs_pix2world(middle + np.vstack([np.zeros(3), np.eye(3)]), 0).T
-    west = -(lon - lon[0]) * np.cos(np.deg2rad(lat[0]))
-    north = lat - lat[0]
-    # Up to a turn of 45 degrees, which is told.
-    assert west[1] > abs(west[2]) - 1e-6
-    assert north[2] > abs(north[1]) - 1e-6
-    assert v[3] > v[0]
-    angle = np.rad2deg(np.arctan2(-west[2], north[2]))
-    # The middle is some pixels from the reference point, where meridians have another direction.
-    assert volume.meta.get("posang", 0.0) == pytest.approx(angle, abs=0.1)
-    # Steps on the sky are those of the grid, to the curvature of the sky.
-    widths = [np.diff(edges)[0] for edges in volume.grid.edges[:2]]
-    found = [np.hypot(west[k], north[k]) * 3600 for k in (1, 2)]
-    np.testing.assert_allclose(found, widths, rtol=1e-3)
-
-
 def test_the_grid_is_centred_in_arcseconds_and_as_deep_as_wide(tmp_path):
     volume = vm.open(written(tmp_path / "cube.fits", numbers((6, 7, 8))))
     np.testing.assert_allclose(volume.grid.bounds, [(-144, 144), (-126, 126), (-144, 144)])
@@ -296,28 +263,8 @@ def test_the_grid_is_centred_in_arcseconds_and_as_deep_as_wide(tmp_path):
     ("cards", "name", "unit", "first"),
     [
         (VELOCITY, "velocity", "km / s", -2.25),
-        (
-            {**VELOCITY, "CUNIT3": "KM/S", "CRVAL3": -2.0, "CDELT3": 0.25},
-            "velocity",
-            "km / s",
-            -2.25,
-        ),
-        ({**VELOCITY, "CTYPE3": "VELOCITY"}, "velocity", "km / s", -2.25),
         ({**VELOCITY, "CTYPE3": "VELO-LSR"}, "velocity", "km / s", -2.25),
         (FREQUENCY, "frequency", "GHz", (REST - 4 * 9e4) / 1e9),
-        ({**FREQUENCY, "CTYPE3": "FREQ-LSR", "CUNIT3": "      HZ"}, "frequency", "GHz", None),
-        (
-            {
-                "CTYPE3": "AWAV",
-                "CRVAL3": 4750.0,
-                "CDELT3": 1.25,
-                "CRPIX3": 1.0,
-                "CUNIT3": "Angstrom",
-            },
-            "wavelength",
-            "Angstrom",
-            4750.0,
-        ),
         (
             {"CTYPE3": "WAVE", "CRVAL3": 2e-6, "CDELT3": 1e-9, "CRPIX3": 1.0, "CUNIT3": "m"},
             "wavelength",
@@ -341,15 +288,14 @@ def test_the_third_axis_is_a_field_in_a_unit_people_read(tmp_path, cards, name, 
         assert volume.array(name)[0, 0, 0] == pytest.approx(first, rel=1e-6)
 
 
-def doppler(convention):
-    return {
-        "radio": u.doppler_radio,
-        "optical": u.doppler_optical,
-        "relativistic": u.doppler_relativistic,
-    }[convention](REST * u.Hz)
+DOPPLER = {
+    "radio": u.doppler_radio(REST * u.Hz),
+    "optical": u.doppler_optical(REST * u.Hz),
+    "relativistic": u.doppler_relativistic(REST * u.Hz),
+}
 
 
-@pytest.mark.parametrize("convention", ["radio", "optical", "relativistic"])
+@pytest.mark.parametrize("convention", DOPPLER)
 @pytest.mark.parametrize("rest", [True, False])
 def test_doppler_conventions_are_those_of_astropy(tmp_path, convention, rest):
     # Steps of 1 GHz: conventions differ, and cells are not equally wide.
@@ -358,23 +304,13 @@ def test_doppler_conventions_are_those_of_astropy(tmp_path, convention, rest):
     options = {} if rest else {"rest": f"{REST} Hz"}
     volume = vm.open(path, velocity=convention, **options)
     frequency = (REST + 1e9 * (np.arange(6) - 1)) * u.Hz
-    expected = frequency.to_value(u.km / u.s, doppler(convention))[::-1]
+    expected = frequency.to_value(u.km / u.s, DOPPLER[convention])[::-1]
     np.testing.assert_allclose(volume.array("velocity")[0, 0], expected, rtol=1e-6, atol=1e-3)
     edges = (REST + 1e9 * (np.arange(7) - 1.5)) * u.Hz
-    edges = edges.to_value(u.km / u.s, doppler(convention))[::-1]
+    edges = edges.to_value(u.km / u.s, DOPPLER[convention])[::-1]
     deep = (edges - edges[0]) / np.ptp(edges) * np.ptp(volume.grid.edges[2])
     np.testing.assert_allclose(volume.grid.edges[2] - volume.grid.edges[2][0], deep, atol=1e-6)
     assert volume.grid.is_uniform == (convention == "radio")
-
-
-def test_velocities_want_a_rest_frequency(tmp_path):
-    path = written(tmp_path / "cube.fits", cards=header(SKY, FREQUENCY))
-    with pytest.raises(vm.InputError, match="rest="):
-        vm.open(path, velocity="radio")
-    with pytest.raises(vm.InputError, match="radio"):
-        vm.open(path, velocity="fast")
-    with pytest.raises(vm.InputError, match="frequency or wavelength"):
-        vm.open(path, rest="3 kg")
 
 
 def test_a_cube_in_space_has_its_own_lengths(tmp_path):
@@ -388,8 +324,6 @@ def test_a_cube_in_space_has_its_own_lengths(tmp_path):
     assert volume.unit == u.pc
     assert volume.fields == ("intensity",)
     np.testing.assert_array_equal(volume.array("intensity"), data.T[:, ::-1])
-    in_au = vm.open(tmp_path / "cube.fits", unit="AU")
-    np.testing.assert_allclose(in_au.grid.bounds * u.AU.to(u.pc), volume.grid.bounds)
 
 
 @pytest.mark.parametrize(
@@ -417,14 +351,6 @@ def test_coordinates_that_no_grid_has_are_refused_and_can_be_left(tmp_path, card
 STEPS = {
     "CDELT": {"CDELT1": -0.01, "CDELT2": 0.01},
     "CD": {"CD1_1": -0.01, "CD2_2": 0.01},
-    "CD of zero": {"CD1_2": 0.0, "CDELT1": -0.01, "CDELT2": 0.01},
-    "CD before CDELT": {
-        "CD1_1": -0.01,
-        "CD2_2": 0.01,
-        "CDELT1": -3.0,
-        "CDELT2": 3.0,
-        "CROTA2": 0.0,
-    },
     "PC": {"CDELT1": -0.02, "CDELT2": 0.02, "PC1_1": 0.5, "PC2_2": 0.5},
     "old PC": {"CDELT1": -0.02, "CDELT2": 0.02, "PC001001": 0.5, "PC002002": 0.5},
     "PC and CD": {"CD1_1": -0.01, "CD2_2": 0.01, "PC1_1": 1.0, "CDELT1": -0.01, "CDELT2": 0.01},
@@ -449,19 +375,6 @@ def test_each_axis_has_the_step_of_its_own_cards(tmp_path, sky, third):
     two = vm.open(written(tmp_path / "plain.fits", cards=header(SKY, VELOCITY)))
     np.testing.assert_allclose(sky_of_cells(one), sky_of_cells(two), rtol=1e-12)
     np.testing.assert_allclose(one.array("velocity"), two.array("velocity"), rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "cards",
-    [
-        {"CD1_1": -0.01, "CD2_2": 0.01},  # and nothing of the third axis
-        {"CD3_3": 250.0, "CDELT1": -0.01, "CDELT2": 0.01, "CROTA2": 30.0},
-    ],
-)
-def test_steps_that_are_missing_are_refused(tmp_path, cards):
-    start = {key: v for key, v in {**SKY, **VELOCITY}.items() if not key.startswith("CDELT")}
-    with pytest.raises(vm.FileFormatError, match="wcs=False"):
-        vm.open(written(tmp_path / "cube.fits", cards=header(start, cards)))
 
 
 # A third axis in a table
@@ -649,15 +562,6 @@ def seen(path, camera, **options):
     return volume, vm.render(volume, medium, camera, scheme="first-order", tolerance=None)
 
 
-def sky_at(volume, points):
-    """Return longitude and latitude of points (x, y) on the grid, by the volume's WCS."""
-    widths = [np.diff(edges).mean() for edges in volume.grid.edges[:2]]
-    pixels = [
-        (p - e[0]) / h - 0.5 for p, e, h in zip(points, volume.grid.edges, widths, strict=False)
-    ]
-    return volume.wcs.celestial.wcs_pix2world(np.transpose(pixels), 0)
-
-
 @pytest.mark.parametrize("posang", [0.0, 90.0, 180.0])
 @pytest.mark.parametrize("phi", [0.0, 35.0])
 @pytest.mark.parametrize("cards", [VELOCITY, {**FREQUENCY, "CDELT3": 1e9, "RESTFRQ": REST}])
@@ -711,14 +615,6 @@ def test_a_volume_is_written_as_a_linear_cube(tmp_path):
     with fits.open(tmp_path / "cube.fits") as hdus:
         hdus.verify("exception")
         assert WCS(hdus[0].header).wcs_pix2world([[0, 0, 0]], 0).tolist() == [[-0.5, 1.0, 10.1]]
-
-
-def test_what_fits_cannot_hold_is_refused(tmp_path):
-    uneven = vm.Volume(vm.CartesianGrid([0, 1, 3], [0, 1], [0, 1]), a=np.ones((2, 1, 1)))
-    with pytest.raises(vm.InputError, match="equal width"):
-        uneven.save(tmp_path / "a.fits")
-    with pytest.raises(vm.InputError, match="no fields"):
-        vm.Volume(vm.CartesianGrid.uniform(2, (0, 1))).save(tmp_path / "a.fits")
 
 
 # Damage
@@ -781,23 +677,3 @@ def test_casa_images_are_read_as_what_they_export(tmp_path):
     np.testing.assert_array_equal(volume.array("intensity"), direct.array("intensity"))
     np.testing.assert_allclose(sky_of_cells(volume), sky_of_cells(direct), rtol=1e-9, atol=1e-4)
     shutil.rmtree(tmp_path / "cube.image")
-
-
-def test_a_casa_image_says_what_it_needs(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "casacore", None)
-    monkeypatch.setitem(__import__("sys").modules, "casacore.images", None)
-    (tmp_path / "table.dat").write_bytes(b"\xbe\xbe\xbe\xbe")
-    (tmp_path / "table.info").write_text("Type = Image\nSubType = \n")
-    assert find_reader(tmp_path).name == "casa"
-    with pytest.raises(vm.errors.MissingPackageError, match=r"exportfits(.|\n)*voluminous\[casa\]"):
-        vm.open(tmp_path)
-
-
-@pytest.mark.parametrize("shape", [(3, 2, 1), (1, 4, 1), (1, 1, 1)])
-def test_thin_slabs_come_back(tmp_path, shape):
-    grid = vm.CartesianGrid.uniform(shape, [(1, 2), (3, 5), (-1, 0)], unit="pc")
-    volume = vm.Volume(grid, density=np.arange(np.prod(shape), dtype=float).reshape(shape))
-    volume.save(tmp_path / "a.fits")
-    again = vm.open(tmp_path / "a.fits")
-    np.testing.assert_allclose(again.grid.bounds, grid.bounds, rtol=1e-12)
-    np.testing.assert_array_equal(again.array("density"), volume.array("density"))

@@ -65,15 +65,6 @@ def test_channels_lie_where_the_extents_say(tmp_path):
     assert volume.meta["times"] == 2
 
 
-def test_resolutions_have_the_same_extents(tmp_path):
-    path = write_imaris(tmp_path / "cell.ims")
-    coarse = vm.open(path, "DAPI", level=1)
-    assert coarse.grid.shape == (1, 2, 2)
-    np.testing.assert_allclose(coarse.grid.bounds, vm.open(path).grid.bounds)
-    with pytest.raises(vm.InputError, match="level must be from 0 to 1"):
-        vm.open(path, level=2)
-
-
 class TestImaris(ReaderContract):
     """Recognised by its groups."""
 

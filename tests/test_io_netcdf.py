@@ -133,7 +133,3 @@ class _Contract(ReaderContract):
 # All but those that netCDF4's C library reads: what it makes of damage is not ours to test.
 class TestClassic(_Contract):
     kind = "classic"
-
-
-class TestVersion4(_Contract):
-    kind = "4 by h5netcdf"

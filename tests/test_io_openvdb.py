@@ -111,10 +111,6 @@ def test_voxels_are_cells_around_their_places(either):
     assert vm.open(either, {"rho": "density"}).fields == ("rho",)
 
 
-def test_the_unit_of_lengths_is_an_option(path):
-    assert str(vm.open(path, "density", unit="m").unit) == "m"
-
-
 def test_grids_share_the_box_of_all(either):
     volume = vm.open(either, ["density", "wind"])
     assert volume.fields == ("density", "wind_x", "wind_y", "wind_z")

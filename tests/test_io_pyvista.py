@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.io import find_reader
 
 pv = pytest.importorskip("pyvista")
 
@@ -55,20 +54,6 @@ def test_outside_of_a_mesh_is_nothing():
     values = volume.array("dist").reshape(-1)
     assert np.isnan(values[radius > 1.01]).all()
     assert np.isfinite(values[radius < 0.95]).all()
-
-
-def test_exodus_keeps_its_times(tmp_path):
-    parallel = pytest.importorskip("vtkmodules.vtkIOExodus")
-    writer = parallel.vtkExodusIIWriter()
-    made = mesh()
-    writer.SetInputData(made)
-    writer.SetFileName(str(tmp_path / "a.exo"))
-    writer.Write()
-    assert find_reader(tmp_path / "a.exo").name == "pyvista"
-    volume = vm.open(tmp_path / "a.exo", resolution=8)
-    check(volume, (8, 4, 2))
-    with pytest.raises(vm.InputError, match=r"give resolution=64"):
-        vm.open(tmp_path / "a.exo")
 
 
 @pytest.mark.parametrize(

@@ -99,20 +99,6 @@ def test_ome_channels_have_names_and_colours(tmp_path):
     assert vm.open(tmp_path / "kept.h5").meta == volume.meta
 
 
-@pytest.mark.parametrize("planes", ["contig", "separate"])
-@pytest.mark.parametrize("packing", [None, "zlib"])
-def test_colored_stacks(tmp_path, planes, packing):
-    values = RNG.integers(0, 200, (5, 20, 30, 3)).astype(np.uint8)
-    stored = values if planes == "contig" else np.moveaxis(values, -1, 1)
-    path = tiff(
-        tmp_path / "c.tif", stored, photometric="rgb", planarconfig=planes, compression=packing
-    )
-    volume = vm.open(path)
-    for k, name in enumerate(("red", "green", "blue")):
-        np.testing.assert_array_equal(volume.array(f"c_{name}"), of_pages(values[..., k]))
-        assert volume.meta["channels"][f"c_{name}"] == {"color": [float(k == n) for n in range(3)]}
-
-
 def test_a_picture_is_no_volume(tmp_path):
     import tifffile
 
@@ -174,17 +160,6 @@ class TestTIFF(ReaderContract):
     def sample(self):
         def write(directory):
             return tiff(directory / "a.tif", VALUES.astype(np.uint8), compression="zlib")
-
-        return write
-
-
-class TestOMETIFF(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        def write(directory):
-            values = np.stack([VALUES, VALUES + 1], axis=1)
-            metadata = {"axes": "ZCYX", "PhysicalSizeX": 2.0}
-            return tiff(directory / "a.ome.tif", values.astype(np.uint8), metadata=metadata)
 
         return write
 

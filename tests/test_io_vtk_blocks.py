@@ -106,20 +106,6 @@ def test_what_is_no_regular_grid_is_left_out_or_named(tmp_path):
         vm.open(saved(tmp_path / "c.vtm", ball=pv.Sphere(), cube=pv.Cube()))
 
 
-@pytest.mark.parametrize(
-    ("other", "told"),
-    [
-        (block((0, 0, 0), first=1.0), "same place"),
-        (block((4.3, 0, 0)), "no parts of one volume"),
-        (block((4, 0, 0), name="d"), "no arrays in common"),
-    ],
-)
-def test_blocks_that_are_several_volumes_are_named(tmp_path, other, told):
-    path = saved(tmp_path / "a.vtm", ct=block((0, 0, 0)), dose=other)
-    with pytest.raises(vm.InputError, match=rf"{told}(.|\n)*  ct \((.|\n)*  dose \("):
-        vm.open(path)
-
-
 def test_a_series_names_its_times(tmp_path):
     block((0, 0, 0)).save(tmp_path / "a.vti")
     block((0, 0, 0), first=1.0).save(tmp_path / "b.vti")

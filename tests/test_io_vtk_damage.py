@@ -28,14 +28,6 @@ def trimmed(path):
     return path
 
 
-class TestImageDataAppendedAsTheyAre(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        return lambda folder: trimmed(
-            write_image(sample(image()), folder / "a.vti", CompressorType=0, EncodeAppendedData=0)
-        )
-
-
 class TestLegacy(ReaderContract):
     @pytest.fixture(params=[1, 2], ids=["text", "binary"])
     def sample(self, request):
@@ -117,25 +109,4 @@ def test_binary_legacy_files_that_promise_too_much(tmp_path):
         "DIMENSIONS 1000000 1000 1000\nPOINT_DATA 1000000000000\nVECTORS v double\n"
     )
     with pytest.raises(vm.FileFormatError, match=r"more than a file of \d+ bytes holds"):
-        vm.open(path)
-
-
-@pytest.mark.parametrize(
-    ("source", "error", "expected"),
-    [
-        ("../b.vti", vm.FileFormatError, "outside of its directory"),
-        ("c.vti", vm.InputError, "no such file"),
-        ("", vm.InputError, "no such file"),
-    ],
-)
-def test_pieces_elsewhere(tmp_path, source, error, expected):
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    (tmp_path / "b.vti").write_text(one_array())
-    path = folder / "a.pvti"
-    path.write_text(
-        '<VTKFile type="PImageData"><PImageData><Piece Extent="0 1 0 1 0 1" '
-        f'Source="{source}"/></PImageData></VTKFile>'
-    )
-    with pytest.raises(error, match=expected):
         vm.open(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 
@@ -40,27 +39,6 @@ def test_places_and_values(tmp_path):
     np.testing.assert_array_equal(cells.array("c"), random_values("i2", CELLS))
     assert cells.grid.bounds.tolist() == [[11, 14], [20, 24], [30, 42]]
     assert str(cells.unit) == "pc"
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda root: root.attrs.modify("WholeExtent", [0, 9, 0, 2, 0, 4]),
-        lambda root: root.attrs.modify("WholeExtent", [0, -1, 0, 2, 0, 4]),
-        lambda root: root.attrs.create("Spacing", [1.0, np.nan, 1.0]),
-        lambda root: root.attrs.create("Direction", [1.0]),
-        lambda root: root.attrs.create("Spacing", [1.0, 0.0, 1.0]),
-        lambda root: root.attrs.create("Type", b"UnstructuredGrid"),
-        lambda root: root.create_group("Steps"),
-        lambda root: root.attrs.__delitem__("WholeExtent"),
-    ],
-)
-def test_what_is_wrong_is_told(tmp_path, change):
-    path = sample(tmp_path / "a.vtkhdf")
-    with h5py.File(path, "r+") as file:
-        change(file["VTKHDF"])
-    with pytest.raises(vm.InputError, match=r"a\.vtkhdf"):
-        vm.open(path)
 
 
 class TestVTKHDF(ReaderContract):

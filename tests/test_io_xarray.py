@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -63,17 +62,6 @@ def test_without_coordinates_cells_are_counted():
     assert volume.meta["axes"]["x"]["name"] == "x"
 
 
-def test_dims_say_it_otherwise():
-    volume = vm.Volume.from_xarray(cube(), dims=("z", "y", "x"))
-    np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4))
-    same = vm.Volume.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
-    np.testing.assert_array_equal(same.array("rho"), volume.array("rho"))
-    with pytest.raises(vm.InputError, match=r"dims must name.*\('x', 'y', 'z'\)"):
-        vm.Volume.from_xarray(cube(), dims=("x", "y"))
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown dimension 'xx'"):
-        vm.Volume.from_xarray(cube(), dims=("xx", "y", "z"))
-
-
 # Coordinates
 
 
@@ -125,23 +113,6 @@ def test_angles_and_pressures_are_no_lengths_and_a_warning_says_so():
     assert volume.meta["time"] == "2001-02-01T00:00:00.000000000"
 
 
-def test_the_sides_of_the_box_can_be_said():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        chosen = {"isel": {"time": 0}, "unit": "km"}
-        volume = vm.Volume.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
-        assert volume.grid.bounds.tolist() == [[0, 4], [0, 2], [0, 1]]
-        assert volume.unit == u.km
-        spaced = vm.Volume.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
-        assert spaced.grid.bounds.tolist() == [[0, 12], [0, 6], [0, 6]]
-        bounded = vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
-        assert bounded.grid.bounds.tolist() == [[0, 1]] * 3
-    with pytest.raises(vm.InputError, match="not bounds and aspect"):
-        vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
-    with pytest.raises(vm.InputError, match="aspect must be three positive"):
-        vm.Volume.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
-
-
 # Which part, which fields
 
 
@@ -155,21 +126,6 @@ def test_other_dimensions_are_chosen():
     np.testing.assert_array_equal(by_value.array("u"), by_number.array("u"))
     part = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
     np.testing.assert_array_equal(part.array("u"), by_number.array("u")[2:5])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"isel": {"tme": 0}}, "unknown dimension 'tme'; did you mean 'time'"),
-        ({"isel": {"time": 2}}, "no time = 2: it has 2 entries, 0 … 1"),
-        ({"sel": {"plev": 510.0}}, "no plev = 510.0: .*nearest is 500.0"),
-        ({"sel": {"plev": "low"}}, "no plev = 'low': it has values 1000.0 … 500.0"),
-        ({"isel": 3}, "isel must be {dimension: entry}"),
-    ],
-)
-def test_a_part_that_is_not_there(options, message):
-    with pytest.raises(vm.VoluminousError, match=message):
-        vm.Volume.from_xarray(atmosphere(), "u", **options)
 
 
 def test_fields_that_lie_elsewhere_are_left_out_and_named():

@@ -14,6 +14,7 @@ from astropy import units as u
 
 import voluminous as vm
 from contracts import ReaderContract
+from voluminous.cli import main
 from voluminous.io import find_reader
 
 zarr = pytest.importorskip("zarr", "3")
@@ -88,12 +89,6 @@ def test_plain_arrays(tmp_path, version):
     assert find_reader(path).name == "zarr"
 
 
-def test_one_array_alone(tmp_path, version):
-    zarr.save_array(str(tmp_path / "a.zarr"), RHO, zarr_format=version)
-    volume = vm.open(tmp_path / "a.zarr", axes="zyx")
-    np.testing.assert_array_equal(volume.array("a"), RHO.T)
-
-
 def test_names_of_dimensions(tmp_path, version):
     path = tmp_path / "a.zarr"
     coords = {"z": ("z", [3.0, 1.0], {"units": "km"})}
@@ -109,18 +104,6 @@ def test_names_of_dimensions(tmp_path, version):
             np.testing.assert_allclose(volume.grid.bounds[2], [0, 4000])
 
 
-def test_groups_with_names(tmp_path, version):
-    path, data = tmp_path / "a.zarr", xr.Dataset({"rho": (("z", "y", "x"), RHO)})
-    data.to_zarr(path, group="sea", mode="w", consolidated=False, zarr_format=version)
-    assert vm.open(path).fields == ("rho",)  # the only one there is
-    data.to_zarr(path, group="land/low", mode="a", consolidated=False, zarr_format=version)
-    with pytest.raises(vm.FileFormatError, match=r"several groups.*land/low, sea"):
-        vm.open(path)
-    assert vm.open(path, group="sea").fields == ("rho",)
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown group 'see'"):
-        vm.open(path, group="see")
-
-
 # Over the network
 
 
@@ -134,7 +117,7 @@ def served(tmp_path):
         server.shutdown()
 
 
-def test_over_http(tmp_path, served):
+def test_over_http(tmp_path, served, capsys):
     pytest.importorskip("aiohttp")
     plain(tmp_path / "plain.zarr", 3)
     microscope(tmp_path / "cells.ome.zarr", 2)
@@ -152,6 +135,10 @@ def test_over_http(tmp_path, served):
     medium = '[[medium]]\ntype = "coefficients"\nemissivity = "rho"\nextinction = 0\n'
     scene.write_text(f'[volume]\npath = "{served}/plain.zarr"\n{medium}')
     np.testing.assert_array_equal(vm.Scene.load(scene).volume().array("rho"), RHO)
+    assert main(["info", f"{served}/plain.zarr"]) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith(f"{served}/plain.zarr: ")
+    assert "bytes" not in first
     with pytest.raises(vm.FileFormatError, match=f"{served}/none.zarr"):
         vm.open(f"{served}/none.zarr")
 
@@ -190,15 +177,6 @@ def test_all_levels_fill_the_same_space(tmp_path, version):
     assert (fine.meta["level"], coarse.meta["level"]) == (0, 1)
 
 
-def test_the_level_fits_into_memory(tmp_path, monkeypatch):
-    path = microscope(tmp_path / "a.zarr", 2)
-    cells = CELLS[0, 0].size
-    monkeypatch.setattr("voluminous.io.zarr.ome.available_memory", lambda: 2 * 17 * cells - 1)
-    assert vm.open(path, time=0).meta["level"] == 1
-    monkeypatch.setattr("voluminous.io.zarr.ome.available_memory", lambda: 2 * 17 * cells)
-    assert vm.open(path, time=0).meta["level"] == 0
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -213,16 +191,6 @@ def test_a_part_that_is_not_there(tmp_path, options, message):
     path = microscope(tmp_path / "a.zarr", 2)
     with pytest.raises(vm.VoluminousError, match=message):
         vm.open(path, **options)
-
-
-def test_images_that_bio_formats_wrote(tmp_path):
-    root = group_at(tmp_path / "a.zarr", 2)
-    root.attrs["bioformats2raw.layout"] = 3
-    for k in range(2):
-        microscope(tmp_path / "a.zarr" / str(k), 2)
-    with pytest.raises(vm.InputError, match="images 0, 1; choose one with image='0'"):
-        vm.open(tmp_path / "a.zarr", time=0)
-    assert vm.open(tmp_path / "a.zarr", time=0, image=1).fields[0] == "DAPI"
 
 
 @pytest.mark.parametrize(

@@ -52,13 +52,6 @@ def ctx(request):
     return context(request.param)
 
 
-@pytest.fixture
-def narrow():
-    """A context of a device without double precision."""
-    backend = get_backend("cpu", "single")
-    return Context(backend.Float, backend.opaque, None, lambda expression: None)
-
-
 def field_in(unit):
     """A volume in cm whose expressions all have one unit."""
     return context("single", u.cm, lambda expression: unit)
@@ -107,16 +100,6 @@ def test_shapes_take_units():
     expected = np.array([1, math.exp(-0.5)]) / (1 * u.pc).to_value(u.cm)
     np.testing.assert_allclose(j, [expected], rtol=1e-15)
     np.testing.assert_allclose(a, [2 * expected], rtol=1e-15)
-
-
-def test_plain_numbers_are_in_the_unit_of_the_field_and_the_volume():
-    x = np.linspace(0, 40, 9)
-    with_units = Rectangle("T", 20 * u.K, 7 * u.K, 1, 2, 3 * u.cm)
-    plain = Rectangle("T", 20, 7, 1, 2, 3)
-    for one, other in zip(
-        *(solve(m, field_in(u.K), T=x) for m in (with_units, plain)), strict=True
-    ):
-        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(
@@ -303,131 +286,72 @@ def test_emissivities_and_extinctions_add(ctx):
 G = functools.partial(Gaussian, "x")
 T = functools.partial(Table, "x")
 C = functools.partial(Colormap, "x")
-REFUSED = [
-    (lambda: Gaussian("log10(", 0, 1, 1, 1, 1), ExpressionError, "never closed"),
-    (
-        lambda: G("a", 1, 1, 1, 1),
-        InputError,
-        "center must be a number, a quantity, or a text such as '0.1 pc', got 'a'",
-    ),
-    (lambda: G([0, 1], 1, 1, 1, 1), InputError, "center must be one number or quantity"),
-    (lambda: G(math.nan, 1, 1, 1, 1), InputError, "center must be finite, got nan"),
-    (lambda: G(0, 0, 1, 1, 1), InputError, "sigma must be positive, got 0"),
-    (lambda: G(0, -1 * u.K, 1, 1, 1), InputError, r"sigma must be positive, got -1.0 K"),
-    (lambda: Rectangle("x", 0, -1, 1, 1, 1), InputError, "half_width must be positive, got -1"),
-    (lambda: G(0, math.inf, 1, 1, 1), InputError, "sigma must be finite"),
-    (lambda: G(0, 1, 1, 1, 0), InputError, "path_length must be positive, got 0"),
-    (
-        lambda: G(0, 1, {"r": 1}, 1, 1),
-        InputError,
-        "color must be a number or one number per channel",
-    ),
-    (
-        lambda: G(0, 1, [], 1, 1),
-        InputError,
-        r"color must be finite, one number per channel, got \[",
-    ),
-    (lambda: G(0, 1, [[1]], 1, 1), InputError, "color must be finite, one number per channel"),
-    (lambda: G(0, 1, (1, math.inf), 1, 1), InputError, "color must be finite"),
-    (lambda: G(0, 1, (1, 2) * u.K, 1, 1), InputError, "color must be plain numbers, got .* K"),
-    (lambda: G(0, 1, 1, -0.1, 1), InputError, "opacity must not be negative, got -0.1"),
-    (lambda: G(0, 1, 1, 1 * u.m, 1), InputError, "opacity must be plain numbers, got 1.0 m"),
-    (
-        lambda: G(0, 1, (1, 2, 3), (1, 2), 1),
-        InputError,
-        r"opacity must be one number \(grey\) or 3 \(one per channel\), got 2",
-    ),
-    (
-        lambda: T([1], [1], 1, 1),
-        InputError,
-        r"values must be at least two numbers, got shape \(1,\)",
-    ),
-    (lambda: T([[1, 2]], [1], 1, 1), InputError, "values must be at least two numbers"),
-    (lambda: T([1, 3, 2], [1, 1, 1], 1, 1), InputError, "must increase; 3 is followed by 2"),
-    (lambda: T([1, math.nan], [1, 1], 1, 1), InputError, "values must be finite"),
-    (
-        lambda: T(["a", "b"], [1, 1], 1, 1),
-        InputError,
-        "values must be a number, a quantity, or a text",
-    ),
-    (lambda: T([1, 2], [1, 2] * u.K, 1, 1), InputError, "colors must be plain numbers, got .* K"),
-    (
-        lambda: T([1, 2], [1, 2, 3], 1, 1),
-        InputError,
-        r"colors must have 2 rows \(one per value\), got shape \(3, 1\)",
-    ),
-    (lambda: T([1, 2], "red", 1, 1), InputError, "colors must be numbers, got"),
-    (lambda: T([1, 2], ["red", "gren"], 1, 1), UnknownNameError, "'gren'; did you mean"),
-    (lambda: T([1, 2], ["red", 0.5], 1, 1), InputError, "red, green and blue only"),
-    (lambda: T([1, 2], ["red"], 1, 1), InputError, "colors must have 2 rows"),
-    (lambda: T([1, 2], [1, math.nan], 1, 1), InputError, "colors must be finite"),
-    (lambda: T([1, 2], np.zeros((2, 0)), 1, 1), InputError, "colors must have 2 rows"),
-    (lambda: T([1, 2], [1, 2], [1, -2], 1), InputError, "opacities must not be negative, got -2"),
-    (
-        lambda: T([1, 2], np.ones((2, 3)), np.ones((2, 2)), 1),
-        InputError,
-        r"opacities must have one column \(grey\) or 3, got 2",
-    ),
-    (lambda: T([1, 2], [1, 2], 1, -1), InputError, "path_length must be positive, got -1"),
-    (lambda: C("infernal", 0, 1, 1, 1), UnknownNameError, "'infernal'; did you mean 'inferno'"),
-    (lambda: C(3, 0, 1, 1, 1), InputError, "a colormap must be a name"),
-    (lambda: C("gray", 1, 1, 1, 1), InputError, "vmin must be below vmax, got 1.0 and 1.0"),
-    (lambda: C("gray", 0, math.nan, 1, 1), InputError, "vmax must be finite, got nan"),
-    (lambda: C("gray", 0, math.inf, 1, 1), InputError, "vmax must be finite, got inf"),
-    (lambda: C("gray", 1 * u.K, 2 * u.m, 1, 1), UnitsError, "vmax is in m, expected K"),
-    (lambda: C("gray", 0, 1, 1, 1, norm="log"), InputError, "needs a positive vmin, got 0"),
-    (lambda: C("gray", 0, 1, 1, 1, norm="lgo"), UnknownNameError, "did you mean 'log'"),
-    (lambda: C("gray", 0, 1, 1, 1, norm=3), InputError, "norm must be the name of a norm"),
-    (
-        lambda: C("gray", 0, 1, 1, 1, norm=colors.LogNorm()),
-        InputError,
-        "LogNorm cannot be used from 0 to 1",
-    ),
-    (
-        lambda: C("gray", 1, 9, 1, 1, norm=colors.LogNorm(1, 10)),
-        InputError,
-        "vmax is 9, but the norm has vmax = 10",
-    ),
-    (
-        lambda: C("gray", 0, 2, 1, 1, norm=colors.BoundaryNorm([0, 1, 2], 9)),
-        InputError,
-        "BoundaryNorm cannot be used from 0 to 2: BoundaryNorm is not invertible; use",
-    ),
-    (lambda: C("gray", 0, 1, "much", 1), InputError, "opacity must be a number or a function"),
-    (lambda: C("gray", 0, 1, [1, 2], 1), InputError, "opacity must be one number, or a function"),
-    (lambda: C("gray", 0, 1, -1, 1), InputError, "must not be negative, got -1"),
-    (lambda: C("gray", 0, 1, lambda p: p - 1, 1), InputError, "must not be negative, got -1"),
-    (lambda: C("gray", 0, 1, 1, 1, samples=1), InputError, "samples must be .* from 2 .*, got 1"),
-    (lambda: C("gray", 0, 1, 1, 1, samples=2.5), InputError, "samples must be a whole number"),
-    (lambda: Coefficients([], "x"), InputError, "emissivity must be an expression or a list"),
-    (
-        lambda: Coefficients("x", ["y", "y"]),
-        InputError,
-        "give two emissivities, one per channel",
-    ),
-    (lambda: Coefficients("x +", "y"), ExpressionError, "ends too early"),
-    (lambda: Coefficients(None, "y"), InputError, "emissivity must be an expression or a list"),
-    (lambda: Function("f", ["x"], 1), InputError, "from_function needs a function, got 'f'"),
-    (
-        lambda: Function(abs, ["x"], 0),
-        InputError,
-        "channels must be a whole number from 1 .*, got 0",
-    ),
-    (lambda: Function(abs, ["x"], 1.5), InputError, "channels must be a whole number from 1"),
-    (lambda: Function(abs, "x", 1, parameters={"a": "b"}), InputError, "'a' must be a number"),
-    (lambda: Function(abs, ["x +"], 1), ExpressionError, "ends too early"),
-]
+REFUSED = {
+    ExpressionError: [
+        (lambda: Gaussian("log10(", 0, 1, 1, 1, 1), "never closed"),
+        (lambda: Coefficients("x +", "y"), "ends too early"),
+        (lambda: Function(abs, ["x +"], 1), "ends too early"),
+    ],
+    UnknownNameError: [
+        (lambda: T([1, 2], ["red", "gren"], 1, 1), "'gren'; did you mean"),
+        (lambda: C("infernal", 0, 1, 1, 1), "'infernal'; did you mean 'inferno'"),
+        (lambda: C("gray", 0, 1, 1, 1, norm="lgo"), "did you mean 'log'"),
+        (lambda: solve(G(0, 1, 1, 1, 1), context(), xx=[1.0]), "unknown field 'x'"),
+    ],
+    UnitsError: [(lambda: C("gray", 1 * u.K, 2 * u.m, 1, 1), "vmax is in m, expected K")],
+    InputError: [
+        (lambda: G("a", 1, 1, 1, 1), "center must be a number, a quantity, or a text such as"),
+        (lambda: G([0, 1], 1, 1, 1, 1), "center must be one number or quantity"),
+        (lambda: G(math.nan, 1, 1, 1, 1), "center must be finite, got nan"),
+        (lambda: G(0, -1 * u.K, 1, 1, 1), r"sigma must be positive, got -1.0 K"),
+        (lambda: Rectangle("x", 0, -1, 1, 1, 1), "half_width must be positive, got -1"),
+        (lambda: G(0, 1, 1, 1, 0), "path_length must be positive, got 0"),
+        (lambda: G(0, 1, {"r": 1}, 1, 1), "color must be a number or one number per channel"),
+        (lambda: G(0, 1, [], 1, 1), r"color must be finite, one number per channel, got \["),
+        (lambda: G(0, 1, (1, math.inf), 1, 1), "color must be finite"),
+        (lambda: G(0, 1, (1, 2) * u.K, 1, 1), "color must be plain numbers, got .* K"),
+        (lambda: G(0, 1, 1, -0.1, 1), "opacity must not be negative, got -0.1"),
+        (lambda: G(0, 1, 1, 1 * u.m, 1), "opacity must be plain numbers, got 1.0 m"),
+        (lambda: G(0, 1, (1, 2, 3), (1, 2), 1), r"one number \(grey\) or 3 .* got 2"),
+        (lambda: T([1], [1], 1, 1), r"values must be at least two numbers, got shape \(1,\)"),
+        (lambda: T([1, 3, 2], [1, 1, 1], 1, 1), "must increase; 3 is followed by 2"),
+        (lambda: T([1, math.nan], [1, 1], 1, 1), "values must be finite"),
+        (lambda: T(["a", "b"], [1, 1], 1, 1), "values must be a number, a quantity, or a text"),
+        (lambda: T([1, 2], [1, 2] * u.K, 1, 1), "colors must be plain numbers, got .* K"),
+        (lambda: T([1, 2], [1, 2, 3], 1, 1), r"colors must have 2 rows .* got shape \(3, 1\)"),
+        (lambda: T([1, 2], "red", 1, 1), "colors must be numbers, got"),
+        (lambda: T([1, 2], ["red", 0.5], 1, 1), "red, green and blue only"),
+        (lambda: T([1, 2], [1, math.nan], 1, 1), "colors must be finite"),
+        (lambda: T([1, 2], [1, 2], [1, -2], 1), "opacities must not be negative, got -2"),
+        (lambda: T([1, 2], np.ones((2, 3)), np.ones((2, 2)), 1), "one column .* or 3, got 2"),
+        (lambda: C(3, 0, 1, 1, 1), "a colormap must be a name"),
+        (lambda: C("gray", 1, 1, 1, 1), "vmin must be below vmax, got 1.0 and 1.0"),
+        (lambda: C("gray", 0, math.inf, 1, 1), "vmax must be finite, got inf"),
+        (lambda: C("gray", 0, 1, 1, 1, norm="log"), "needs a positive vmin, got 0"),
+        (lambda: C("gray", 0, 1, 1, 1, norm=3), "norm must be the name of a norm"),
+        (lambda: C("gray", 1, 9, 1, 1, norm=colors.LogNorm(1, 10)), "vmax is 9, but the norm has"),
+        (
+            lambda: C("gray", 0, 2, 1, 1, norm=colors.BoundaryNorm([0, 1, 2], 9)),
+            "BoundaryNorm cannot be used from 0 to 2: BoundaryNorm is not invertible; use",
+        ),
+        (lambda: C("gray", 0, 1, "much", 1), "opacity must be a number or a function"),
+        (lambda: C("gray", 0, 1, [1, 2], 1), "opacity must be one number, or a function"),
+        (lambda: C("gray", 0, 1, lambda p: p - 1, 1), "must not be negative, got -1"),
+        (lambda: C("gray", 0, 1, 1, 1, samples=2.5), "samples must be a whole number"),
+        (lambda: Coefficients([], "x"), "emissivity must be an expression or a list"),
+        (lambda: Coefficients("x", ["y", "y"]), "give two emissivities, one per channel"),
+        (lambda: Function("f", ["x"], 1), "from_function needs a function, got 'f'"),
+        (lambda: Function(abs, ["x"], 0), "channels must be a whole number from 1 .*, got 0"),
+        (lambda: Function(abs, "x", 1, parameters={"a": "b"}), "'a' must be a number"),
+    ],
+}
 
 
-@pytest.mark.parametrize(("make", "error", "message"), REFUSED)
-def test_what_cannot_be_a_medium_is_refused(make, error, message):
-    with pytest.raises(error, match=message):
-        make()
-
-
-def test_an_unknown_field_is_named(ctx):
-    with pytest.raises(UnknownNameError, match="unknown field 'densty'; did you mean 'density'"):
-        solve(Gaussian("densty", 0, 1, 1, 1, 1), ctx, density=[1.0])
+@pytest.mark.parametrize("error", REFUSED)
+def test_what_cannot_be_a_medium_is_refused(error):
+    for make, message in REFUSED[error]:
+        with pytest.raises(error, match=message):
+            make()
 
 
 # --- identity and description ---------------------------------------------------------------------

@@ -86,32 +86,24 @@ CURVED = {
 }
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("text", CURVED)
-def test_tables_of_curves(text, precision):
-    nodes, colors = CURVED[text], [0.0, 1.0, 0.2][: len(CURVED[text])]
-    medium = vm.Table(text, nodes, colors, [0.3 * c for c in colors], 1.0)
-    shape = f"interp({text}, {nodes}, {colors})"
-    # There are no jumps: sums of 6000 parts are off by a square of one of them.
-    check(medium, shape, f"0.3*({shape})", precision, sums=1e-5)
+def cases():
+    """Yield media, emissivities, extinctions, and the error of sums."""
+    for text, nodes in CURVED.items():
+        colors = [0.0, 1.0, 0.2][: len(nodes)]
+        medium = vm.Table(text, nodes, colors, [0.3 * c for c in colors], 1.0)
+        # There are no jumps: sums of 6000 parts are off by a square of one of them.
+        yield medium, f"interp({text}, {nodes}, {colors})", None, 1e-5
+    for text in RATIOS:
+        yield vm.Gaussian(text, 1.0, 0.2, 1, 0.3, 1.0), shell(text, 1.0, 0.2), None, SUMS
+    for text in GATES:
+        medium = vm.Gaussian("r", 0.7, 0.3, 1, 0.3, 1.0, where=text)
+        yield medium, f"where({text}, {shell('r', 0.7, 0.3)}, 0)", None, SUMS
+    for text in COEFFICIENTS:
+        yield vm.Coefficients(text, "0.3*n"), text, "0.3*n", SUMS
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("text", RATIOS)
-def test_shells(text, precision):
-    shape = shell(text, 1.0, 0.2)
-    check(vm.Gaussian(text, 1.0, 0.2, 1, 0.3, 1.0), shape, f"0.3*{shape}", precision)
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("text", GATES)
-def test_gates(text, precision):
-    shape = f"where({text}, {shell('r', 0.7, 0.3)}, 0)"
-    medium = vm.Gaussian("r", 0.7, 0.3, 1, 0.3, 1.0, where=text)
-    check(medium, shape, f"0.3*{shape}", precision)
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("text", COEFFICIENTS)
-def test_coefficients(text, precision):
-    check(vm.Coefficients(text, "0.3*n"), text, "0.3*n", precision)
+@pytest.mark.parametrize("case", cases(), ids=lambda case: case[1])
+def test_pictures_are_those_of_sums(case, precision):
+    medium, emissivity, extinction, sums = case
+    check(medium, emissivity, extinction or f"0.3*({emissivity})", precision, sums)

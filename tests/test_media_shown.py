@@ -6,7 +6,6 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.deferred import Deferred
 
 mpl.use("Agg")
 CORE = vm.models.prestellar_core(16)
@@ -177,10 +176,3 @@ def test_notebooks_show_values():
     assert "mass" in vm.measure(CORE, {"mass": "density"})._repr_html_()
     camera = vm.Orthographic(resolution=4)
     assert "segments" in vm.probe(CORE, vm.suggest_medium(CORE), camera, (2, 2))._repr_html_()
-
-
-def test_a_notebook_reads_no_file():
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)))
-    volume["a"] = Deferred(lambda: np.ones((4, 4, 4)), "f8")
-    assert "not read yet" in volume._repr_html_()
-    assert volume.waiting == ("a",)

@@ -120,32 +120,6 @@ def test_a_cell_is_hidden_where_any_field_of_the_medium_is_missing():
     np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-6)
 
 
-def test_gradients_are_not_poisoned():
-    grid = GRIDS["cartesian"]
-    x = grid.cell_centers()[0].reshape(grid.shape).copy()
-    x[3, 4, 4] = np.nan
-    camera = vm.Orthographic(width=8, resolution=8)
-    medium = vm.Coefficients("gradmag(a)", "0 * a")
-    image = vm.render(vm.Volume(grid, a=x), medium, camera, scheme="first-order")
-    expected = np.full((8, 8), 8.0)
-    expected[4, 3] = 7.0
-    np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-5)
-
-
-def test_values_that_appear_and_disappear_in_place_are_noticed():
-    grid, field = GRIDS["cartesian"], np.ones((8, 8, 8), np.float32)
-    volume, camera = vm.Volume(grid, a=field), vm.Orthographic(width=8, resolution=8)
-
-    def depth():
-        return vm.render(volume, vm.Coefficients("a", "a"), camera).optical_depth.sum()
-
-    whole = depth()
-    field[0, 0, 0] = np.nan
-    assert depth() == pytest.approx(whole - 1)
-    field[0, 0, 0] = 1.0
-    assert depth() == pytest.approx(whole)
-
-
 def test_guaranteed_bounds_hold_around_holes():
     grid = GRIDS["cartesian"]
     values = np.random.default_rng(4).random(grid.shape)
@@ -233,14 +207,3 @@ def test_missing_cells_hide_nothing_that_is_behind_them(precision):
     assert image.intensity.item() == pytest.approx(other.intensity.item(), rel=1e-5)
     image = vm.render(column(LINE), medium, camera, bounds=True, tolerance=1e-6)
     assert (image.upper - image.lower).item() <= 1.001e-6 * image.intensity.item()
-
-
-@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
-def test_optical_depth_grows_behind_missing_cells_as_without_them(scheme):
-    camera = vm.Orthographic(width=0.5, resolution=1, center=(0, 0, 0))
-    medium = vm.Coefficients("f", "0.2 * f")
-    depths = [
-        vm.tau_surface(column(values), medium, camera, 2.0, scheme=scheme).depth.intensity.item()
-        for values in (LINE, LINE[:6])
-    ]
-    assert depths[0] == pytest.approx(depths[1], rel=1e-12)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import matplotlib
 import numpy as np
 import pytest
-from astropy import units as u
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -91,13 +90,6 @@ def test_a_gate_inside_a_cell_is_found_where_it_is(precision):
         assert found.item() == pytest.approx(0.14, rel=1e-3 if precision == "double" else 5e-3)
 
 
-def test_blocks_behind_a_closed_gate_are_leapt_over():
-    medium = vm.Gaussian("a", 0.5, 0.1, 1.0, 0.1, 0.2, where="b > 0.9")
-    assert medium.visible_key() != vm.Gaussian("a", 0.5, 0.1, 1.0, 0.1, 0.2).visible_key()
-    bounds = medium.bounds({"a": [0, 0], "b": [0, 0.8]}, {"a": [1, 1], "b": [0.5, 1]})
-    np.testing.assert_array_equal(np.asarray(bounds.a_hi)[0] > 0, [False, True])
-
-
 @settings(max_examples=30, deadline=None)
 @given(lo=st.floats(-2, 2), size=st.floats(0, 2), share=st.floats(0, 1), threshold=st.floats(-1, 1))
 def test_bounds_hold_gated_and_coloured_coefficients(lo, size, share, threshold):
@@ -147,16 +139,6 @@ def test_a_thin_shell_has_the_colour_of_its_place(place, precision):
         found = seen(medium, volume, precision=precision)
         # The tolerance of the picture, and the shell's own extent.
         np.testing.assert_allclose(found, factor * expected, atol=2e-3 * expected.max())
-
-
-def test_a_table_by_colour_is_opacity_times_colour():
-    volume = line(b="x")
-    by = vm.ColorBy("a", "viridis", 0.1, 0.9)
-    table = vm.Table("a", [0.1, 0.9], by, [0.4, 0.4], 0.3)
-    colormap = vm.Colormap("a", "viridis", 0.1, 0.9, 0.4, 0.3)
-    for scheme, tolerance in (("first-order", 1e-6), ("post-classified", 2e-3)):
-        found = [seen(medium, volume, scheme=scheme) for medium in (table, colormap)]
-        np.testing.assert_allclose(found[0], found[1], rtol=tolerance)
 
 
 # Scenes, and what is refused
@@ -210,45 +192,21 @@ def test_scenes_carry_gates_and_colours():
     assert third.describe()["where"] == "0.5"
 
 
-def test_units_of_a_colour_range():
-    volume = line()
-    volume["T"] = np.full(volume.grid.shape, 0.3) * u.kK
-    color = vm.ColorBy("T", "viridis", 0 * u.K, 1000 * u.K)
-    plain = vm.ColorBy("T", "viridis", 0, 1)
-    found = [seen(vm.Gaussian("a", 0.5, 0.1, c, 0.3, 0.2), volume) for c in (color, plain)]
-    np.testing.assert_allclose(*found, rtol=1e-6)
+BY = vm.ColorBy("b", "viridis", 0, 1)
+UNKNOWN, INPUT = vm.errors.UnknownNameError, vm.InputError
+REFUSED = [
+    (lambda: vm.ColorBy("b", "virids", 0, 1), UNKNOWN, "viridis"),
+    (lambda: vm.ColorBy("b", "viridis", 1, 0), INPUT, "vmin must be below vmax"),
+    (lambda: vm.ColorBy("b", "viridis", 0, 1, norm="log"), INPUT, "positive vmin"),
+    (lambda: vm.ColorBy("b", "viridis", 0, 1, brightness=[1, 2]), INPUT, "one number"),
+    (lambda: vm.Gaussian("a", 0, 1, 1, 1, 1, where="b >"), vm.errors.ExpressionError, "b >"),
+    (lambda: vm.Table("a", [0, 1], BY, np.ones((2, 2)), 1), INPUT, "one column or 3"),
+    (lambda: vm.Isosurface("a", [0, 1], "ornge"), UNKNOWN, "the color 'orange'"),
+    (lambda: seen(vm.Gaussian("a", 0, 1, 1, 1, 1, where="bb")), UNKNOWN, "'b'"),
+]
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "match"),
-    [
-        (lambda: vm.ColorBy("b", "virids", 0, 1), vm.errors.UnknownNameError, "viridis"),
-        (lambda: vm.ColorBy("b", "viridis", 1, 0), vm.InputError, "vmin must be below vmax"),
-        (lambda: vm.ColorBy("b", "viridis", 0, 1, norm="log"), vm.InputError, "positive vmin"),
-        (lambda: vm.ColorBy("b", "viridis", 0, 1, brightness=[1, 2]), vm.InputError, "one number"),
-        (lambda: vm.Gaussian("a", 0, 1, 1, 1, 1, where="b >"), vm.errors.ExpressionError, "b >"),
-        (
-            lambda: vm.Table("a", [0, 1], vm.ColorBy("b", "viridis", 0, 1), np.ones((2, 2)), 1),
-            vm.InputError,
-            "one column or 3",
-        ),
-        (
-            lambda: vm.Isosurface("a", [0, 1], "ornge"),
-            vm.errors.UnknownNameError,
-            "the color 'orange'",
-        ),
-        (
-            lambda: vm.Isosurface("a", [0, 1], "viridi"),
-            vm.errors.UnknownNameError,
-            "mean 'viridis'",
-        ),
-        (
-            lambda: seen(vm.Gaussian("a", 0, 1, 1, 1, 1, where="bb")),
-            vm.errors.UnknownNameError,
-            "'b'",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("make", "error", "match"), REFUSED)
 def test_what_is_refused(make, error, match):
     with pytest.raises(error, match=match):
         make()

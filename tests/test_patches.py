@@ -124,17 +124,6 @@ def test_patches_are_the_octree_with_the_same_leaves(name):
     np.testing.assert_allclose(found.length, expected.length, rtol=0, atol=1e-13)
 
 
-def test_octree_of_radmc3d_and_layers_have_the_same_cells():
-    # Layer 1 covers the second of two base cells, layer 2 the upper half (in y) of layer 1.
-    layers = vm.PatchGrid.from_layers(
-        [0, 1, 2], [0, 1], [0, 1], [[0, 2, 1, 1, 1, 1, 1], [1, 1, 2, 1, 2, 1, 2]]
-    )
-    assert layers.cells_per_level == (1, 4, 32)
-    np.testing.assert_array_equal(layers.patches.shape, [[2, 1, 1], [2, 2, 2], [4, 2, 4]])
-    np.testing.assert_array_equal(layers.cell_centers(1, 2)[:, 0], [1.25, 0.25, 0.25])
-    np.testing.assert_array_equal(layers.cell_centers(5, 6)[:, 0], [1.125, 0.625, 0.125])
-
-
 @pytest.mark.parametrize("name", GRIDS)
 def test_fields_are_one_array_per_patch(name):
     grid = grid_named(name)
@@ -165,12 +154,6 @@ def test_corners_in_space_are_as_good_as_indices(name):
     np.testing.assert_array_equal(again.levels, grid.levels)
     np.testing.assert_allclose(again.cell_centers(), grid.cell_centers(), rtol=1e-14, atol=1e-15)
     assert again.unit == vm.CartesianGrid([0, 1], [0, 1], [0, 1], unit="pc").unit
-
-
-def test_blocks_of_equal_shape_are_one_array():
-    grid = tiles()
-    values = np.random.default_rng(1).random((len(grid.patches.level), 4, 4, 4))
-    np.testing.assert_array_equal(grid.pack(values), values.reshape(-1))
 
 
 def test_one_shape_does_for_all_blocks():
@@ -212,40 +195,6 @@ def test_rays_cross_holes_as_vacuum():
     ]
     np.testing.assert_allclose(grid.cell_volumes.sum(), 3, rtol=1e-14)
     np.testing.assert_allclose(steps.end.max(axis=0), [4, 4], rtol=1e-14)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("seed", range(4))
-def test_holes_over_many_uneven_base_cells_are_crossed_as_vacuum(seed):
-    # A few patches in a wide domain: a hole spans base cells of many widths.
-    rng = np.random.default_rng(seed)
-    count = rng.integers(40, 80, 3)
-    edges = [np.cumsum(np.append(0, rng.lognormal(0, 1, n))) for n in count]
-    low = rng.integers(0, count - 20, (5, 3))
-    shape = rng.integers(5, 20, (5, 3))
-    grid = vm.PatchGrid.from_boxes(*edges, [0] * 5, low, shape)
-    assert grid.tree.units[0].max() > 1
-    values = np.full(count, np.nan)
-    parts = [rng.lognormal(size=n) for n in shape]
-    for first, n, part in zip(low, shape, parts, strict=True):
-        values[tuple(map(slice, first, first + n))] = part
-    cells = vm.Volume(vm.CartesianGrid(*edges), f=values)
-    patches = vm.Volume(grid, f=parts)
-    middle, size = grid.bounds.mean(axis=1), np.ptp(grid.bounds, axis=1)
-    for camera in (
-        vm.Orthographic(*rng.uniform(0, 360, 3), resolution=24),
-        vm.Orthographic(90, resolution=24),
-        vm.Perspective(middle + 0.3 * size, middle, 90, resolution=24),
-    ):
-
-        def image(volume, camera=camera, **how):
-            how = {"scheme": "first-order", "precision": "double", "cutoff": 0, **how}
-            return vm.render(volume, vm.Coefficients("f", "f"), camera, **how).intensity
-
-        np.testing.assert_allclose(image(patches), image(cells), rtol=0, atol=1e-11)
-        one = vm.Volume(grid, f=np.ones(grid.shape))
-        for scheme in ("second-order", "olson-kunasz", "post-classified"):
-            np.testing.assert_allclose(image(one, scheme=scheme), image(one), rtol=0, atol=1e-11)
 
 
 CUBE = [[0, 0, 0]], [[4, 4, 4]], [[4, 4, 4]]
@@ -324,14 +273,6 @@ def test_boxes_that_do_not_fit():
             vm.PatchGrid.from_boxes(*EVEN, level, low, shape, ratio)
 
 
-def test_corners_that_are_no_numbers():
-    for corners in (("a", [[1, 1, 1]], [[1, 1, 1]]), ([[0, 0, 0], [1]], [[1, 1, 1]], [[1, 1, 1]])):
-        with pytest.raises(vm.InputError, match="lower must be an array of numbers"):
-            vm.PatchGrid(*corners)
-    with pytest.raises(vm.InputError, match="shape must be an array of numbers"):
-        vm.PatchGrid([[0, 0, 0]], [[1, 1, 1]], [[1, 1], [1]])
-
-
 def test_field_must_have_the_shapes_of_the_patches():
     grid = grid_named("layers")
     arrays = grid.unpack(np.zeros(grid.size))
@@ -373,11 +314,3 @@ def test_cells_must_be_told_apart():
     level, low = np.arange(31), np.zeros((31, 3), int)
     with pytest.raises(vm.InputError, match="most that double precision tells apart"):
         vm.PatchGrid.from_boxes([0, 1], [0, 1], [0, 1], level, low, np.ones_like(low), 4)
-
-
-@pytest.mark.parametrize("shape", [(79,), (81,), (3, 80)])
-def test_flat_fields_of_another_length_are_not_unpacked(shape):
-    """What lacks would be told as hidden: NaN, or zero."""
-    grid = vm.PatchGrid([[0, 0, 0], [0, 0, 4]], [[4, 4, 4], [4, 4, 5]], [[4, 4, 4], [4, 4, 1]])
-    with pytest.raises(vm.InputError, match="one value for each of the 80 cells"):
-        grid.unpack(np.zeros(shape))

@@ -96,33 +96,6 @@ def test_radial_grids_know_what_follows_from_the_angles():
     np.testing.assert_allclose(volume.evaluate("laplacian(f)")[inside], 6, rtol=1e-9)
 
 
-def test_wedges_of_one_cell_that_is_split_elsewhere_turn_too():
-    r, theta = np.linspace(1, 2, 13), np.linspace(0.5, 1.5, 13)
-    count = 12 * 12
-    grid = vm.SphericalGrid(r, theta, [0, 0.5], refined=random_flags(count, 8, 1, 3))
-    volume = vm.Volume(grid)
-    volume["f"] = "r**2"
-    low, high = grid.spans()
-    alone = (high - low)[2] > 0.4
-    inside = (low[0] > 1) & (high[0] < 2) & (low[1] > 0.5) & (high[1] < 1.5)
-    # Parabolas are of second order: 1/12 squared of the Laplacian, which is 6.
-    found = volume.evaluate("laplacian(f)")[alone & inside]
-    np.testing.assert_allclose(found, 6, atol=0.01)
-
-
-def test_slabs_of_one_cell_have_a_laplacian_where_they_are_split_too():
-    """All cells there are at the surface and at jumps: none knows more than others."""
-    edges = np.linspace(-1, 1, 9)
-    chosen = np.random.default_rng(3).random(64) < 0.3
-    grid = vm.OctreeGrid(edges, edges, [0, 0.25]).refine(chosen)
-    volume = vm.Volume(grid)
-    volume["f"] = "x**2 + y**2"
-    found = volume.evaluate("laplacian(f)")
-    # Parabolas beside others of another size are off by a part of it: it is 4.
-    assert found.min() > 1.5
-    assert found.max() < 4.5
-
-
 def locally_refined(grid, chosen, children):
     """Return the grid with some base cells split."""
     flags = np.concatenate([[1] + [0] * children if split else [0] for split in chosen])

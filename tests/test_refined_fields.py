@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import pytest
 
@@ -203,84 +201,3 @@ def test_a_constant_field_is_what_the_rays_cross(name, precision):
     )
     slack = {"single": 1e-5, "double": 1e-9}[precision]
     np.testing.assert_allclose(found, expected, rtol=0, atol=slack * expected.max())
-
-
-def summed(grid, values, reach=40.0, points=8000):
-    """Return integrals of an interpolated field along the rays, by the midpoint rule."""
-    origins, directions = some_rays()
-    step = reach / points
-    t = step * (np.arange(points) + 0.5)
-    place = (origins[:, None] + t[:, None] * directions[:, None]).reshape(-1, 3)
-    cell = grid.locate(place)
-    seen = between(grid, values, np.maximum(cell, 0), grid.native(place))
-    return np.where(cell < 0, 0, seen).reshape(len(origins), -1).sum(axis=1) * step
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", MORE)
-def test_rays_see_what_is_between_corners(name):
-    """Columns of random fields, against plain sums over points looked up one by one."""
-    grid = MORE[name]
-    field = np.random.default_rng(3).random(grid.size)
-    expected = summed(grid, corner_values(grid, field))
-    # A ray along walls, and the axis, sees one side or the other.
-    plain = np.arange(len(expected)) < 25
-    for precision, slack in (("double", 1.0), ("single", 1.1)):
-        off = np.abs(columns(grid, field, precision=precision) - expected)[plain]
-        # Where rays enter and leave, the sums are off by up to half a step; and a cubic stands for
-        # square roots and angles of the distance.
-        assert np.sqrt(np.mean(off**2)) <= 4e-4 * slack * expected.max()
-        assert off.max() <= 2e-3 * slack * expected.max()
-
-
-def smooth(x, y, z):
-    return np.exp(-((x - 0.5) ** 2) - y**2 / 2 - (z - 0.2) ** 2)
-
-
-@functools.cache
-def near_a_shell(kind, n):
-    """Return a grid of which the same part is refined, whatever the base."""
-    radii, circle = np.linspace(0.7, 3.0, 8 * n + 1), np.linspace(0, 2 * PI, 12 * n + 1)
-    other = np.linspace(0, PI, 8 * n + 1) if kind is vm.SphericalGrid else circle
-    third = circle if kind is vm.SphericalGrid else np.linspace(-2.5, 2.5, 10 * n + 1)
-    edges = (radii, other, third)
-    r, b, c = np.meshgrid(*[0.5 * (e[1:] + e[:-1]) for e in edges], indexing="ij")
-    return split(kind, edges, (np.abs(r - 1.5) < 0.4) & (np.sin(b) * np.cos(c) > -0.5))
-
-
-def picture(grid, text, **options):
-    """Return a picture of a shell of the smooth field f, or of an expression."""
-    camera = vm.Orthographic(57, 33, width=6.4, resolution=24, center=(0, 0, 0))
-    volume = vm.Volume(grid, f=smooth(*grid.cell_centers()).reshape(grid.shape))
-    medium = vm.Gaussian(text, 0.5, 0.2, [1.0], 0.4, 0.5)
-    options = {"precision": "double", "cutoff": 0, "tolerance": 1e-4, **options}
-    return vm.render(volume, medium, camera, **options).intensity
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
-def test_second_order_in_the_width_of_leaves(kind):
-    text = "exp(-(x-0.5)**2 - y**2/2 - (z-0.2)**2)"
-    exact = picture(near_a_shell(kind, 1), text, tolerance=1e-5)
-    off = [picture(near_a_shell(kind, n), "f", tolerance=1e-5) - exact for n in (1, 2)]
-    errors = [np.sqrt(np.mean(o * o)) for o in off]
-    assert np.log2(errors[0] / errors[1]) >= 1.75  # 2 in the limit; the surface is less smooth
-
-
-@pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
-def test_a_grid_refined_everywhere_is_nearly_the_finer_one(kind):
-    """Which is linear between centres of cells: both are off by the square of their width."""
-    every = near_a_shell(kind, 1)
-    grid = split(kind, every.edges, np.ones(every.base_shape, bool))
-    pair = [picture(g, "f") for g in (grid, kind(*grid.fine_edges))]
-    off = np.abs(pair[0] - pair[1]) / pair[1].max()
-    assert off.max() < 0.05
-    assert np.sqrt(np.mean(off**2)) < 0.01
-
-
-@pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
-def test_single_precision_is_near_double(kind):
-    pair = [picture(near_a_shell(kind, 1), "f", precision=p) for p in ("single", "double")]
-    off = np.abs(pair[0] - pair[1])
-    assert off.max() <= 1e-3 * pair[1].max()
-    assert np.median(off) <= 1e-5 * pair[1].max()

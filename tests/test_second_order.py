@@ -108,23 +108,3 @@ def test_linear_coefficients_across_two_cells(precision, share):
             tolerance = rounding * max(1, min(tau, 40))
             assert found == pytest.approx(exact, rel=tolerance)
             assert theta == pytest.approx(np.exp(-tau), rel=rounding * max(1, tau), abs=1e-30)
-
-
-def test_piecewise_linear_column_is_composed():
-    rng = np.random.default_rng(0)
-    j, alpha = rng.uniform(size=(2, 9)) * [[1.0], [3.0]]
-    alpha[3:5] = 0  # a gap: one wall without extinction
-    (found, theta), walls = look(j, alpha, "double"), []
-    for values in (j, alpha):
-        walls.append(np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]]))
-    intensity, length = 0.0, 2.0 / 9
-    for k in range(9):  # from the back to the front
-        (j_back, j_front), (a_back, a_front) = (w[k : k + 2] for w in walls)
-        whole, behind = moments(a_front * length, a_back * length)
-        intensity *= np.exp(-0.5 * (a_front + a_back) * length)
-        intensity += length * (j_front * (whole - behind) + j_back * behind)
-    assert found == pytest.approx(intensity, rel=1e-14)
-    depth = length * sum(0.5 * (walls[1][1:] + walls[1][:-1]))
-    assert theta == pytest.approx(np.exp(-depth), rel=1e-14)
-    back = look(j, alpha, "double", order="back-to-front")
-    assert back == pytest.approx((found, theta), rel=1e-14)

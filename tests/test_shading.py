@@ -57,14 +57,6 @@ def test_a_linear_field_is_lit_evenly(how, kind, lights):
     np.testing.assert_allclose(shaded.optical_depth, plain.optical_depth, rtol=2e-2, atol=1e-2)
 
 
-@pytest.mark.parametrize("kind", ["gaussian", "colormap"])
-def test_error_control_of_shaded_media(kind):
-    medium = MEDIA[kind]("rad", shading=0.9, lights=[(1, 1, 0), "headlight"])
-    rough = vm.render(BALL, medium, CAMERA)
-    fine = vm.render(BALL, medium, CAMERA, tolerance=1e-5).intensity
-    assert np.abs(rough.intensity - fine).max() < 1e-3 * fine.max()
-
-
 @pytest.mark.parametrize("scheme", ["post-classified", "first-order"])
 def test_without_gradients_there_is_ambient_light(scheme):
     volume = vm.Volume(GRID, a=np.ones(GRID.shape))

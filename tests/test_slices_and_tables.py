@@ -92,11 +92,6 @@ def test_bad_planes_are_refused(options, message):
         vm.Volume(GRID, a=COUNTED).slice("a", **options)
 
 
-def test_slices_that_do_not_fit_into_memory_are_refused():
-    with pytest.raises(vm.errors.MemoryNeededError, match="10000000 x 10000000 pixels"):
-        vm.Volume(GRID, a=COUNTED).slice("a", resolution=(10**7, 10**7))
-
-
 @pytest.mark.parametrize("options", [{"position": 40.0}, {"center": (9.0, 9.0, 9.0), "width": 1.0}])
 def test_a_slice_beside_the_volume_says_where_that_is(options):
     with pytest.raises(InputError, match=r"x: 0 … 3, y: 0 … 3, z: -1 … 4 pc: the slice is out"):
@@ -143,21 +138,6 @@ def test_some_cells_and_expressions():
 
 @pytest.mark.parametrize(
     ("where", "plain"),
-    [("a > 20 K", "a > 20"), ("2e4 mK < a < 22 K", "20 < a < 22"), ("x > 3e18 cm", "x > 0.98")],
-)
-def test_numbers_in_conditions_have_units(where, plain):
-    volume = vm.Volume(GRID, a=COUNTED * u.K)
-    found, expected = (volume.cells(where=condition)["cell"] for condition in (where, plain))
-    np.testing.assert_array_equal(found, expected)
-    assert 0 < len(found) < 24
-    volume["chosen"] = f"where({where}, 1, 0)"
-    assert volume["chosen"].sum() == len(found)
-    with pytest.raises(vm.UnitsError, match="'5 km' is in km, expected K"):
-        volume.cells(where="a > 5 km")
-
-
-@pytest.mark.parametrize(
-    ("where", "plain"),
     [
         ("theta > 60 deg", "theta > pi / 3"),
         ("90 deg > 2 * phi", "phi < pi / 4"),
@@ -180,24 +160,10 @@ def test_what_is_no_angle_is_not_compared_with_one(where):
         vm.Volume(grid, f=np.ones(grid.shape)).cells(where=where)
 
 
-def test_a_vector_is_no_condition():
-    with pytest.raises(vm.errors.ExpressionError, match="a vector, but a number is needed"):
-        vm.Volume(GRID, a=COUNTED).cells(where="grad(a)")
-
-
 @pytest.mark.parametrize("fields", [3, True])
 def test_fields_of_tables_are_listed(fields):
     with pytest.raises(InputError, match="fields must be a list of names"):
         vm.Volume(GRID, a=COUNTED).cells(fields)
-
-
-def test_cells_of_a_curvilinear_grid():
-    grid = vm.SphericalGrid([1.0, 2.0, 4.0], np.linspace(0.2, 2.9, 5), np.linspace(0, 6, 4))
-    table = vm.Volume(grid, a=np.ones(grid.shape)).cells()
-    np.testing.assert_allclose(table["r"] * np.cos(table["theta"].value), table["z"], atol=1e-14)
-    assert table["phi"].unit == u.rad
-    expected = (4**3 - 1) / 3 * (np.cos(0.2) - np.cos(2.9)) * 6
-    assert table["volume"].sum() == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_data_frame():
@@ -247,9 +213,3 @@ def test_slices_that_cannot_be_drawn(expression, options, message):
     found = vm.Volume(GRID, a=COUNTED).slice(expression, resolution=4)
     with pytest.raises((InputError, UnknownNameError), match=message):
         found.plot(**options)
-
-
-def test_a_slice_tells_what_it_is():
-    volume = vm.Volume(GRID, a=COUNTED * u.K)
-    text = repr(volume.slice("a", "z", 1.5, resolution=6))
-    assert text == "<Slice 6×6 pixels, 3×3 pc, a: 2 … 22 K>"

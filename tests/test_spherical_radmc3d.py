@@ -51,24 +51,6 @@ def test_olson_kunasz_is_radmc3d(name, case_id):
     assert difference(render(model, grid, case, "olson-kunasz"), case.image) <= 2e-9
 
 
-@pytest.mark.parametrize(("name", "case_id"), spherical_cases(lambda case: case.quantity != "tau"))
-def test_the_twin_is_radmc3d(name, case_id):
-    """With RADMC-3D's branch for small depths and its sub-steps."""
-    model = load_spherical(name)
-    case = model.cases[case_id]
-    turn = 0.1 if case.order == 2 and case_id != WITHOUT_SUB_STEPS else 0.0
-    found = render_curvilinear(
-        Frame.of(model.grid),
-        model.model.j,
-        model.model.alpha,
-        Camera.from_case(case),
-        "first-order" if case.order == 1 else "olson-kunasz",
-        largest_turn=turn,
-        radmc_branch=True,
-    )["intensity"]
-    assert difference(found, case.image) <= 2e-10
-
-
 PI = np.pi
 GRIDS = {
     "mirrored": vm.SphericalGrid(

@@ -10,11 +10,10 @@ from curvilinear_rays import (
     adversarial_rays,
     check_adversarial,
     check_ends_inside_cells,
-    sums,
 )
 from random_trees import random_flags
 from twin.camera import Camera
-from twin.curvilinear import Frame, way_inside
+from twin.curvilinear import Frame
 from twin.curvilinear_refined import Leaves, render_refined
 from voluminous.backend import get_backend
 
@@ -103,12 +102,6 @@ def test_olson_kunasz_is_the_twin(name, view):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * expected.max())
 
 
-@pytest.mark.parametrize("name", GRIDS)
-def test_single_precision_is_close(name):
-    found, expected = pictures(GRIDS[name], CAMERAS["oblique"], "first-order", precision="single")
-    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-5 * expected.max())
-
-
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", ["full", "wedge", "mirrored", "cylinder"])
 def test_rays_that_end_inside_a_leaf_see_what_is_there(name, precision):
@@ -121,20 +114,6 @@ def test_hard_rays_neither_hang_nor_leak(name, precision):
     grid, backend = GRIDS[name], get_backend("cpu", precision)
     # Vertices of the base cells: levels meet there too.
     check_adversarial(grid, backend, *adversarial_rays(grid, 3 * grid.edges[0][-1]))
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_random_rays_find_their_way(precision):
-    grid, backend = GRIDS["wedge"], get_backend("cpu", precision)
-    rng = np.random.default_rng(3)
-    directions = rng.normal(size=(10**5, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    origins = rng.uniform(-7, 7, size=(10**5, 3)) - 30 * directions
-    found = sums(grid, backend, origins, directions)
-    off = np.abs(found.length - way_inside(Frame.of(grid), origins, directions)) / 10
-    assert found.shortest.min() >= 0
-    assert np.quantile(off, 0.99) < 16 * np.finfo(backend.dtype).eps
-    assert off.max() < (1e-12 if precision == "double" else 1e-3)
 
 
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "olson-kunasz"])
@@ -192,9 +171,3 @@ def test_leaves_are_in_radmc3ds_order():
 def test_flags_that_cannot_be(flags, told):
     with pytest.raises(vm.InputError, match=told):
         vm.SphericalGrid(RADII, refined=flags)
-
-
-@pytest.mark.parametrize("phi", [[0, 4], [0, 4, 2 * PI]])
-def test_wide_cells_are_not_refined(phi):
-    with pytest.raises(vm.InputError, match="at most half a circle"):
-        vm.SphericalGrid([1, 2], [0, 1], phi, refined=(len(phi) - 1) * [0])

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import voluminous as vm
 from voluminous.backend import from_host, get_backend
 from voluminous.media.piecewise_linear import PiecewiseLinear
 
@@ -114,53 +113,3 @@ def test_infinite_ends_and_nan(precision):
     )[:, 0]
     np.testing.assert_allclose(found[:3], [0.25, 0.75, 0.5], rtol=1e-6)
     assert np.isnan(found[3:]).all()
-
-
-# Pictures: a field that is linear in x up to the outermost cell centres, and constant beyond
-
-
-def line_of_sight(medium, precision, resolution=8, scheme="post-classified"):
-    """Return emission and transparency of a ray along x through a field equal to x."""
-    grid = vm.CartesianGrid.uniform((resolution, 2, 2), (0, 1))
-    volume = vm.Volume(grid, a="x")
-    camera = vm.Orthographic(incl=90, phi=90, width=0.5, resolution=1)
-    image = vm.render(volume, medium, camera, scheme=scheme, precision=precision)
-    return image.intensity[0, 0], float(image.transparency.ravel()[0])
-
-
-def column_integral(nodes, column, resolution=8):
-    """Return the integral of a table over the ray of `line_of_sight`."""
-    half = 0.5 / resolution
-    ends = half * (np.interp(half, nodes, column) + np.interp(1 - half, nodes, column))
-    return (1 - 2 * half) * exact_mean(nodes, column, half, 1 - half) + ends
-
-
-TABLES = {
-    "broad": ([0.13, 0.42, 0.9], [0.2, 1.0, 0.1]),
-    "spike": ([0.5 - 1e-6, 0.5 + 1e-6, 0.5 + 3e-6], [0.0, 1.0, 0.0]),
-    "long": (np.linspace(0, 1, 3001), 0.5 + 0.5 * np.sin(np.arange(3001.0))),
-}
-
-
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("name", sorted(TABLES))
-def test_depth_and_emission_of_a_linear_field(name, precision):
-    nodes, column = (np.asarray(v, float) for v in TABLES[name])
-    area = column_integral(nodes, column)
-    length = area  # then the optical depth is one
-    medium = vm.Table("a", nodes, np.stack([column, 0.5 * column], 1), 0 * column, length)
-    bright, _ = line_of_sight(medium, precision)
-    rtol = 3e-6 if precision == "single" else 1e-9
-    np.testing.assert_allclose(bright, [1.0, 0.5], rtol=rtol)
-    medium = vm.Table("a", nodes, column, column, length)
-    _, clear = line_of_sight(medium, precision)
-    assert clear == pytest.approx(np.exp(-1), rel=rtol)
-
-
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_an_opaque_table_shows_its_source_function(precision):
-    # Emission over extinction is 2 everywhere: closed form 2 (1 - exp(-τ)).
-    nodes, column = TABLES["broad"]
-    medium = vm.Table("a", nodes, 2 * np.array(column), column, 0.1)
-    bright, clear = line_of_sight(medium, precision)
-    np.testing.assert_allclose(bright, 2 * (1 - clear), rtol=1e-6)

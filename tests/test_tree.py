@@ -13,8 +13,6 @@ from test_patches import random_patches, tiles
 from voluminous.backend import from_host, get_backend
 from voluminous.grids.trees.octree_order import (
     Places,
-    flags_from_levels,
-    levels_from_flags,
     split_levels,
 )
 from voluminous.grids.trees.octree_tree import octree_tree
@@ -54,13 +52,6 @@ def test_trees_halve_the_axes_they_are_told(axes):
     np.testing.assert_array_equal(found.size, size)
     # The leaves fill the domain, so each place is in one of them.
     assert size.prod(axis=0).sum() == tree.extent.prod()
-
-
-@pytest.mark.parametrize("axes", AXES)
-def test_flags_are_read_for_any_number_of_children(axes):
-    levels, children = random_levels(axes, seed=2), 1 << len(axes)
-    flags = flags_from_levels(levels, Places(levels, axes))
-    np.testing.assert_array_equal(levels_from_flags(flags, int(np.prod(BASE)), children), levels)
 
 
 def pruned(grid):

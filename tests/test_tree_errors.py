@@ -95,13 +95,6 @@ def test_bounds_contain_the_truth(name):
     assert (image.upper - image.lower).max() <= 0.05 * exact.max()
 
 
-def test_without_a_tolerance_it_is_nearly_the_same():
-    image = vm.render(volume_named("blob"), MEDIA["wide"], CAMERA, tolerance=None)
-    exact = truth("blob", "wide", CAMERA)
-    assert image.error is None
-    assert np.abs(image.intensity - exact).max() <= 0.02 * exact.max()
-
-
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_an_isosurface_has_one_colour_across_jumps_of_level(precision):
     """It crosses cells of three levels, and neither cracks nor doubles."""
@@ -125,13 +118,3 @@ def test_a_shell_much_thinner_than_a_cell_has_no_seams():
     depth = vm.render(volume, medium, camera).optical_depth[..., 0]
     # All rays cross it alike, since the field is linear: values in single precision are off.
     assert np.ptp(depth) <= 5e-3 * depth.mean()
-
-
-def test_adaptive_samples_converge_to_the_mean_over_pixels():
-    volume, medium = volume_named("blob"), MEDIA["two"]
-    coarse, fine = (
-        vm.Orthographic(57, 33, 20, width=2.4, resolution=n, center=(0, 0, 0)) for n in (12, 192)
-    )
-    image = vm.render(volume, medium, coarse, antialias="adaptive")
-    exact = vm.render(volume, medium, fine).intensity.reshape(12, 16, 12, 16, -1).mean(axis=(1, 3))
-    assert np.abs(image.intensity - exact).max() <= 0.01 * exact.max()

@@ -133,16 +133,6 @@ def test_linear_fields_are_exact_inside(name, precision):
     assert np.abs(values - expected)[inner].max() <= slack * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_several_fields_at_once_are_as_each_alone(precision):
-    grid, backend = grid_named("octree"), get_backend("cpu", precision)
-    fields = np.random.default_rng(5).random((3, grid.size))
-    together = CornerValues(grid, fields, backend).compute()
-    for field, found in zip(fields, together, strict=True):
-        (alone,) = CornerValues(grid, [field], backend).compute()
-        np.testing.assert_array_equal(np.array(found), np.array(alone))
-
-
 def smooth(x, y, z):
     return np.sin(1.3 * x + 0.4) * np.cos(0.9 * y) + 0.3 * np.sin(2 * z)
 
@@ -155,18 +145,6 @@ def around_a_shell(base, levels=2):
         return np.abs(np.sqrt(x * x + y * y + z * z) - 0.6) < 0.15
 
     return vm.OctreeGrid.from_function(edges, edges, edges, near, levels)
-
-
-def test_corners_in_even_parts_are_of_fourth_order():
-    """Where all cells around are alike; plain means are off by the second derivatives."""
-    errors = []
-    for n in (8, 16, 32):
-        grid = vm.OctreeGrid(*[np.linspace(-1, 1, n + 1)] * 3)
-        points = corner_points(grid)
-        inner = (np.abs(points) < 0.7).all(axis=2)
-        values = corner_values(grid, smooth(*grid.cell_centers()), "double")
-        errors.append(np.abs(values - smooth(*np.moveaxis(points, 2, 0)))[inner].max())
-    assert (-np.diff(np.log2(errors)) > 3.7).all()
 
 
 def test_corners_at_jumps_of_level_are_of_second_order():

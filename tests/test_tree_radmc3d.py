@@ -6,8 +6,6 @@ import functools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import voluminous as vm
 from reference import data_directory, model_of, stored_in
@@ -57,11 +55,6 @@ def test_octree_is_radmc3d(case_id):
     # For τ <= 1e-4 RADMC-3D takes 1 - exp(-τ) = τ in first order.
     tolerance = 1e-12 if case.quantity == "tau" else {1: 2e-5, 2: 1e-9}[case.order]
     assert difference(found, case.image) <= tolerance
-
-
-def test_all_cases_of_the_octree_are_here():
-    model, _ = octree()
-    assert sorted(model.cases) == sorted(CASES)
 
 
 CUBES = np.array([[0, 0, 0], [2, 0, 0], [3, 0, 0], [2, 1, 0.0]])
@@ -139,18 +132,3 @@ def compare(grid, camera, precisions=("double", "single")):
 def test_refined_grids_are_the_twin(name, view):
     grid = grid_named(name)
     compare(grid, views(grid)[view])
-
-
-@given(seed=st.integers(0, 2**31), kind=st.sampled_from(["octree", "patches"]))
-@settings(max_examples=10)
-def test_any_refined_grid_is_the_twin(seed, kind):
-    rng = np.random.default_rng(seed)
-    if kind == "octree":
-        grid = random_octree(seed, int(rng.integers(1, 4)), rng.uniform(0.05, 0.3))
-    else:
-        ratio = rng.integers(1, 4, (2, 3)) + np.eye(3, dtype=int)[rng.integers(3)]
-        grid = random_patches(seed, ratio, 2, int(rng.integers(1, 4)), [np.arange(3.0)] * 3)
-    half = 0.4 * float(np.linalg.norm(np.ptp(grid.bounds, axis=1)))
-    angles = {name: rng.uniform(0, 180) for name in ("incl", "phi", "posang")}
-    middle = tuple(grid.bounds.mean(axis=1))
-    compare(grid, Camera(6, 6, (half, half), point=middle, **angles), ["double"])

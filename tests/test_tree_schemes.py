@@ -50,21 +50,6 @@ def test_evenly_refined_octree_is_the_uniform_grid(scheme, camera, precision):
     assert_alike(*pair, precision)
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_octree_in_first_order_is_the_uniform_grid_it_refines(precision):
-    octree = random_octree(2, 3, 0.3, [np.linspace(-1, 1, 4)] * 3)
-    uniform = vm.CartesianGrid.uniform(3 << octree.places.deepest, (-1, 1))
-    a = np.random.default_rng(1).random(octree.size)
-    fine = a[octree.locate(uniform.cell_centers().T)].reshape(uniform.shape)
-    for camera in (CAMERA, INSIDE):
-        pair = [
-            picture(volume, camera, "first-order", precision)
-            for volume in (vm.Volume(octree, a=a), vm.Volume(uniform, a=fine))
-        ]
-        # Distances are counted in cells of other sizes.
-        assert_alike(*pair, precision)
-
-
 def linear(grid):
     x, y, z = grid.cell_centers()
     return (0.4 + 0.6 * x - 0.5 * y + 0.8 * z).reshape(grid.shape)
@@ -133,25 +118,3 @@ def test_patches_are_the_octree_with_the_same_cells(scheme, precision):
             for volume in (vm.Volume(patches, a=a), vm.Volume(octree, a=a[order]))
         ]
         assert_alike(*pair, precision)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_fields_that_are_no_numbers_are_refused(scheme):
-    octree = random_octree(1, 2)
-    a = np.ones(octree.size)
-    a[3] = np.inf
-    camera = vm.Orthographic(width=8, resolution=64, center=octree.bounds.mean(axis=1))
-    with pytest.raises(vm.InputError, match=r"1 infinite value; the first is inf in cell \(3,\)"):
-        vm.render(vm.Volume(octree, a=a), vm.Coefficients("a", "a"), camera, scheme=scheme)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_memory_is_asked_for_beforehand(scheme, monkeypatch):
-    octree = vm.OctreeGrid(*[np.linspace(-1, 1, 81)] * 3)
-    volume = vm.Volume(octree, a=np.ones(octree.size, np.float32))
-    monkeypatch.setattr("voluminous.memory.available_memory", lambda: 1000)
-    if scheme == "first-order":  # does without a copy
-        assert vm.render(volume, MEDIUM, CAMERA, scheme=scheme).intensity.max() > 0
-    else:
-        with pytest.raises(vm.errors.MemoryNeededError, match="first-order"):
-            vm.render(volume, MEDIUM, CAMERA, scheme=scheme)

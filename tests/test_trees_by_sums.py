@@ -122,16 +122,3 @@ def test_holes_from_both_ends(order, tolerance):
     off = np.abs(image.intensity[..., 0] - exact.seen(-np.log1p(-0.4) * crossed))
     # One straight panel per cell does not see a surface that bends in and out of it.
     assert np.mean(off > 1e-3) <= (0.1 if tolerance is None else 0.01)
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_tables_that_jump(precision):
-    """A ray that grazes a jump by less than the table's steps sees it: as a rectangle does."""
-    grid = random_octree(3, 3, 0.3, [np.linspace(-1, 1, 3)] * 3)
-    volume = vm.Volume(grid, f=np.random.default_rng(3).random(grid.size))
-    camera = vm.Orthographic(50, 30, width=2.4, resolution=20)
-    table = vm.Table("f", [0.58, 0.58, 0.62, 0.62], [0, 5, 5, 0], [0, 5, 5, 0], 0.1)
-    box = vm.Rectangle("f", 0.6, 0.02, 5.0, 5.0, 0.1)
-    one, other = (vm.render(volume, m, camera, precision=precision) for m in (table, box))
-    off = np.abs(one.intensity - other.intensity)[..., 0]
-    assert np.all(off <= one.error + other.error + 1e-3 * other.intensity.max())

@@ -67,17 +67,6 @@ def test_the_line_of_sight_points_away_from_the_observer(grid, camera):
     np.testing.assert_allclose(found, np.sum(v * away, axis=0), rtol=1e-12, atol=1e-13)
 
 
-def test_any_vector_has_a_line_of_sight():
-    volume = vm.Volume(CARTESIAN)
-    volume["f"] = "x + 2*y - z"
-    above = vm.Orthographic()
-    np.testing.assert_allclose(volume.evaluate("los(grad(f))", camera=above), 1, rtol=1e-12)
-    found = volume.evaluate("los(vector(f, 0, 2*f)) + 1", camera=above)
-    np.testing.assert_allclose(found, volume.evaluate("1 - 2*f"), atol=1e-12)
-    slope = volume.evaluate("grad(los(vector(0, 0, f))).y", camera=above)
-    np.testing.assert_allclose(slope, -2, rtol=1e-12)
-
-
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
 def test_pictures_know_their_camera(scheme):
     rng = np.random.default_rng(1)
@@ -248,32 +237,3 @@ def test_both_halves_of_a_mirrored_volume():
     up, down = whole.array("v_z")[:, :4], whole.array("v_z")[:, :3:-1]
     np.testing.assert_allclose(down, -up, atol=1e-12)
     np.testing.assert_allclose(whole.grid.cell_volumes.sum(), volume.grid.cell_volumes.sum())
-
-
-def test_both_halves_look_as_the_mirrored_volume():
-    volume = both_halves()
-    medium, camera = (
-        vm.Coefficients(["rho", "rho**2"], "0.1 * rho"),
-        vm.Orthographic(50, 20, resolution=24),
-    )
-    pictures = [vm.render(v, medium, camera).intensity for v in (volume, volume.unfolded())]
-    np.testing.assert_allclose(*pictures, rtol=0, atol=2e-3 * pictures[0].max())
-
-
-def test_a_vector_needs_no_quotes_where_only_a_vector_can_be():
-    for plain, quoted in [
-        ("norm(v)", "norm('v')"),
-        ("dot(v, w) + v", "dot('v', 'w') + v"),
-        ("los(v)", "los('v')"),
-        ("gradmag(norm(v))", "gradmag(norm('v'))"),
-    ]:
-        assert Expression(plain) == Expression(quoted)
-        assert Expression(plain).names == Expression(quoted).names
-    volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"), density=np.ones(CARTESIAN.shape))
-    speed = np.sqrt(sum(volume[f"v_{axis}"] ** 2 for axis in "xyz"))
-    np.testing.assert_allclose(volume.evaluate("norm(v)"), speed, rtol=1e-14)
-    along = volume.evaluate("los(v)", camera=ORTHOGRAPHIC)
-    np.testing.assert_array_equal(along, volume.evaluate("los('v')", camera=ORTHOGRAPHIC))
-    for text in ("norm(density)", "dot(v, density)", "los(density)"):
-        with pytest.raises(UnknownNameError, match="'density' is a number in every cell"):
-            volume.evaluate(text, camera=ORTHOGRAPHIC)

@@ -82,8 +82,3 @@ def test_no_leaf_needs_more_than_eight_vertices_and_even_parts_need_fewer():
     # Siblings share 27 points; mixed ones at least do not have more than eight each.
     tree = random_octree()
     assert tree.vertex_numbers.count < 0.5 * 8 * tree.size
-
-
-def test_patches_have_vertices_in_tiles():
-    grid = vm.PatchGrid([[0, 0, 0]], [[1, 1, 1]], [[40, 16, 7]])
-    assert grid.vertex_numbers.count == (17 + 17 + 9) * 17 * 8

@@ -25,10 +25,9 @@ def get_colormap(colormap: Any) -> Any:
 
 
 def colormap_name(colormap: Any) -> str:
-    """Return the name of a colormap, marked if that of another one is registered under it.
+    """Return the name of a colormap, marked if another one is registered under it.
 
-    ``matplotlib.colormaps["viridis"].resampled(8)`` is called viridis, and is another map: nothing
-    shall be drawn with the one where the other was meant.
+    ``matplotlib.colormaps["viridis"].resampled(8)``, for example, is called viridis.
     """
     import matplotlib
 
@@ -41,12 +40,9 @@ def get_color(name: str) -> tuple[float, float, float]:
     """Return red, green and blue of a colour: ``"orange"``, ``"#ffa500"``, ``"C1"``."""
     import matplotlib.colors
 
-    try:
-        rgba = matplotlib.colors.to_rgba(name)
-    except ValueError:
-        raise unknown_name("color", name, matplotlib.colors.CSS4_COLORS) from None
-    red, green, blue = without_alpha(rgba, repr(name))
-    return float(red), float(green), float(blue)
+    if not is_color(name):
+        raise unknown_name("color", name, matplotlib.colors.CSS4_COLORS)
+    return opaque_color(name, repr(name))
 
 
 def opaque_color(color: Any, what: str, other: str = "") -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from os import PathLike
 from typing import Any
 
-# A noun, and what says which: "format", " that can be written".
+# A noun and its attribute: "format", " that can be written".
 _NOUN = re.compile(r"(.*?)((?: (?:of|that|for) .*)?)", re.DOTALL)
 _PLURALS = ((r"axis$", "axes"), (r"s$", "s"), (r"(x|ch)$", r"\1es"), (r"([^aeiou])y$", r"\1ies"))
 
@@ -66,7 +66,7 @@ def immutable(cls: Any, advice: str) -> None:
     cls.__setattr__ = cls.__delattr__ = refuse
 
 
-# Lists of more names than this are a screenful: of these so many are shown.
+# Of lists of more names than the first only so many are shown.
 _MANY, _SHOWN = 60, 12
 
 
@@ -97,40 +97,21 @@ def unknown_name(
     near = near or [n for n in choice if len(name) > 2 and n.startswith(name)][:1]
     which = "" if not near or near[0] in names else f"the {other[0]} "
     hint = f"; did you mean {which}{near[0]!r}?" if near else ";"
-    return UnknownNameError(
-        f"unknown {kind} {name!r}{hint} known {_several(kind)}: {_told(names, name)}"
-    )
+    listed = ", ".join(names) or "(none)"
+    if len(names) > _MANY:
+        like = difflib.get_close_matches(name, names, n=_SHOWN, cutoff=0.0)
+        listed = f"{', '.join(like)} … ({len(names)} in all)"
+    return UnknownNameError(f"unknown {kind} {name!r}{hint} known {_plural(kind)}: {listed}")
 
 
 def check_name(kind: str, name: Any, known: Iterable[str]) -> None:
-    """Refuse what is none of the names that exist, of whatever type it is.
-
-    Parameters
-    ----------
-    kind, known
-        As for `unknown_name`.
-    name : object
-        What was given: lists cannot be looked up, and arrays are not equal or unequal.
-
-    Raises
-    ------
-    UnknownNameError
-        Names the nearest.
-    """
+    """Raise `unknown_name` unless a name, of whatever type, is among the known ones."""
     if not isinstance(name, str) or name not in known:
         raise unknown_name(kind, str(name), known)
 
 
-def _told(names: list[str], name: str) -> str:
-    """Return names in a line; of very many those that are most like the one that was given."""
-    if len(names) <= _MANY:
-        return ", ".join(names) if names else "(none)"
-    like = difflib.get_close_matches(name, names, n=_SHOWN, cutoff=0.0)
-    return f"{', '.join(like)} … ({len(names)} in all)"
-
-
-def _several(kind: str) -> str:
-    """Return the plural of what a name stands for: axes, keys, densities, kinds of table."""
+def _plural(kind: str) -> str:
+    """Return the plural of a noun with its attribute: axes, keys, densities, kinds of table."""
     noun, rest = _NOUN.fullmatch(kind).groups()  # type: ignore[union-attr]
     for ending, plural in _PLURALS:
         if re.search(ending, noun):
@@ -138,7 +119,7 @@ def _several(kind: str) -> str:
     return f"{noun}s{rest}"
 
 
-# What makes volumes of the things of other packages, by the package.
+# How to make a volume of another package's data.
 _TAKEN = {
     "xarray": "vm.Volume.from_xarray(data) makes a Volume of it",
     "pyvista": "vm.Volume.from_pyvista(data) makes a Volume of it",
@@ -151,14 +132,7 @@ _TAKEN = {
 
 
 def how_to_take(value: Any) -> str:
-    """Return what makes a volume of a file or of another package's data, to end a message with.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> how_to_take(np.zeros(3))[:20], how_to_take(3.0)
-    ('; vm.Volume(vm.Carte', '')
-    """
+    """Return the end of a message: how to make a volume of a file or another package's data."""
     if isinstance(value, (str, PathLike)):
         return "; vm.open(path) makes one of a file"
     advice = _TAKEN.get(type(value).__module__.partition(".")[0])

@@ -1,4 +1,4 @@
-"""What can be a field of a volume: names, arrays, and the coordinates that are always there."""
+"""Fields of a volume: their names and arrays, and the coordinates that every grid has."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ import numpy as np
 from . import packages
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
+from .geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
 from .units import as_quantity, is_quantity, parse_unit, plain
 
 if TYPE_CHECKING:
     from .grids.contract import Grid
 
-# Cells looked at at once.
+# Cells processed at once.
 _CHUNK = 1 << 20
-# Layers copied at once: what is written stays in the cache until its lines are full.
+# Layers copied at once: written cache lines stay in the cache until they are full.
 _LAYERS = 16
-# Axes in the order of the index, where data know their names.
-_AXES = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))
-# What every grid has.
+# The coordinates that every grid has.
 COORDINATES = ("x", "y", "z", "r")
 
 
@@ -37,22 +36,19 @@ def coordinates(grid: Grid, names: Iterable[str], first: int, last: int) -> dict
 
     Lengths are in the grid's unit, angles in radians.
     """
-    names = tuple(names)
-    found: dict[str, np.ndarray] = {}
-    own = [name for name in names if name not in COORDINATES]
-    if own:
-        native = grid.native_centers(first, last)
-        found = {name: native[grid.coordinates.index(name)] for name in own}
-    if len(own) < len(names):
+    names, values = tuple(names), {}
+    if not set(names) <= set(COORDINATES):
+        values = dict(zip(grid.coordinates, grid.native_centers(first, last), strict=True))
+    if not set(names).isdisjoint(COORDINATES):
         x, y, z = grid.cell_centers(first, last)
-        found |= {"x": x, "y": y, "z": z}
+        values |= {"x": x, "y": y, "z": z}
         if "r" in names:
-            found["r"] = np.sqrt(x * x + y * y + z * z)
-    return {name: found[name] for name in names}
+            values["r"] = np.sqrt(x * x + y * y + z * z)
+    return {name: values[name] for name in names}
 
 
 def coordinate_extremes(grid: Grid, name: str) -> tuple[float, float]:
-    """Return numbers that a coordinate of cell centres is between."""
+    """Return bounds of a coordinate of cell centres."""
     low, high = grid.bounds.T
     if name == "r":
         return 0.0, float(np.linalg.norm(np.maximum(abs(low), abs(high))))
@@ -78,21 +74,16 @@ def split_unit(value: Any) -> tuple[Any, Any]:
         value = [as_quantity(part) for part in value]
     if is_quantity(value):
         return value.value, parse_unit(value.unit)
-    if isinstance(value, (list, tuple)) and any(is_quantity(part) for part in value):
-        _check_all_have_units(value)
-        unit = value[0].unit
-        parts = [p.value if p.unit == unit else plain(p, unit, "part of a field") for p in value]
-        return parts, parse_unit(unit)
-    return value, None
-
-
-def _check_all_have_units(parts: Any) -> None:
-    lacking = [k for k, part in enumerate(parts) if not is_quantity(part)]
-    if lacking:
+    if not isinstance(value, (list, tuple)) or not any(is_quantity(part) for part in value):
+        return value, None
+    if lacking := [k for k, part in enumerate(value) if not is_quantity(part)]:
         raise UnitsError(
             f"parts of a field must all have a unit, or none of them; part {lacking[0]} (counted "
             "from 0) has none, others have: give each of them a unit"
         )
+    unit = value[0].unit
+    parts = [p.value if p.unit == unit else plain(p, unit, "part of a field") for p in value]
+    return parts, parse_unit(unit)
 
 
 def unit_quantity(array: np.ndarray, unit: Any) -> Any:
@@ -103,28 +94,18 @@ def unit_quantity(array: np.ndarray, unit: Any) -> Any:
 
 
 def checked_grid(grid: Grid) -> Any:
-    """Return a grid, or refuse what is none."""
+    """Return a grid; refuse other objects."""
     if isinstance(grid, packages.room("grids.contract").Grid):
         return grid
-    advice = "vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), density=array)"
-    if isinstance(grid, np.ndarray):
-        advice = f"vm.Volume(vm.CartesianGrid.uniform({grid.shape}, (-1, 1)), density=array)"
+    cells, advice = (grid.shape, "") if isinstance(grid, np.ndarray) else (8, how_to_take(grid))
     raise InputError(
-        f"a Volume is a grid and its fields, such as {advice}; got {type(grid).__name__} first"
-        + ("" if isinstance(grid, np.ndarray) else how_to_take(grid))
+        "a Volume is a grid and its fields, such as vm.Volume(vm.CartesianGrid.uniform("
+        f"{cells}, (-1, 1)), density=array); got {type(grid).__name__} first{advice}"
     )
 
 
 def checked_name(name: Any, reserved: tuple[str, ...] = COORDINATES) -> str:
-    """Return the name as expressions know it (Unicode-normalised, as in Python).
-
-    Parameters
-    ----------
-    name : str
-        Of a field.
-    reserved : tuple of str
-        The coordinates that there are.
-    """
+    """Return a field's name as expressions know it (Unicode-normalised, as in Python)."""
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
             f"a field's name must be an identifier (letters, digits, _), got {name!r}; "
@@ -136,12 +117,9 @@ def checked_name(name: Any, reserved: tuple[str, ...] = COORDINATES) -> str:
 
 
 def without_mask(value: Any) -> Any:
-    """Return what is given for a field with NaN where it is masked; most things as they are.
+    """Return masked arrays (of NumPy or astropy), or a list of them, with NaN where masked.
 
-    Parameters
-    ----------
-    value : array_like, or a list of them
-        NumPy's masked arrays and astropy's `Masked` have masks.
+    Other values are returned unchanged.
     """
     if isinstance(value, (list, tuple)):
         masked = any(isinstance(getattr(part, "mask", None), np.ndarray) for part in value)
@@ -155,7 +133,7 @@ def without_mask(value: Any) -> Any:
 
 
 def packed(name: str, values: Any, grid: Grid) -> np.ndarray:
-    """Return what is given for a field as an array."""
+    """Return the values of a field as an array."""
     try:
         array: np.ndarray = grid.pack(values)
     except VoluminousError:
@@ -166,12 +144,9 @@ def packed(name: str, values: Any, grid: Grid) -> np.ndarray:
 
 
 def check_order(name: str, values: Any) -> None:
-    """Refuse arrays that know the names of their axes, in another order (xarray).
-
-    Where there are as many cells along all axes, their shape does not tell.
-    """
+    """Refuse arrays (of xarray) with named axes in another order: their shape may not tell."""
     axes = getattr(values, "dims", None)
-    for order in _AXES:
+    for order in (CARTESIAN, SPHERICAL, CYLINDRICAL):
         if isinstance(axes, tuple) and set(axes) == set(order) and axes != order:
             listed, wanted = ("(" + ", ".join(names) + ")" for names in (axes, order))
             named = ", ".join(map(repr, order))
@@ -182,7 +157,7 @@ def check_order(name: str, values: Any) -> None:
 
 
 def checked_array(name: str, array: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return an array as volumes keep it: C-contiguous, and of a type that kernels know."""
+    """Return an array as volumes hold it: C-contiguous, and of a type that kernels have."""
     if array.dtype.kind not in "fiub":
         raise InputError(
             f"field {name!r} must be real numbers, got dtype {array.dtype}"
@@ -201,7 +176,7 @@ def checked_array(name: str, array: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def _advice(name: str, shape: tuple[int, ...], grid: Grid) -> str:
-    """Return what to do with an array of another shape than the grid's, as far as it shows."""
+    """Return advice for an array of another shape than the grid's."""
     index = f"index is [{', '.join(f'i{axis}' for axis in grid.coordinates)}]"
     if shape[::-1] == grid.shape:
         return f"; transpose it ({index})"
@@ -217,7 +192,7 @@ def _advice(name: str, shape: tuple[int, ...], grid: Grid) -> str:
 
 
 def _contiguous(array: np.ndarray, dtype: Any) -> np.ndarray:
-    """Return an array with its last axis fastest, itself if it is so already."""
+    """Return an array with its last axis fastest; the array itself if it is so already."""
     if array.ndim != 3 or array.flags.c_contiguous or array.strides[0] >= array.strides[2]:
         return np.ascontiguousarray(array, dtype=dtype)
     # Where x is fastest, layer by layer of z: three times as fast as all at once (64 MiB).

@@ -1,4 +1,4 @@
-"""Figures of matplotlib: shown where others are, else without a window; their colour bars."""
+"""Figures of matplotlib, without a window unless pyplot is in use, and their colour bars."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ def new_figure() -> Any:
 
 
 def _layout() -> Any:
-    """Return a constrained layout that is made three times each time.
-
-    Where the room for labels decides whether a picture is as wide or as high as can be, labels are
-    cut off after the first time: of pictures of 6 by 7; beside two bars after the second.
-    """
+    """Return a constrained layout that is computed three times: after one, labels are cut off."""
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     class Settled(ConstrainedLayoutEngine):
@@ -79,16 +75,14 @@ def add_color_bar(axes: Any, shown: Any, label: str, *, own: bool, number: int =
     Parameters
     ----------
     axes : matplotlib Axes or list of them
-        In which there is nothing but the picture; the bar of several takes its room from all.
+        With nothing but the picture in them; the bar of several takes its room from all.
     shown : matplotlib ScalarMappable
     label : str
     own : bool
-        Whether nothing else is in the figure. The bar is as high as the picture then, and no label
-        is cut off: next to a bar that is an axes of its own, the layout moves axes of a fixed
-        aspect to one side after it has made room for their labels. In figures with others, too, if
-        they have a layout; else such a bar takes its room from `axes`, and nothing from others.
+        Whether nothing else is in the figure. Then, or if the figure has a layout, the bar is as
+        high as the picture, and no label is cut off; else it takes its room from `axes`.
     number : int
-        How many there are already.
+        Number of bars that there are already.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and errors that name the file."""
+"""Files that are written completely or not at all, and errors that name the file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def url_of(path: Path) -> str:
 
 
 def seen_from(directory: Path, path: str) -> Path:
-    """Return a path that is relative to a directory; absolute ones and URLs are not."""
+    """Return a path taken relative to a directory, unless it is absolute or a URL."""
     expanded = Path(path).expanduser()
     return expanded if url_of(expanded) else directory / expanded
 
@@ -71,25 +71,18 @@ def missing(path: Path) -> MissingPathError:
                 near = near / part.name
             if near.exists():
                 return MissingPathError(f"there is no file {path}; did you mean {near}?")
-    told = f": the directory {wrong} does not exist" if rest else ""
-    return MissingPathError(f"there is no file {path}{told}")
+    reason = f": the directory {wrong} does not exist" if rest else ""
+    return MissingPathError(f"there is no file {path}{reason}")
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path to write to, which takes the place of `path` when all went well.
+    """Give a temporary path to write to, which replaces `path` at the end if there is no error.
 
-    The temporary file lies in the same directory, so the last step is one atomic rename: at every
-    moment `path` is either the old file or the whole new one. After an error or an interruption
-    the temporary file is removed.
-
-    Parameters
-    ----------
-    path : Path
-        Where the file shall be; a symbolic link is followed, not replaced.
+    The temporary file is in the same directory, so the last step is one atomic rename: `path` is
+    always either the old file or the complete new one. A symbolic link is followed, not replaced.
     """
     target = Path(os.path.realpath(path))
-    # The start of the name tells a person what was left behind should the machine lose power.
     temporary = target.with_name(f".{target.stem[:40]}.{secrets.token_hex(6)}.part{target.suffix}")
     with _naming(path):
         _check_place(path, target)
@@ -114,20 +107,15 @@ def naming_if_full(path: Path) -> Iterator[None]:
     except VoluminousError:
         raise
     except Exception as error:
-        if not _is_about_space(error):
-            raise
-        raise UnwritablePathError(
-            f"cannot save {path}: there is no space left; make some, or give another directory"
-        ) from error
-
-
-def _is_about_space(error: BaseException | None) -> bool:
-    """Return whether an error, or one that it came from, says that a disk or a quota is full."""
-    while error is not None:
-        if getattr(error, "errno", None) in _NO_SPACE or _SPACE.search(str(error)):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
+        cause: BaseException | None = error
+        while cause is not None:  # the reason may be that of an error it came from
+            if getattr(cause, "errno", None) in _NO_SPACE or _SPACE.search(str(cause)):
+                raise UnwritablePathError(
+                    f"cannot save {path}: there is no space left; make some, or give another "
+                    "directory"
+                ) from error
+            cause = cause.__cause__ or cause.__context__
+        raise
 
 
 @contextmanager
@@ -172,7 +160,7 @@ def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
 
 @contextmanager
 def expecting(path: Path, expectation: str) -> Iterator[None]:
-    """Turn whatever a library raises while it reads `path` into an error that names the file."""
+    """Turn all errors of a library that reads `path` into one that names the file."""
     try:
         yield
     except VoluminousError as error:

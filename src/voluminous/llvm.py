@@ -12,7 +12,6 @@ import importlib.metadata
 import os
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import DeviceError
@@ -58,10 +57,7 @@ def ensure_llvm() -> None:
 
 
 def find_llvm_early() -> None:
-    """Find LLVM when voluminous is imported, so that Dr.Jit may be imported after it.
-
-    Nothing is raised here: a GPU does without LLVM, and `ensure_llvm` will say what is missing.
-    """
+    """Find LLVM when voluminous is imported; no error, because a GPU may not need it."""
     with contextlib.suppress(DeviceError):
         ensure_llvm()
 
@@ -71,29 +67,23 @@ def _from_wheel() -> Path | None:
         files = importlib.metadata.files(WHEEL) or []
     except importlib.metadata.PackageNotFoundError:
         return None
-    found = [f for f in files if re.match(r"(libLLVM.*\.(so|dylib)|LLVM-C.*\.dll)", f.name)]
+    names = [f for f in files if re.match(r"(libLLVM.*\.(so|dylib)|LLVM-C.*\.dll)", f.name)]
     # Real file first: the plain name is a symbolic link made after installation.
-    for file in sorted(found, key=lambda f: -len(f.name)):
-        path = Path(str(file.locate())).resolve()
-        if path.exists():
-            return path
-    return None
+    paths = (Path(str(f.locate())).resolve() for f in sorted(names, key=lambda f: -len(f.name)))
+    return next((path for path in paths if path.exists()), None)
 
 
 def _from_system() -> Path | None:
-    candidates = [(v, p) for p in _system_libraries() if (v := _version_in_name(p)) >= OLDEST_LLVM]
-    return max(candidates)[1] if candidates else None
-
-
-def _system_libraries() -> Iterator[Path]:
+    libraries: list[tuple[int, Path]] = []
     for pattern in _SYSTEM_PATTERNS.get(sys.platform, ()):
         root = Path(pattern).anchor
-        yield from Path(root).glob(pattern[len(root) :])
+        libraries += [(_version_in(p), p) for p in Path(root).glob(pattern[len(root) :])]
+    version, path = max(libraries, default=(0, None))
+    return path if version >= OLDEST_LLVM else None
 
 
-def _version_in_name(path: Path) -> int:
-    """Return the major version told by a path such as ``libLLVM-19.so`` or ``llvm-19/lib/…``."""
-    text = str(path.resolve())
-    match = re.search(r"LLVM-(\d+)", text) or re.search(r"libLLVM\.so\.(\d+)", text)
-    match = match or re.search(r"llvm[-@](\d+)", text) or re.search(r"llvm/(\d+)\.", text)
-    return int(match.group(1)) if match else 0
+def _version_in(path: Path) -> int:
+    """Return the major version in a path such as ``libLLVM-19.so`` or ``llvm-19/lib/…``."""
+    patterns = r"LLVM-(\d+)", r"libLLVM\.so\.(\d+)", r"llvm[-@](\d+)", r"llvm/(\d+)\."
+    matches = (re.search(pattern, str(path.resolve())) for pattern in patterns)
+    return next((int(match[1]) for match in matches if match), 0)

@@ -1,23 +1,15 @@
-"""Memory that work takes, known before it is taken."""
+"""Checks of available memory before it is allocated."""
 
 from __future__ import annotations
 
 from .errors import MemoryNeededError
 
-# Below this nobody needs to ask the system.
+# Sizes below this always fit.
 _SMALL = 64 << 20
 
 
 def check_memory(needed: int, what: str, advice: str) -> None:
-    """Refuse work that does not fit.
-
-    Parameters
-    ----------
-    needed : int
-        Bytes.
-    what, advice : str
-        What needs them, and what to do if they are not there.
-    """
+    """Refuse work that needs more bytes than are available."""
     if needed < _SMALL:
         return
     free = available_memory()

@@ -1,4 +1,4 @@
-"""Packages that only some need: imported where used, with an error that says how to get them."""
+"""Optional packages: imported where used, with an error that says how to install them."""
 
 from __future__ import annotations
 
@@ -12,21 +12,14 @@ VERSION = "0.1.0"
 
 
 def require(module: str, extra: str, purpose: str) -> Any:
-    """Return a module of an optional package.
+    """Return a module of an optional package, which an extra of voluminous installs.
 
-    Parameters
-    ----------
-    module : str
-        Name to import.
-    extra : str
-        The extra of voluminous that brings it.
-    purpose : str
-        What needs it, to begin the error message with: "reading NRRD files".
+    The purpose begins the error message: "reading NRRD files".
     """
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        # What is merely not there needs no traceback; what is broken does.
+        # A missing package needs no traceback; a broken one does.
         absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
         raise MissingPackageError(
             f"{purpose} needs the package {module.partition('.')[0]!r} ({error}); install it with\n"
@@ -35,7 +28,7 @@ def require(module: str, extra: str, purpose: str) -> Any:
 
 
 def install_line(extra: str) -> str:
-    """Return what brings the packages of an extra."""
+    """Return the command that installs the packages of an extra."""
     return (
         f'pip install "voluminous[{extra}]"  (in a clone of voluminous: pip install ".[{extra}]")'
     )
@@ -49,7 +42,6 @@ def is_installed(module: str) -> bool:
 def room(name: str) -> Any:
     """Return a module of voluminous by its name: for methods whose work is done in a room above.
 
-    Such a method has signature and docstring where its class is, and calls the function there:
-    imports keep pointing down, and nothing is loaded before it is used.
+    So imports keep pointing down, and nothing is loaded before it is used.
     """
     return importlib.import_module(f"voluminous.{name}")

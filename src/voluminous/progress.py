@@ -69,7 +69,7 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def reported_range(size: int, step: int) -> Iterator[int]:
-    """Yield what ``range(0, size, step)`` does, and report how far it is."""
+    """Yield from ``range(0, size, step)``, and report each step."""
     report = reporter()
     for first in range(0, size, step):
         yield first
@@ -77,7 +77,7 @@ def reported_range(size: int, step: int) -> Iterator[int]:
 
 
 def reporter() -> Report:
-    """Return where a loop reports that is not given a function."""
+    """Return the function that loops report to."""
     return _current.get() or silent
 
 
@@ -98,7 +98,10 @@ class _Bar:
         if not self.shown or time.monotonic() - self.start < self.delay:
             return
         if self.bar is None:
-            self.bar = _tqdm()(desc=self.label, total=total, unit_scale=True, leave=False)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a notebook without widgets has bars of letters
+                from tqdm.auto import tqdm
+            self.bar = tqdm(desc=self.label, total=total, unit_scale=True, leave=False)
             self.bar.start_t -= time.monotonic() - self.start
         if total != self.bar.total or done < self.bar.n:
             self.bar.total, self.bar.n = total, min(self.bar.n, done)
@@ -107,13 +110,6 @@ class _Bar:
     def close(self) -> None:
         if self.bar is not None:
             self.bar.close()
-
-
-def _tqdm() -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a notebook without widgets has bars of letters
-        from tqdm.auto import tqdm
-    return tqdm
 
 
 def _is_seen() -> bool:

@@ -1,7 +1,6 @@
-"""The only door for units: quantities come in, plain floats in the volume's unit go on.
+"""Converts quantities to plain floats in the volume's unit: kernels never see units.
 
-Kernels never see units. astropy is imported only when a quantity or a unit really appears, because
-its import takes longer than a picture.
+astropy is imported only when a quantity or a unit appears: its import takes longer than a picture.
 """
 
 from __future__ import annotations
@@ -104,21 +103,8 @@ def quantity_in(text: str) -> Any:
 def as_given(value: Any, what: str = "value", like: str = "0.1 pc") -> Any:
     """Return the quantity in a text such as "0.1 pc", or in each text of a list; else the value.
 
-    Quantities of other packages become astropy's (`as_quantity`).
-
-    Parameters
-    ----------
-    value : object
-        What the user gave.
-    what : str
-        What it is, for the error message.
-    like : str
-        An example of a text, likewise.
-
-    Raises
-    ------
-    UnitsError
-        If a text is no number with a unit that astropy knows.
+    Quantities of other packages become astropy's (`as_quantity`). A UnitsError says `what` the
+    value is, and what texts look `like`.
     """
     if isinstance(value, (list, tuple)) and any(_is_special(v) for v in value):
         return [as_given(v, what, like) for v in value]
@@ -201,19 +187,7 @@ def unit_of(value: Any) -> Any:
 def plain(value: Any, unit: Any, what: str) -> Any:
     """Return `value` as plain float or float64 array in `unit`; plain input is taken as it is.
 
-    Parameters
-    ----------
-    value : float, array_like, Quantity or str
-        What the user gave; of text see `as_given`.
-    unit : unit or None
-        The unit to express it in; None means dimensionless.
-    what : str
-        What the value is, for the error message.
-
-    Raises
-    ------
-    UnitsError
-        If the value has a unit that cannot be converted.
+    For text see `as_given`. None means dimensionless. A UnitsError says `what` the value is.
     """
     like = {"like": "30 deg"} if isinstance(unit, str) and unit in _ANGLES else {}
     value = as_given(value, what, **like)

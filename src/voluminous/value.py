@@ -1,8 +1,4 @@
-"""Immutable values: media, cameras, objects in pictures, regions.
-
-What a value keeps follows from the arguments it was made with. So it cannot be changed, which would
-leave the one and not the other: `Value.replace` makes another one.
-"""
+"""Immutable values: media, cameras, objects in pictures, regions; `Value.replace` makes others."""
 
 from __future__ import annotations
 
@@ -22,10 +18,9 @@ Self = TypeVar("Self", bound="Value")
 
 
 class Value:
-    """Base of what cannot be changed once it is made.
+    """Base of immutable classes.
 
-    Attributes can be set in ``__init__``, of derived classes too; later only those whose names
-    begin with an underscore.
+    Attributes are set in ``__init__``; later only those whose names begin with an underscore.
     """
 
     _given: dict[str, Any]

@@ -130,14 +130,10 @@ class BracketState:
 
 
 class Bracket(Scheme):
-    """Bounds of what post-classified tends to.
+    """Bounds of the limit of post-classified.
 
-    Parameters
-    ----------
-    budget : int
-        About how many panels are tried per segment, at most.
-    signed : bool
-        The emissivity may be negative: its negative part is a separate emission.
+    At most about `budget` panels are tried per segment. If `signed`, emissivities may be negative,
+    and their negative parts are a separate emission.
     """
 
     name = "bracket"

@@ -123,18 +123,9 @@ class CurvedPiece:
 
 
 class CurvedField:
-    """A field along a segment.
+    """A field along a segment, from its values [x][y][z] at the corners of a cell.
 
-    Parameters
-    ----------
-    chord : CurvilinearChord
-        The segment.
-    corners : nested lists [x][y][z]
-        Values at the corners of its cell.
-    doubt : array
-        By how much of their differences rounding of the walls may put values off.
-    constant : callable
-        Puts numbers into the kernel.
+    Rounding of the walls may change values by `doubt` times their differences.
     """
 
     def __init__(self, chord: Any, corners: Any, doubt: Any, constant: Any) -> None:
@@ -145,7 +136,7 @@ class CurvedField:
         low, high = extremes(values)
         unknown = dr.isnan(sum(values[1:], values[0]))
         self.low, self.high = dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
-        self.before: TracedInterval | None = None  # where the segment before has ended
+        self.before: TracedInterval  # where the previous segment ended: `Bracketed.jumps` sets it
         self.slack = doubt * (high - low) + _LOSS * _EPS * (dr.abs(low) + dr.abs(high))
 
     def piece(self, begin: Float, width: Float) -> CurvedPiece:

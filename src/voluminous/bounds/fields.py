@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -24,11 +24,12 @@ from ..rendering.sources.corner_layouts import get_lattices
 from ..rendering.sources.empty_space import DUAL, empty_blocks, get_ranges
 from .curved import CurvedField
 from .media import PartBounds, bounds_on_panel
-from .scalars import CourseContext, Courses, CubicPiece
+from .scalars import CourseContext, Courses, CubicPiece, Piece
 
 if TYPE_CHECKING:
     from ..backend.device import Backend
     from ..grids.cartesian.dual_walk import Chord
+    from ..volume import Volume
 
 _EPS = float(np.finfo(np.float64).eps)
 # Rounding error of control points computed from the coefficients of a polynomial, in ε.
@@ -61,22 +62,17 @@ class Enclosed:
         return CubicPiece([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
 
 
+Fields: TypeAlias = "dict[str, Enclosed | CurvedField]"
+
+
 class Bracketed:
     """Source of the coefficients for the scheme of guaranteed bounds.
 
-    Attributes
-    ----------
-    numbers : Numbers
-        Numbers of channels in a path.
-    signed : bool
-        Whether the emissivity may be negative.
-    neglected : Neglected
-        Bounds of the total emission and absorption of skipped space.
-    tolerance : tuple of arrays
-        Largest widths of the brackets of emission and transparency, per panel.
+    `signed`: the emissivity may be negative. `neglected`: bounds of the emission and absorption of
+    skipped space. `tolerance`: largest widths of the brackets of emission and transparency.
     """
 
-    def __init__(self, volume: Any, medium: Medium, backend: Backend, tolerance: float) -> None:
+    def __init__(self, volume: Volume, medium: Medium, backend: Backend, tolerance: float) -> None:
         evaluator, cache = CellEvaluator(volume, medium, PerChannel(medium), backend), Cache(volume)
         self.medium, self.backend, grid = medium, backend, volume.grid
         self.lattices, ranges = get_lattices(evaluator, cache), get_ranges(evaluator, cache, DUAL)
@@ -103,10 +99,10 @@ class Bracketed:
         opaque = self.backend.opaque
         self.tolerance = (opaque(emission), opaque(transparency))
 
-    def along(self, segment: Segment) -> dict[str, Any]:
+    def along(self, segment: Segment) -> Fields:
         """Return every field along a segment."""
         chord, active = segment.walk.chord(segment.track, segment), segment.active
-        found: dict[str, Any] = {
+        found: Fields = {
             name: self._enclosed(lattice.corners(chord, active), chord)
             for name, lattice in self.lattices.items()
         }
@@ -117,7 +113,7 @@ class Bracketed:
             found["xyz"[a]] = Enclosed([start, step, zero, zero], slack, -dr.inf, dr.inf)
         return found
 
-    def _enclosed(self, corners: Any, chord: Chord) -> Any:
+    def _enclosed(self, corners: Any, chord: Chord) -> Enclosed | CurvedField:
         if self.curved:
             return CurvedField(chord, corners, 3.0 * self._place, self.context.plain)
         cubic = chord.cubic(corners)
@@ -134,12 +130,12 @@ class Bracketed:
         count = 2 * len(self.lattices) if self.curved else 0
         return [self.backend.Float(math.nan) for _ in range(count)]
 
-    def ends(self, cubics: dict[str, Any]) -> list[Float]:
+    def ends(self, cubics: Fields) -> list[Float]:
         """Return bounds of the fields at the end of a segment, if they may jump there."""
         found = [field.end(1.0) for field in _curved(cubics)]
         return [end for value in found for end in (value.lo, value.hi)]
 
-    def jumps(self, cubics: dict[str, Any], before: list[Float]) -> Mask:
+    def jumps(self, cubics: Fields, before: list[Float]) -> Mask:
         """Return where fields jump from `before` to their values at the start of a segment.
 
         They do at the axis of a curvilinear grid, where the azimuth changes.
@@ -151,7 +147,7 @@ class Bracketed:
             found |= (field.before.hi < start.lo) | (start.hi < field.before.lo)
         return found
 
-    def courses(self, cubics: dict[str, Any], length: Float, begin: Float, width: Float) -> Courses:
+    def courses(self, cubics: Fields, length: Float, begin: Float, width: Float) -> Courses:
         """Return the enclosures of all scalars on a panel of a segment.
 
         A panel that begins before the segment is the jump to it, of length zero.
@@ -159,10 +155,12 @@ class Bracketed:
         if self.curved:
             jump = begin < 0.0
             begin, width = dr.select(jump, 0.0, begin), dr.select(jump, 0.0, width)
-        pieces = {name: field.piece(begin, width) for name, field in cubics.items()}
+        pieces: dict[str, Piece] = {}
         for name, field in cubics.items():
             if isinstance(field, CurvedField):
-                pieces[name] = pieces[name].after(field.before, jump)
+                pieces[name] = field.piece(begin, width).after(field.before, jump)
+            else:
+                pieces[name] = field.piece(begin, width)
         return Courses(pieces, length * width * self.scale, self.context)
 
     def parts(self, courses: Courses) -> list[PartBounds]:
@@ -171,11 +169,11 @@ class Bracketed:
         return bounds_on_panel(self.medium, courses, self.context)
 
 
-def _curved(fields: dict[str, Any]) -> list[CurvedField]:
+def _curved(fields: Fields) -> list[CurvedField]:
     return [field for field in fields.values() if isinstance(field, CurvedField)]
 
 
-def _not_negative(part: Medium, volume: Any, ranges: dict[str, Interval]) -> bool:
+def _not_negative(part: Medium, volume: Volume, ranges: dict[str, Interval]) -> bool:
     emission = part.emission_range()
     if emission is not None:
         return emission[0] >= 0.0

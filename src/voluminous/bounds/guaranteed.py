@@ -52,16 +52,8 @@ def bracket(
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return lower and upper bounds of the intensity, shape (ny, nx, channel); None without budget.
 
-    Parameters
-    ----------
-    job : RenderJob
-        The rendered job; repeated in double precision, front to back, and without a cut-off.
-    budget : int
-        Panels tried per segment, at most.
-    intensity : array
-        The picture; the tolerance is relative to its brightest pixel.
-    background : array
-        Intensities behind everything, which broadcast to the picture's.
+    The job is repeated in double precision, front to back, and without a cut-off; the tolerance is
+    relative to the brightest pixel of the picture.
     """
     if not budget:
         return None, None

@@ -8,13 +8,14 @@ the function.
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..backend import Int, dr
+from ..backend import dr
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
@@ -41,90 +42,68 @@ from ..media.sum import Sum
 from ..media.table import Table
 
 if TYPE_CHECKING:
-    from ..media.color_by import ColorBy
-    from ..media.modulation import Modulation
     from .scalars import Course, CourseContext, Courses
+
+Ends: TypeAlias = tuple[Float, Float]
 
 
 @dataclass
 class PartBounds:
     """Intervals of a part's coefficients on a panel, times the panel's length.
 
-    Attributes
-    ----------
-    emissivity : list of TracedInterval
-        Values of j anywhere, per channel.
-    extinction : list of TracedInterval
-        Values of α anywhere, one (grey) or per channel.
-    emitted, depth : list of TracedInterval
-        Their integrals over the panel.
-    source : list of (low, high) or None, per channel
-        Bounds of j/α, where they are known independently.
+    Of j per channel and α (one if grey): their values anywhere, and their integrals `emitted` and
+    `depth`. `source` has bounds of j/α per channel; None where those of j and α give them.
     """
 
     emissivity: list[TracedInterval]
     extinction: list[TracedInterval]
     emitted: list[TracedInterval]
     depth: list[TracedInterval]
-    source: list[Float] = field(default_factory=list)
+    source: Sequence[Ends | None]
 
     def spread(self, count: int) -> PartBounds:
         """Return the same with a number of extinctions."""
         if len(self.extinction) == count:
             return self
-        alike = self.extinction * count, self.depth * count
-        return PartBounds(self.emissivity, alike[0], self.emitted, alike[1], self.source)
+        return replace(self, extinction=self.extinction * count, depth=self.depth * count)
 
-    def source_of(self, channel: int) -> tuple[Float, Float]:
+    def source_of(self, channel: int) -> Ends:
         """Return bounds of j/α; infinite where there are none."""
-        if self.source and self.source[channel] is not None:
-            return self.source[channel]
+        known = self.source[channel]
+        if known is not None:
+            return known
         alpha = self.extinction[channel if len(self.extinction) > 1 else 0]
         quotient = self.emissivity[channel] / alpha
         return quotient.lo, quotient.hi
 
 
 def part_bounds(
-    found: MediumSample, means: MediumSample, length: TracedInterval, source: Sequence[Any] = ()
+    ranges: MediumSample,
+    means: MediumSample,
+    length: TracedInterval,
+    source: Sequence[Ends | None] | None = None,
 ) -> PartBounds:
     """Return bounds from the ranges and the means of the coefficients over a panel."""
-
-    def whole(values: list[Float]) -> list[TracedInterval]:
-        return [length * v for v in values]
-
-    j, alpha, emitted, depth = (
-        whole(values)
-        for values in (found.emissivity, found.extinction, means.emissivity, means.extinction)
-    )
-    emitted = [meet(a, b) for a, b in zip(emitted, j, strict=True)]
-    depth = [meet(a, b) for a, b in zip(depth, alpha, strict=True)]
-    return PartBounds(j, alpha, emitted, depth, list(source))
-
-
-Sums = tuple[list[TracedInterval], list[TracedInterval], list[TracedInterval], list[TracedInterval]]
+    j, alpha = ([length * v for v in own] for own in (ranges.emissivity, ranges.extinction))
+    emitted = [meet(length * v, own) for v, own in zip(means.emissivity, j, strict=True)]
+    depth = [meet(length * v, own) for v, own in zip(means.extinction, alpha, strict=True)]
+    return PartBounds(j, alpha, emitted, depth, [None] * len(j) if source is None else source)
 
 
 def total_bounds(parts: list[PartBounds]) -> PartBounds:
     """Return the bounds of a sum; its j/α lies in the hull of j/α of the parts present."""
     if len(parts) == 1:
         return parts[0]
-    sums = (
-        _added([p.emissivity for p in parts]),
-        _added([p.extinction for p in parts]),
-        _added([p.emitted for p in parts]),
-        _added([p.depth for p in parts]),
-    )
-    channels = range(len(parts[0].emissivity))
-    return PartBounds(*sums, [_source(parts, c, sums) for c in channels])
+    columns = zip(*((p.emissivity, p.extinction, p.emitted, p.depth) for p in parts), strict=True)
+    sums = [[functools.reduce(operator.add, own) for own in zip(*c, strict=True)] for c in columns]
+    channels = range(len(sums[0]))
+    total = PartBounds(sums[0], sums[1], sums[2], sums[3], [None for _ in channels])
+    return replace(total, source=[_source(parts, total, c) for c in channels])
 
 
-def _added(rows: list[list[TracedInterval]]) -> list[TracedInterval]:
-    return [functools.reduce(lambda a, b: a + b, column) for column in zip(*rows, strict=True)]
-
-
-def _source(parts: list[PartBounds], channel: int, sums: Sums) -> tuple[Float, Float]:
-    """Return the hull of j/α over all parts that may absorb or emit, intersected with the sums'."""
-    own = PartBounds(*sums).source_of(channel)
+def _source(parts: list[PartBounds], total: PartBounds, channel: int) -> Ends:
+    """Return the hull of j/α over all parts that may absorb or emit, intersected with the sum's."""
+    own = total.source_of(channel)
     low, high = dr.inf, -dr.inf
     for part in parts:
         alpha = part.extinction[channel if len(part.extinction) > 1 else 0]
@@ -169,19 +148,12 @@ def is_bounded(medium: Medium) -> bool:
     return own is not base or type(medium).ranges is not Medium.ranges
 
 
-def mean_of(course: Course) -> TracedInterval:
-    """Return the mean of a scalar: half the sum of its ends, ± sup|x''|/12."""
-    middle = 0.5 * (course.first + course.last)
-    off = raised(course.bow * (1.0 / 12.0))
-    return TracedInterval(lowered(middle.lo - off), raised(middle.hi + off), middle.nan)
-
-
-def in_widths(course: Course, center: Float, width: Float) -> tuple[Any, Any, Any, Any]:
+def in_widths(course: Course, center: Float, width: Float) -> tuple[Float, Float, Float, Float]:
     """Return the distances of both ends from a centre, and the mean and largest chord error.
 
     In units of the width. The errors include the rounding of the distances.
     """
-    middles = [0.5 * (end.lo + end.hi) for end in (course.first, course.last)]
+    middles = course.middles()
     first, last = ((x - center) / width for x in middles)
     sizes = dr.abs(middles[0]) + dr.abs(middles[1]) + 2.0 * dr.abs(center)
     rounding = 8.0 * float(float_info(type(first)).eps) * (sizes / width + 1.0)
@@ -221,14 +193,14 @@ def box_bounds(first: Float, last: Float, farthest: Float) -> TracedInterval:
     some = dr.select(inner > 0.0, inner, 1.0)
     least = dr.select(inner > 0.0, box_mean(first / some, last / some), 0.0)
     most = box_mean(first / outer, last / outer)
-    return TracedInterval(_unit(least - _SHAPE_LOSS), _unit(most + _SHAPE_LOSS))
+    return _unit(TracedInterval(least - _SHAPE_LOSS, most + _SHAPE_LOSS))
 
 
 def table_bounds(
     course: Course, nodes: np.ndarray, columns: np.ndarray, context: CourseContext, table: Any
 ) -> list[TracedInterval]:
     """Return bounds of the means of piecewise-linear columns, scaled to the order of one."""
-    first, last = (0.5 * (end.lo + end.hi) for end in (course.first, course.last))
+    first, last = course.middles()
     means = table.means(table.at(first), table.at(last))
     rounding = 8.0 * float(float_info(type(first)).eps)
     off = course.off + rounding * (dr.abs(first) + dr.abs(last) + float(np.abs(nodes).max()))
@@ -253,12 +225,9 @@ def steepness(nodes: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.nd
 def _of_profile(medium: Shaped, courses: Courses, context: CourseContext) -> list[PartBounds]:
     center, width, length = medium.plain_numbers(context)
     course = courses.course(medium.expr)
-    shape = _mean_of_profile(medium, course, center, width, context)
-    shape = TracedInterval(_unit(shape.lo), _unit(shape.hi)) * context.number(1.0 / length)
-    means = MediumSample(
-        [context.number(h) * shape for h in medium.color],
-        [context.number(h) * shape for h in medium.opacity],
-    )
+    shape = _unit(_mean_of_profile(medium, course, center, width, context))
+    shape = shape * context.number(1.0 / length)
+    means = medium.split([context.number(h) * shape for h in (*medium.color, *medium.opacity)])
     opacities = medium.opacity * (1 if len(medium.opacity) > 1 else medium.channels)
     sources = [
         TracedInterval.constant(context.plain(h / o)) if o > 0 else None
@@ -277,61 +246,59 @@ def _of_table(medium: Table, courses: Courses, context: CourseContext) -> list[P
     table = context.keep(
         (id(medium), "sums"), lambda: PiecewiseLinear(courses.real, nodes, columns)
     )
+    means = table_bounds(course, nodes, columns, context, table)
     heights = [context.number(float(h)) for h in medium.peaks / length]
-    means = [
-        h * m
-        for h, m in zip(heights, table_bounds(course, nodes, columns, context, table), strict=True)
-    ]
-    found = MediumSample(means[: medium.channels], means[medium.channels :])
-    values = context.interpolate(course.values, nodes, list((medium.rows / length).T))
-    alphas = values[medium.channels :] * (medium.channels if medium.grey else 1)
-    sources = [j / a for j, a in zip(values[: medium.channels], alphas, strict=True)]
-    return [_modulated(medium, values[: medium.channels], found, sources, courses, context)]
+    means = [h * mean for h, mean in zip(heights, means, strict=True)]
+    values = medium.split(context.interpolate(course.values, nodes, [*(medium.rows / length).T]))
+    alphas = values.extinction * (medium.channels if medium.grey else 1)
+    sources = [j / a for j, a in zip(values.emissivity, alphas, strict=True)]
+    return [_modulated(medium, values.emissivity, medium.split(means), sources, courses, context)]
 
 
 @bounds_on_panel.register(Coefficients)
 def _of_expressions(
     medium: Coefficients, courses: Courses, context: CourseContext
 ) -> list[PartBounds]:
-    means = _Means(context)
-    return [
-        part_bounds(
-            medium.coefficients(courses.fields, context),
-            medium.coefficients(courses.fields, means),  # type: ignore[arg-type]
-            courses.length,
-        )
-    ]
+    ranges = medium.coefficients(courses.fields, context)
+    means = medium.coefficients(courses.fields, _Means(courses, context))  # type: ignore[arg-type]
+    return [part_bounds(ranges, means, courses.length)]
 
 
 class _Means:
-    """A context in which an expression's value is its mean."""
+    """A context in which the value of an expression is its mean: of its ends, ± sup|x''|/12."""
 
-    def __init__(self, context: CourseContext) -> None:
-        self._courses, self.number = context.courses, context.number
+    def __init__(self, courses: Courses, context: CourseContext) -> None:
+        self._courses, self.number = courses, context.number
         self.unit, self.unit_of = context.unit, context.unit_of
 
     def evaluate(self, expression: Any, fields: Any) -> TracedInterval:
-        assert self._courses is not None
-        return mean_of(self._courses.course(expression))
+        course = self._courses.course(expression)
+        middle = 0.5 * (course.first + course.last)
+        off = raised(course.bow * (1.0 / 12.0))
+        return TracedInterval(lowered(middle.lo - off), raised(middle.hi + off), middle.nan)
 
 
 def _modulated(
-    medium: Any,
+    medium: Shaped | Table,
     plain: list[TracedInterval],
     means: MediumSample,
-    sources: list[Float],
+    sources: Sequence[TracedInterval | None],
     courses: Courses,
     context: CourseContext,
 ) -> PartBounds:
     """Return bounds of a medium with gates and colours, from its values and means without them."""
-    found = medium.ranges(courses.fields, context)
-    modulation: Modulation = medium.modulation
+    ranges, modulation = medium.ranges(courses.fields, context), medium.modulation
     if modulation.shade is not None:
         raise InputError(
             "bounds=True is for media without shading, which is an illustration; use shading=0"
         )
     if modulation.color is not None:
-        paint, mean_paint = _paint(modulation.color, courses, context)
+        color = modulation.color
+        nodes, rgb = color.nodes(context), color.range.rgb
+        paint = color.colors(courses.fields, context)
+        table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))
+        mean_paint = table_bounds(courses.course(color.expr), nodes, rgb, context, table)
+        mean_paint = [meet(r, m) for r, m in zip(paint, mean_paint, strict=True)]
         emitted = [
             _mean_product(*factors)
             for factors in zip(plain, means.emissivity, paint, mean_paint, strict=True)
@@ -345,18 +312,7 @@ def _modulated(
             [gate * m for m in means.extinction],
         )
     ends = [None if s is None else (s.lo, s.hi) for s in sources]
-    return part_bounds(found, means, courses.length, ends)
-
-
-def _paint(
-    color: ColorBy, courses: Courses, context: CourseContext
-) -> tuple[list[TracedInterval], list[TracedInterval]]:
-    nodes, rgb = color.nodes(context), color.scale.rgb
-    course = courses.course(color.expr)
-    table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))
-    ranges = color.colors(courses.fields, context)
-    means = table_bounds(course, nodes, rgb, context, table)
-    return ranges, [meet(r, m) for r, m in zip(ranges, means, strict=True)]
+    return part_bounds(ranges, means, courses.length, ends)
 
 
 def _mean_product(
@@ -382,73 +338,50 @@ def _around(middle: Float, off: Float) -> TracedInterval:
     return TracedInterval(lowered(middle - off), raised(middle + off))
 
 
-def _unit(value: Float) -> Float:
-    """Return a number clipped to [0, 1]; NaN stays NaN."""
-    return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
+def _unit(x: TracedInterval) -> TracedInterval:
+    """Return an interval clipped to [0, 1]; NaN stays NaN."""
+    ends = [dr.select(v < 0.0, 0.0, dr.select(v > 1.0, 1.0, v)) for v in (x.lo, x.hi)]
+    return TracedInterval(*ends)
 
 
 @bounds_on_panel.register(Isosurface)
 def _of_surfaces(medium: Isosurface, courses: Courses, context: CourseContext) -> list[PartBounds]:
     levels, width = medium.plain_numbers(context)
-    course = courses.course(medium.expr)
-    light = _lit(medium, courses, context)
-    found = []
+    course, modulation = courses.course(medium.expr), medium.modulation
+    colors = [_light(medium, courses, context)] * medium.channels
+    if modulation.color is not None:
+        paint = modulation.color.colors(courses.fields, context)
+        colors = [light * own for light, own in zip(colors, paint, strict=True)]
+    parts = []
     for level, color, row in zip(levels, medium.colors, medium.opacities, strict=True):
-        value = context.plain(level)
-        if width > 0:
-            crossed, densest = _shell(course, value, context.plain(width))
-        else:
-            crossed, densest = _crossings(course, value)
+        value, wide = context.plain(level), context.plain(width)
+        crossed, densest = _shell(course, value, wide) if width else _crossings(course, value)
         if medium.density == "gradient":
             steep = courses.course(medium.slope).values * courses.length
             crossed = _oblique(course, steep, crossed)
-            if width > 0:
-                crossed, densest = _sheet(course, value, context.plain(width), steep, crossed)
-        if medium.modulation.where is not None:
-            gate = medium.modulation.gate(courses.fields, context)
-            crossed, densest = _gated(gate, crossed, densest)
-        depths = [depth_of(o) for o in row]
-        found.append(_part(color, depths, crossed, densest, light, context))
-    return found
+            if width:
+                crossed, densest = _sheet(course, value, wide, steep, crossed)
+        if modulation.where is not None:  # both are zero where the gate is closed
+            gate = modulation.gate(courses.fields, context)
+            most, densest = (dr.select(gate.hi > 0.0, v, 0.0) for v in (crossed.hi, densest))
+            crossed = TracedInterval(gate.lo * crossed.lo, most)
+        anywhere = TracedInterval(type(densest)(0), densest)
+        # An amount may be infinite, times a depth of zero.
+        extinction, depth = (
+            [context.number(o) * amount if o else context.number(0.0) for o in map(depth_of, row)]
+            for amount in (anywhere, crossed)
+        )
+        source = [context.number(h) * own for h, own in zip(color, colors, strict=True)]
+        emissivity, emitted = (
+            [h * own[c if len(own) > 1 else 0] for c, h in enumerate(source)]
+            for own in (extinction, depth)
+        )
+        ends = [(h.lo, h.hi) for h in source]
+        parts.append(PartBounds(emissivity, extinction, emitted, depth, ends))
+    return parts
 
 
-def _part(
-    color: tuple[float, ...],
-    depths: list[float],
-    crossed: TracedInterval,
-    densest: Any,
-    light: list[TracedInterval],
-    context: CourseContext,
-) -> PartBounds:
-    """Return bounds from the crossings of a surface and its largest density."""
-    anywhere = TracedInterval(type(densest)(0), densest)
-    extinction = [_times(context, d, anywhere) for d in depths]
-    depth = [_times(context, d, crossed) for d in depths]
-    own = [0 if len(depths) == 1 else c for c in range(len(color))]
-    shown = [context.number(h) * lit for h, lit in zip(color, light, strict=True)]
-    return PartBounds(
-        [h * extinction[e] for h, e in zip(shown, own, strict=True)],
-        extinction,
-        [h * depth[e] for h, e in zip(shown, own, strict=True)],
-        depth,
-        [(h.lo, h.hi) for h in shown],
-    )
-
-
-def _gated(
-    gate: TracedInterval, crossed: TracedInterval, densest: Any
-) -> tuple[TracedInterval, Any]:
-    """Return crossings and largest density behind a gate; both are zero where it is closed."""
-    most = dr.select(gate.hi > 0.0, crossed.hi, 0.0)
-    return TracedInterval(gate.lo * crossed.lo, most), dr.select(gate.hi > 0.0, densest, 0.0)
-
-
-def _times(context: CourseContext, depth: float, amount: TracedInterval) -> TracedInterval:
-    """Return a depth times an amount that may be infinite; zero if the depth is zero."""
-    return context.number(0.0) if depth == 0.0 else context.number(depth) * amount
-
-
-def _crossings(course: Course, level: Int) -> tuple[TracedInterval, Any]:
+def _crossings(course: Course, level: Float) -> tuple[TracedInterval, Float]:
     """Return bounds of the number of crossings of a level, and the density: infinite or zero."""
     first, last, x = course.first, course.last, course.values
     apart = ((first.hi < level) & (last.lo >= level)) | ((last.hi < level) & (first.lo >= level))
@@ -458,7 +391,7 @@ def _crossings(course: Course, level: Int) -> tuple[TracedInterval, Any]:
     return crossed, dr.select(never, type(level)(0), dr.inf)
 
 
-def _shell(course: Course, level: Int, width: Float) -> tuple[TracedInterval, Any]:
+def _shell(course: Course, level: Float, width: Float) -> tuple[TracedInterval, Float]:
     """Return bounds of the total variation within a shell, in widths, and its largest density."""
     first, last, x = (_place(v, level, width) for v in (course.first, course.last, course.values))
     never = (x.hi <= 0.0) | (x.lo >= 1.0)
@@ -468,10 +401,8 @@ def _shell(course: Course, level: Int, width: Float) -> tuple[TracedInterval, An
     return TracedInterval(dr.select(never, 0.0, way.lo), most), densest
 
 
-def _place(x: TracedInterval, level: Int, width: Float) -> TracedInterval:
-    inside = (x - level) / TracedInterval.constant(width) + 0.5
-    ends = [dr.select(v < 0.0, 0.0, dr.select(v > 1.0, 1.0, v)) for v in (inside.lo, inside.hi)]
-    return TracedInterval(*ends)
+def _place(x: TracedInterval, level: Float, width: Float) -> TracedInterval:
+    return _unit((x - level) / TracedInterval.constant(width) + 0.5)
 
 
 def _monotonic(course: Course) -> Mask:
@@ -482,15 +413,16 @@ def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> 
     """Return crossings weighted by |∇x|/|∂x/∂s|, for a sheet of constant thickness."""
     ratio = steep / abs(course.slope)
     one = type(course.bow)(1)
-    found = crossed * TracedInterval(larger(ratio.lo, one), larger(ratio.hi, one))
+    result = crossed * TracedInterval(larger(ratio.lo, one), larger(ratio.hi, one))
     # Without a crossing an infinite ratio does not matter.
     none = crossed.hi <= 0.0
-    return TracedInterval(dr.select(none, 0.0, positive(found.lo)), dr.select(none, 0.0, found.hi))
+    low, high = (dr.select(none, 0.0, end) for end in (positive(result.lo), result.hi))
+    return TracedInterval(low, high)
 
 
 def _sheet(
-    course: Course, level: Int, width: Float, steep: TracedInterval, oblique: TracedInterval
-) -> tuple[TracedInterval, Any]:
+    course: Course, level: Float, width: Float, steep: TracedInterval, oblique: TracedInterval
+) -> tuple[TracedInterval, Float]:
     """Return bounds of the amount of a sheet of finite thickness, and its largest density.
 
     A panel parallel to the sheet may be inside it without a crossing.
@@ -507,32 +439,22 @@ def _sheet(
     return TracedInterval(dr.select(never, 0.0, least), most), densest
 
 
-def _lit(medium: Isosurface, courses: Courses, context: CourseContext) -> list[TracedInterval]:
-    """Return the factor of each channel's colour: light times the colour of another field."""
-    lit = [_shade(medium, courses, context)] * medium.channels
-    if medium.modulation.color is None:
-        return lit
-    paint = medium.modulation.color.colors(courses.fields, context)
-    return [a * b for a, b in zip(lit, paint, strict=True)]
-
-
-def _shade(medium: Isosurface, courses: Courses, context: CourseContext) -> TracedInterval:
+def _light(medium: Isosurface, courses: Courses, context: CourseContext) -> TracedInterval:
     """Return bounds of the light factor of a surface for a headlight."""
-    one = context.number(1.0)
+    one: TracedInterval = context.number(1.0)
     if medium.shading == 0:
         return one
     if medium.lights != ((HEADLIGHT, 1.0),):
         raise InputError("bounds=True is for a headlight alone; leave lights= out")
     normal = [courses.course(e).values for e in medium.normal]
     way = [courses.course(Expression(axis)).slope for axis in "xyz"]
-    ops = context.ops
-    cosine = abs(_dot(normal, way)) / ops.sqrt(_dot(normal, normal) * _dot(way, way))
+    along, across, length = (
+        a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+        for a, b in ((normal, way), (normal, normal), (way, way))
+    )
+    cosine = abs(along) / context.ops.sqrt(across * length)
     size = dr.select(cosine.hi < 1.0, cosine.hi, 1.0)
     # A normal that may vanish counts as facing the camera.
     limited = TracedInterval(positive(dr.select(cosine.lo > 1.0, 1.0, cosine.lo)), size)
-    share = context.number(medium.shading)
+    share: TracedInterval = context.number(medium.shading)
     return (one - share) + share * limited
-
-
-def _dot(a: list[TracedInterval], b: list[TracedInterval]) -> TracedInterval:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

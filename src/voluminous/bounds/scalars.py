@@ -31,18 +31,7 @@ from ..media.context import Context, completed
 class TracedRangeContext(Context):
     """How a medium is evaluated on intervals inside a kernel.
 
-    Parameters
-    ----------
-    float_type : type
-        Dr.Jit float type of the ends.
-    number : callable
-        Turns a finite Python float into run-time data of that type.
-    unit : astropy unit or None
-        The volume's length unit.
-    unit_of : callable
-        Returns the unit of an `Expression`, or None.
-    faint : float
-        Coefficients below this fraction of their peak may be neglected.
+    `number` turns a finite Python float into run-time data of `float_type`, that of the ends.
     """
 
     def __init__(
@@ -86,17 +75,7 @@ class Piece(Protocol):
 
 @dataclass
 class CubicPiece:
-    """A field that is a cubic: enclosed by control points, and by values it cannot leave.
-
-    Attributes
-    ----------
-    points : list of four arrays
-        Bézier control points of a cubic.
-    slack : array
-        Bound of the error of each point.
-    low, high : arrays
-        Limits of the field, for example from the corners of its cell.
-    """
+    """A cubic, enclosed by its Bézier control points, off by `slack` at most, and by limits."""
 
     points: list[Float]
     slack: Float
@@ -104,15 +83,11 @@ class CubicPiece:
     high: Float
 
     def end(self, number: int) -> TracedInterval:
-        """Return the value at the first or last control point."""
         point = self.points[3 * number]
         return self._within(point, point)
 
     def jet(self) -> TracedJet:
-        """Return value and derivatives over the panel: differences of control points.
-
-        A cubic and its derivatives stay within theirs (Farin 2002, sections 5.1 and 5.3).
-        """
+        # Cubics and their derivatives stay within their points (Farin 2002, sections 5.1 and 5.3).
         p = self.points
         rises = [b - a for a, b in pairwise(p)]
         bends = [b - a for a, b in pairwise(rises)]
@@ -134,16 +109,10 @@ class CubicPiece:
 
 @dataclass
 class Course:
-    """A scalar on a panel, u from 0 to 1.
+    """A scalar on a panel, u from 0 to 1: at both ends, and on the whole panel.
 
-    Attributes
-    ----------
-    first, last, values : TracedInterval
-        Its values at both ends, and on the whole panel.
-    slope : TracedInterval
-        Its derivative by u.
-    bow : array
-        A bound of its second derivative: it is within u(1-u)/2 times this of the chord.
+    `slope` is its derivative by u, `bow` a bound of its second derivative: it is within u(1-u)/2
+    times this of the chord.
     """
 
     first: TracedInterval
@@ -151,6 +120,10 @@ class Course:
     values: TracedInterval
     slope: TracedInterval
     bow: Float
+
+    def middles(self) -> list[Float]:
+        """Return the middles of both ends."""
+        return [0.5 * (end.lo + end.hi) for end in (self.first, self.last)]
 
     @property
     def off(self) -> Float:
@@ -191,17 +164,7 @@ class CourseContext(TracedRangeContext):
 
 
 class Courses:
-    """All scalars on a panel.
-
-    Parameters
-    ----------
-    pieces : dict of str to Piece
-        The fields.
-    length : array
-        The panel's length, in the volume's unit.
-    context : CourseContext
-        How expressions are evaluated.
-    """
+    """All scalars on a panel with a length in the volume's unit."""
 
     def __init__(self, pieces: dict[str, Piece], length: Float, context: CourseContext) -> None:
         self.real = type(length)

@@ -35,8 +35,9 @@ _WIDTHS = ("sigma", "half_width")
 def describe_volume(data: DataFile, *, bars: bool = True) -> Iterator[str]:
     """Yield lines about a volume file; one field at a time is in memory."""
     reader, fields = data.info()
-    size = in_bytes(bytes_of(data.path))
-    yield f"{data.path}: {reader.description}, {size}; format {reader.name}"
+    url = url_of(data.path)
+    size = "" if url else f", {in_bytes(bytes_of(data.path))}"
+    yield f"{url or data.path}: {reader.description}{size}; format {reader.name}"
     if not fields:
         yield "It holds no three-dimensional array of numbers."
         try:
@@ -119,11 +120,7 @@ def _readable(
 def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
     """Yield lines about a grid: kind, cells, levels, extent, effective resolution.
 
-    Parameters
-    ----------
-    grid : grid
-    particles : int, optional
-        Number of particles that the grid was built around; its cells are not from the file then.
+    A grid built around particles has no cells of the file; `particles` is their number.
     """
     known = grid.describe()
     unit, base = known["unit"], known.get("base")

@@ -21,12 +21,8 @@ _BAD = {"NaN": np.isnan, "infinite": np.isinf}
 class ValueSummary:
     """Statistics of an array: numbers of values, and the range of the finite values.
 
-    Attributes
-    ----------
-    positive : float
-        The smallest positive value.
-    bad : dict
-        "NaN" and "infinite" → their number and the flat index of the first, if there is one.
+    `positive` is the smallest positive value; `bad` has the number of "NaN" and of "infinite"
+    values, and the flat index of the first, where there are any.
     """
 
     size: int = 0

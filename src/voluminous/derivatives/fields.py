@@ -9,11 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import DerivedField, Expression, is_dex, required_names
-from ..geometry import CARTESIAN
 from ..memory import fits
 from ..units import parse_unit
 from .neighbours import NeighbourDifferences
-from .structured import Curvilinear, differentiate, in_single, whole
+from .structured import in_single, whole
 from .tree_slopes import BoxesOfTree, is_tree
 from .vectors import common_unit, component_everywhere, is_component
 
@@ -54,11 +53,7 @@ def _along_axes(volume: Any, operation: str, argument: Expression) -> np.ndarray
         values = volume.evaluate_cells(argument, part.start * n2 * n3, part.stop * n2 * n3)
         return np.asarray(values.reshape(-1, n2, n3))
 
-    system = tuple(grid.coordinates)
-    if system == CARTESIAN:
-        return whole(operation, layers, grid.centers, differentiate)
-    centers = [0.5 * (edges[1:] + edges[:-1]) for edges in grid.edges]
-    return whole(operation, layers, centers, Curvilinear(system, grid.edges, grid.mirror))
+    return whole(operation, layers, grid)
 
 
 # Bytes per cell of memory that cached derivatives must leave free.

@@ -37,9 +37,7 @@ _LEAST = 1e-12
 class NeighbourDifferences:
     """Differences between neighbours, which are found by the `locate` of a grid.
 
-    Attributes
-    ----------
-    values : array, shape (N,)
+    `values` (N,).
     """
 
     def __init__(self, grid: Grid, evaluate: Callable[[int, int], np.ndarray]) -> None:
@@ -55,7 +53,7 @@ class NeighbourDifferences:
         return np.concatenate([_gradient(*part[1:]) for part in parts], axis=1), ends
 
     def derivative(self, operation: str) -> np.ndarray:
-        """Return a derivative in all cells, float64, shape (N,); see `structured.differentiate`."""
+        """Return a derivative in all cells, (N,); operations are those of `structured.Layers`."""
         out, size = np.empty(self.grid.size), self.grid.size
         if operation == "laplacian":
             check_memory(48 * size, f"second differences of {size} cells", "coarsen the volume")

@@ -55,13 +55,9 @@ _CHUNK = 1 << 18
 class FaceSums:
     """Loop state: sums over the faces of cells, and the next face.
 
-    Attributes
-    ----------
-    matrix : list of six arrays
-    right : list of lists of three arrays
-        The symmetric matrix of the least-squares fit, and the right side for each field.
-    alone, aside : arrays of Bool
-        Whether a face has no neighbour; whether a neighbour's centre is off the axis.
+    `matrix`; `right`: the symmetric matrix of the least-squares fit, and the right side for each
+    field; `alone`, `aside`: whether a face has no neighbour; whether a neighbour's centre is off
+    the axis.
     """
 
     face: Int
@@ -84,16 +80,9 @@ class TreeCellsPart:
 class Neighbour:
     """One neighbour of each cell of a part.
 
-    Attributes
-    ----------
-    way, shift : lists of three arrays
-        Vector between the centres, along the axes, in lengths and in finest units.
-    rises : list of arrays
-        Difference of the values of each field.
-    there : array of Bool
-        Whether the neighbour exists.
-    number : array of UInt
-        Flat number of the neighbour.
+    `way`, `shift`: vector between the centres, along the axes, in lengths and in finest units;
+    `rises`: difference of the values of each field; `there`: whether the neighbour exists;
+    `number`: flat number of the neighbour.
     """
 
     way: list[Float]
@@ -109,20 +98,10 @@ class Neighbour:
 
 
 class CellSlopes:
-    """Computes derivatives, per length of the grid's scale.
+    """Computes derivatives, per length of the grid's scale, in double precision.
 
-    Parameters
-    ----------
-    grid : TreeCells or RefinedCells
-    fields : sequence of arrays
-        Each for all cells, in any precision. Second derivatives are those of the first.
-    backend : Backend
-        Selects the device; computations are in double precision.
-    boxes : Boxes, optional
-        Boxes of all cells (`grids.trees.vertices`), if already computed.
-    own : bool, optional
-        Differentiate with respect to the coordinates of refined curvilinear grids, rather than to
-        lengths along their directions at each cell.
+    Second derivatives are those of the first of its fields. With `own` they are with respect to the
+    coordinates of refined curvilinear grids, not to lengths along their directions at each cell.
     """
 
     def __init__(
@@ -136,7 +115,7 @@ class CellSlopes:
         self.grid, self.fields, self.boxes = grid, fields, boxes
         self.backend = backend = backend.with_precision("double")
         self.around = (grid.surroundings if own else grid.neighbourhood)(backend)
-        self.spacing = self.around.spacing(grid, backend)
+        self.spacing = self.around.spacing(backend)
         # For each face and axis: 1 or -1 normal to the face, 0 along it.
         sense = np.array([s * np.eye(3)[a] for a in range(3) for s in (-1, 1)])
         # For each face and axis: 1 if the first (second) offset of `_SIDES` is along the axis.
@@ -480,15 +459,7 @@ def is_tree(grid: Grid) -> bool:
 class BoxesOfTree:
     """Counterpart of `neighbours.NeighbourDifferences` for grids that satisfy `is_tree`.
 
-    Parameters
-    ----------
-    grid : TreeCells or RefinedCells
-    evaluate : callable
-        Returns the values to differentiate, for the cells between two numbers.
-
-    Attributes
-    ----------
-    values : array, shape (N,)
+    `values` (N,).
     """
 
     def __init__(self, grid: Grid, evaluate: Callable[[int, int], np.ndarray]) -> None:

@@ -63,10 +63,7 @@ class AxisTrack:
 class Axis:
     """What both kinds of axis share: where rays enter, and in which cell.
 
-    Attributes
-    ----------
-    unit : float
-        Length of one unit of mirrored coordinates.
+    `unit`: length of one unit of mirrored coordinates.
     """
 
     def __init__(self, edges: np.ndarray, unit: float, scale: float, backend: Backend) -> None:
@@ -203,11 +200,7 @@ def make_axis(edges: np.ndarray, scale: float, backend: Backend) -> UniformAxis 
 class BoxWalk(Walk):
     """Rays through a box between planes of x, y and z, however it is divided into cells.
 
-    Attributes
-    ----------
-    axes : list of three Axis
-    scale, to_scale : array
-        The unit of distances in the volume's unit, and one over it.
+    `axes`; `scale`, `to_scale`: the unit of distances in the volume's unit, and one over it.
     """
 
     axes: list[Float]

@@ -69,12 +69,6 @@ class StraightChord:
 
     What is asked for is computed where it is asked for, each time: what only a branch needs is
     computed in the branch.
-
-    Parameters
-    ----------
-    walk, track, segment
-        The segment, and how it was found. The track has `origin` and `direction`: the point where
-        distances start, and the way per unit of distance, in the volume's unit.
     """
 
     def __init__(self, walk: Any, track: Any, segment: Segment) -> None:

@@ -60,13 +60,7 @@ class WalkPiece(Segment):
 
 
 class TwoWalks(Walk):
-    """A walk whose segments are those of the first, cut at the walls of the second.
-
-    Parameters
-    ----------
-    first, second : Walk
-        Through the same domain.
-    """
+    """A walk whose segments are those of the first, cut at the walls of the second."""
 
     def __init__(self, first: Walk, second: Walk) -> None:
         self.first, self.second, self.scale = first, second, first.scale

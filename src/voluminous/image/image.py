@@ -281,21 +281,9 @@ class Image:
         of both signs, such as a map of velocities, is shown from blue through white (zero) to
         red, unless an option chooses otherwise.
         """
-        options: dict[str, Any] = {
-            "exposure": exposure,
-            "stretch": stretch,
-            "gamut": gamut,
-            "channels": channels,
-            "mix": mix,
-            "colormap": colormap,
-            "norm": norm,
-            "vmin": vmin,
-            "vmax": vmax,
-            "background": background,
-            "softening": softening,
-        }
+        options = {name: value for name, value in locals().items() if name in tone.OPTIONS}
         shown = tone.with_colormap(self, options)
-        return tone.display(self.intensity, self.transparency, **shown)
+        return tone.display(self.intensity, self.transparency, shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the image to a file; its suffix chooses the format.

@@ -20,9 +20,6 @@ from .payload import is_packed, unpacked
 if TYPE_CHECKING:
     from ..volume import Volume
 
-# Above this size a file is unpacked only up to this compression ratio: data do not exceed it,
-# malicious files do by far.
-_SMALL, _RATIO = 256 << 20, 1000
 _PIECE = 1 << 20
 
 
@@ -85,18 +82,10 @@ def _is_mapped(array: Any) -> bool:
 
 
 def _unpack(path: Path, target: Path) -> None:
-    """Decompress a file, unless the result is suspiciously large or does not fit on the disk."""
-    most = max(_SMALL, _RATIO * path.stat().st_size)
-    room = min(available_memory(), shutil.disk_usage(target.parent).free)
-    written = 0
+    room, written = min(available_memory(), shutil.disk_usage(target.parent).free), 0
     with unpacked(path) as source, open(target, "wb") as file:
         while piece := source.read(_PIECE):
             written += len(piece)
-            if written > most:
-                raise FileFormatError(
-                    f"it unpacks to more than {_RATIO} times its size ({most} bytes), as no data "
-                    "does; unpack it yourself if you trust it"
-                )
             if written > room:
                 raise MemoryNeededError(
                     f"unpacking needs more than the {room} bytes that are available in memory and "

@@ -65,39 +65,25 @@ def _size(stretch: Stretch, expr: Expression) -> Float:
 
 
 def may_peak(stretch: Stretch, expr: Expression, least: Float) -> Mask:
-    """Return where an expression may have peaks or steps that samples do not show.
-
-    Parameters
-    ----------
-    least : array
-        Changes smaller than this are ignored.
-    """
+    """Return where an expression may have peaks or steps, above `least`, that samples miss."""
     if stretch.rough:
-        found, width = _may_exceed(stretch, expr, least)
+        # From bounds that are fast to compute, but wide.
+        if may_turn(expr, stretch.context):
+            found = within(stretch, expr)
+            low, high = found.lo, found.hi
+        else:
+            low, high = stretch.hull(expr)
+        below, above = extremes(stretch.nodes(expr))
+        size = dr.fma(_MORE, extremes([dr.abs(below), dr.abs(above)])[1], least)
+        peaks, width = (high - above > size) | (below - low > size), high - low
     else:
         width, slope, bow = stretch.spread(expr)
         size = larger(_size(stretch, expr), least)
         calm = (bow <= _BENT * size) | (slope <= _STEEP * size)
         # Without bounds of derivatives, as of ``n % 0.3``, its range must be small.
         calm |= ~(slope < dr.inf) & (width <= _FAR * size)
-        found = ~(calm | (width <= least))
-    return found & ~undecided(stretch, expr, width)
-
-
-def _may_exceed(stretch: Stretch, expr: Expression, least: Float) -> tuple[Float, Float]:
-    """Return where an expression may exceed its samples by a quarter and noticeably; its range."""
-    low, high = _range(stretch, expr)
-    below, above = extremes(stretch.nodes(expr))
-    size = dr.fma(_MORE, extremes([dr.abs(below), dr.abs(above)])[1], least)
-    return (high - above > size) | (below - low > size), high - low
-
-
-def _range(stretch: Stretch, expr: Expression) -> tuple[Float, Float]:
-    """Return bounds of an expression that are fast to compute, but wide."""
-    if not may_turn(expr, stretch.context):
-        return stretch.hull(expr)
-    found = within(stretch, expr)
-    return found.lo, found.hi
+        peaks = ~(calm | (width <= least))
+    return peaks & ~undecided(stretch, expr, width)
 
 
 # Relative to one over the scale of length; smaller peaks of a coefficient are ignored.
@@ -155,8 +141,7 @@ class Coefficients(Medium):
         every = (*self.emissivity, *self.extinction)
         self._margins = tuple(margin for e in every for margin in e.margins())
         self.sensitivity = SENSITIVITY if self._margins else 1.0
-        used = (name for e in self.emissivity + self.extinction for name in e.names)
-        self.names = tuple(dict.fromkeys(used))
+        self.names = self.used_names()
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return MediumSample(

@@ -15,7 +15,7 @@ from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
-from ..units import plain, unit_of
+from ..units import Unit, plain, unit_of
 from ..value import Value
 from .arguments import channel_values, described, named, scalar, whole_number
 from .context import Context
@@ -25,29 +25,122 @@ if TYPE_CHECKING:
     from .stretch import Stretch
 
 
-def values_at(position: np.ndarray, norm: Any, vmin: float, vmax: float) -> np.ndarray:
-    """Return the values that a norm maps to positions from 0 to 1, with exact ends."""
-    fitted = get_norm(norm, vmin, vmax)
-    try:
-        values = np.array(fitted.inverse(position), dtype=np.float64)
-    except (ValueError, AttributeError) as error:
-        raise InputError(
-            f"a {type(norm).__name__} cannot be used from {vmin:g} to {vmax:g}: {error}; use an "
-            "invertible norm, such as 'linear' or 'log', or a Table"
-        ) from error
-    values[0], values[-1] = vmin, vmax
-    return values
+# Default number of entries taken from a colormap.
+SAMPLES = 256
+_MOST_SAMPLES = 1 << 16
 
 
-def get_norm(norm: Any, vmin: float, vmax: float) -> Any:
+class ColorScale:
+    """Colours of a matplotlib colormap at increasing values; constant beyond both ends.
+
+    Ends of the range that are not given are open, to be measured later (`closed`). Before, `values`
+    are the places in the map.
+
+    Attributes
+    ----------
+    position, values : array, shape (samples,)
+        Places in the map from 0 to 1, and the values that map there, in `unit`.
+    rgb : array, shape (samples, 3)
+        Red, green and blue there, from 0 to 1.
+    """
+
+    def __init__(self, cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> None:
+        self.cmap, self.norm = cmap, norm
+        self.samples = whole_number(samples, "samples", 2, _MOST_SAMPLES)
+        self.vmin, self.vmax = (
+            getattr(norm, what, None) if given is None else scalar(given, what)
+            for what, given in (("vmin", vmin), ("vmax", vmax))
+        )
+        self.position = self.values = np.linspace(0.0, 1.0, self.samples)
+        self.rgb = mapped_colors(get_colormap(cmap), self.position)
+        self.is_open = self.vmin is None or self.vmax is None
+        self.unit: Unit = None
+        if self.is_open:
+            named_only = norm is None or isinstance(norm, str)
+            _norm(norm, *((1.0, 2.0) if named_only else (self.vmin, self.vmax)))
+            return
+        self.unit = unit_of(self.vmin) or unit_of(self.vmax)
+        low, high = plain(self.vmin, self.unit, "vmin"), plain(self.vmax, self.unit, "vmax")
+        if not low < high:
+            raise InputError(f"vmin must be below vmax, got {self.vmin} and {self.vmax}")
+        fitted = _norm(norm, low, high)
+        try:
+            self.values = np.array(fitted.inverse(self.position), dtype=np.float64)
+        except (ValueError, AttributeError) as error:
+            raise InputError(
+                f"a {type(norm).__name__} cannot be used from {low:g} to {high:g}: {error}; use an "
+                "invertible norm, such as 'linear' or 'log', or a Table"
+            ) from error
+        self.values[0], self.values[-1] = low, high
+
+    @property
+    def positive(self) -> bool:
+        """Whether only positive values have colours."""
+        return self.norm == "log" or type(self.norm).__name__ == "LogNorm"
+
+    def nodes(self, context: Context, expr: Expression) -> np.ndarray:
+        """Return the values of the entries in the unit of an expression."""
+        self.measured()
+        if self.unit is None:
+            return self.values
+        values = plain(self.values * self.unit, context.unit_of(expr), "vmin")
+        return np.ascontiguousarray(values)
+
+    def measured(self) -> ColorScale:
+        """Return it; raise InputError if an end of the range is open."""
+        if self.is_open:
+            raise InputError(
+                "the range of these colours is measured in a volume: give vmin and vmax, or take "
+                "medium.calibrated(volume)"
+            )
+        return self
+
+    def closed(self, low: float, high: float, unit: Unit) -> dict[str, Any]:
+        """Return vmin and vmax, with measured numbers in a unit for the open ends."""
+        measured = (value if unit is None else value * unit for value in (low, high))
+        ends = zip((self.vmin, self.vmax), measured, strict=True)
+        vmin, vmax = (new if given is None else given for given, new in ends)
+        return {"vmin": vmin, "vmax": vmax}
+
+    def key(self) -> tuple[Any, ...]:
+        """Return all numbers."""
+        self.measured()
+        return (self.values.tobytes(), self.rgb.tobytes(), str(self.unit))
+
+    def describe(self) -> dict[str, Any]:
+        """Return colormap, range and norm as plain values, without open ends."""
+        norm = self.norm
+        values = {
+            "cmap": colormap_name(get_colormap(self.cmap)),
+            "vmin": named(self.vmin),
+            "vmax": named(self.vmax),
+            "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
+            "samples": None if self.samples == SAMPLES else self.samples,
+        }
+        return {key: value for key, value in values.items() if value is not None}
+
+
+def _norm(norm: Any, vmin: Any, vmax: Any) -> Any:
     """Return an invertible matplotlib norm over a range, from its name (default linear) or itself.
 
     A norm object is copied, and takes the range where it has none.
     """
-    if norm is None or isinstance(norm, str):
-        return _named_norm(norm or "linear", vmin, vmax)
     from matplotlib import colors
 
+    if norm is None or isinstance(norm, str):
+        name = norm or "linear"
+        linear_below = 1e-3 * max(abs(vmin), abs(vmax))
+        makers: dict[str, Callable[[], Any]] = {
+            "linear": lambda: colors.Normalize(vmin, vmax),
+            "log": lambda: colors.LogNorm(vmin, vmax),
+            "symlog": lambda: colors.SymLogNorm(linear_below, vmin=vmin, vmax=vmax),
+            "asinh": lambda: colors.AsinhNorm(linear_below, vmin=vmin, vmax=vmax),
+        }
+        if name not in makers:
+            raise unknown_name("norm", name, makers)
+        if name == "log" and vmin <= 0:
+            raise InputError(f"a logarithmic norm needs a positive vmin, got {vmin:g}")
+        return makers[name]()
     if not isinstance(norm, colors.Normalize):
         raise InputError(f"norm must be the name of a norm or a matplotlib one, got {norm!r}")
     fitted = copy.deepcopy(norm)
@@ -61,145 +154,6 @@ def get_norm(norm: Any, vmin: float, vmax: float) -> Any:
                 f"give the same, or a norm without {what}"
             )
     return fitted
-
-
-def _named_norm(name: str, vmin: float, vmax: float) -> Any:
-    from matplotlib import colors
-
-    linear_below = 1e-3 * max(abs(vmin), abs(vmax))
-    named: dict[str, Callable[[], Any]] = {
-        "linear": lambda: colors.Normalize(vmin, vmax),
-        "log": lambda: colors.LogNorm(vmin, vmax),
-        "symlog": lambda: colors.SymLogNorm(linear_below, vmin=vmin, vmax=vmax),
-        "asinh": lambda: colors.AsinhNorm(linear_below, vmin=vmin, vmax=vmax),
-    }
-    if name not in named:
-        raise unknown_name("norm", name, named)
-    if name == "log" and vmin <= 0:
-        raise InputError(f"a logarithmic norm needs a positive vmin, got {vmin:g}")
-    return named[name]()
-
-
-# Default number of entries taken from a colormap.
-SAMPLES = 256
-_MOST_SAMPLES = 1 << 16
-
-
-class ColorScale:
-    """Colours of a matplotlib colormap at increasing values; constant beyond both ends.
-
-    Parameters
-    ----------
-    cmap : str or matplotlib.colors.Colormap
-        Name or object; its RGB become three channels.
-    vmin, vmax : float or Quantity
-        Range of the values.
-    norm : str or matplotlib.colors.Normalize, optional
-        How values map to positions in the colormap.
-    samples : int
-        Number of entries taken from the map.
-
-    Attributes
-    ----------
-    position, values : array, shape (samples,)
-        Places in the map from 0 to 1, and the values that map there, in `unit`.
-    unit : astropy unit or None
-        The unit of the values.
-    rgb : array, shape (samples, 3)
-        Red, green and blue there, from 0 to 1.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such colormap or norm.
-    InputError
-        If the range is empty, or the norm cannot be applied to it.
-    """
-
-    def __init__(self, cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> None:
-        vmin, vmax = scalar(vmin, "vmin"), scalar(vmax, "vmax")
-        self.unit = unit_of(vmin) or unit_of(vmax)
-        low, high = plain(vmin, self.unit, "vmin"), plain(vmax, self.unit, "vmax")
-        if not low < high:
-            raise InputError(f"vmin must be below vmax, got {vmin} and {vmax}")
-        self.position = np.linspace(0.0, 1.0, _entries(samples))
-        self.values = values_at(self.position, norm, low, high)
-        self.rgb = mapped_colors(get_colormap(cmap), self.position)
-
-
-class OpenRange:
-    """Arguments of a `ColorScale` whose range may have open ends, to be measured later.
-
-    Parameters
-    ----------
-    cmap, norm, samples
-        As for `ColorScale`.
-    vmin, vmax : float, Quantity or None
-        Range of the values; that of a matplotlib norm, by default, if it has one.
-
-    Raises
-    ------
-    UnknownNameError, InputError
-        As `ColorScale`, as far as it can be checked.
-    """
-
-    def __init__(self, cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> None:
-        ends = (
-            getattr(norm, what, None) if given is None else scalar(given, what)
-            for what, given in (("vmin", vmin), ("vmax", vmax))
-        )
-        self.cmap, (self.vmin, self.vmax), self.norm, self.samples = cmap, ends, norm, samples
-        self._scale: ColorScale | None = None
-        if self.is_open:
-            get_colormap(cmap)
-            named_only = norm is None or isinstance(norm, str)
-            get_norm(norm, *((1.0, 2.0) if named_only else (self.vmin, self.vmax)))
-            _entries(samples)
-        else:
-            self._scale = ColorScale(cmap, self.vmin, self.vmax, norm, samples)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether an end of the range has to be measured."""
-        return self.vmin is None or self.vmax is None
-
-    @property
-    def positive(self) -> bool:
-        """Whether there are colours of positive values only."""
-        return self.norm == "log" or type(self.norm).__name__ == "LogNorm"
-
-    @property
-    def scale(self) -> ColorScale:
-        """The colours."""
-        if self._scale is None:
-            raise InputError(
-                "the range of these colours is measured in a volume: give vmin and vmax, or take "
-                "medium.calibrated(volume)"
-            )
-        return self._scale
-
-    def closed(self, low: float, high: float, unit: Any) -> OpenRange:
-        """Return it with measured numbers, in a unit, for the open ends."""
-        first, last = (value if unit is None else value * unit for value in (low, high))
-        vmin = first if self.vmin is None else self.vmin
-        vmax = last if self.vmax is None else self.vmax
-        return OpenRange(self.cmap, vmin, vmax, self.norm, self.samples)
-
-    def describe(self) -> dict[str, Any]:
-        """Return colormap, range and norm as plain values; nothing where they are open."""
-        norm = self.norm
-        values = {
-            "cmap": colormap_name(get_colormap(self.cmap)),
-            "vmin": named(self.vmin),
-            "vmax": named(self.vmax),
-            "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
-            "samples": None if self.samples == SAMPLES else int(self.samples),
-        }
-        return {key: value for key, value in values.items() if value is not None}
-
-
-def _entries(samples: Any) -> int:
-    return whole_number(samples, "samples", 2, _MOST_SAMPLES)
 
 
 class ColorBy(Value):
@@ -254,7 +208,7 @@ class ColorBy(Value):
         samples: int = SAMPLES,
     ) -> None:
         self.expr = Expression(expr)
-        self.range = OpenRange(cmap, vmin, vmax, norm, samples)
+        self.range = ColorScale(cmap, vmin, vmax, norm, samples)
         values = channel_values(brightness, "brightness")
         if len(values) != 1:
             raise InputError(f"brightness must be one number, got {brightness!r}")
@@ -263,32 +217,24 @@ class ColorBy(Value):
 
     @property
     def scale(self) -> ColorScale:
-        """The colours over their range.
+        """The colours over their range; an InputError if that has not been measured."""
+        return self.range.measured()
 
-        Raises
-        ------
-        InputError
-            If the range has not been measured.
-        """
-        return self.range.scale
-
-    def within(self, low: float, high: float, unit: Any) -> ColorBy:
+    def within(self, low: float, high: float, unit: Unit) -> ColorBy:
         """Return it with numbers for the open ends, in the unit of the expression."""
-        closed = self.range.closed(low, high, unit)
-        return self.replace(vmin=closed.vmin, vmax=closed.vmax)
+        return self.replace(**self.range.closed(low, high, unit))
 
     def colors(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
         x = context.evaluate(self.expr, fields)
-        found = context.interpolate(x, self.nodes(context), list(self.scale.rgb.T))
-        return [_or_black(value) for value in found]
+        return [*map(_or_black, context.interpolate(x, self.nodes(context), [*self.range.rgb.T]))]
 
     def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue on a ray, in the type that integrals are computed with."""
         x = context.narrow(context.evaluate(self.expr, fields))
         table = context.keep(
             (id(self), "table"),
-            lambda: PiecewiseLinear(type(x), self.nodes(context), self.scale.rgb),
+            lambda: PiecewiseLinear(type(x), self.nodes(context), self.range.rgb),
         )
         return [_or_black(value) for value in table.values(x)]
 
@@ -302,19 +248,14 @@ class ColorBy(Value):
 
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""
-        data = (self.scale.values.tobytes(), self.scale.rgb.tobytes())
-        return ("ColorBy", self.expr.text, *data, str(self.scale.unit), self.brightness)
+        return ("ColorBy", self.expr.text, *self.range.key(), self.brightness)
 
     def describe(self) -> dict[str, Any]:
-        """Return it as plain values, as in a scene file."""
         return {**described(self), **self.range.describe()}
 
     def nodes(self, context: Context) -> np.ndarray:
         """Return the values of the colormap's entries in the unit of the expression."""
-        values, unit = self.scale.values, self.scale.unit
-        if unit is None:
-            return values
-        return np.ascontiguousarray(plain(values * unit, context.unit_of(self.expr), "vmin"))
+        return self.range.nodes(context, self.expr)
 
     def __repr__(self) -> str:
         return f"ColorBy({', '.join(f'{k}={v!r}' for k, v in self.describe().items())})"

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..units import Unit
 from .arguments import check_plain
-from .color_by import SAMPLES, ColorScale, OpenRange
+from .color_by import SAMPLES, ColorScale
 from .context import Context
 from .contract import Medium
 from .table import Table
@@ -63,15 +64,12 @@ class Colormap(Table):
         shading: float = 0.0,
         lights: Any = None,
     ) -> None:
-        self.range = OpenRange(cmap, vmin, vmax, norm, samples)
-        # Of an open range the values are places in the map, and nobody is told them.
-        known = not self.range.is_open
-        scale = self.range.scale if known else ColorScale(cmap, 0.0, 1.0, None, samples)
+        self.range = scale = ColorScale(cmap, vmin, vmax, norm, samples)
         alpha = _opacities(opacity, scale.position)
         self._opacity = alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(alpha[0])
         super().__init__(
             expr,
-            _values(scale),
+            scale.values if scale.unit is None else scale.values * scale.unit,
             scale.rgb * alpha[:, None],
             alpha,
             path_length,
@@ -80,28 +78,16 @@ class Colormap(Table):
             lights=lights,
         )
 
-    def within(self, low: float, high: float, unit: Any) -> Colormap:
-        """Return it with what is not given of the range, in the unit of the expression."""
-        closed = self.range.closed(low, high, unit)
-        return self.replace(vmin=closed.vmin, vmax=closed.vmax)
+    def within(self, low: float, high: float, unit: Unit) -> Colormap:
+        """Return it with numbers for the open ends of the range, in the unit of the expression."""
+        return self.replace(**self.range.closed(low, high, unit))
 
     def nodes(self, context: Context) -> np.ndarray:
-        """Return the values of the entries in the unit of the expression.
-
-        Raises
-        ------
-        InputError
-            If the range has not been measured.
-        """
-        _ = self.range.scale
+        self.range.measured()
         return super().nodes(context)
 
     def describe(self) -> dict[str, Any]:
         return {**Medium.describe(self), **self.range.describe(), "opacity": self._opacity}
-
-
-def _values(scale: ColorScale) -> Any:
-    return scale.values if scale.unit is None else scale.values * scale.unit
 
 
 # More numbers are not shown in an error.

@@ -219,15 +219,7 @@ SENSITIVITY = 10.0
 
 @dataclass
 class Level:
-    """A level of an expression at which the medium jumps or has a surface.
-
-    Attributes
-    ----------
-    expr : Expression
-        The expression.
-    level : array
-        The level, a kernel constant.
-    """
+    """A level of an expression, a kernel constant, at which the medium jumps or has a surface."""
 
     expr: Expression
     level: Any

@@ -146,17 +146,8 @@ class Gaussian(SampledShaped):
         shading: float = 0.0,
         lights: Any = None,
     ) -> None:
-        super().__init__(
-            expr,
-            center,
-            sigma,
-            color,
-            opacity,
-            path_length,
-            where=where,
-            shading=shading,
-            lights=lights,
-        )
+        options: dict[str, Any] = {"where": where, "shading": shading, "lights": lights}
+        super().__init__(expr, center, sigma, color, opacity, path_length, **options)
 
     def shape(self, ops: Ops, offset: Float, width: Float) -> Float:
         """Return exp(-(offset/σ)²/2); zero at infinity."""
@@ -190,13 +181,8 @@ class Gaussian(SampledShaped):
 def gaussian_mean(first: Float, last: Float, faint: float = 0.0) -> Float:
     """Return the mean of exp(-z²/2) for z from `first` to `last`.
 
-    Parameters
-    ----------
-    first, last : Dr.Jit float arrays
-        Distances from the centre in units of σ.
-    faint : float
-        Means below this may have the same absolute error as those near the peak: in single
-        precision, thin shells in noise then take 0.85 of the time.
+    Means below `faint` may have the same absolute error as those near the peak: in single
+    precision, thin shells in noise then take 0.85 of the time.
     """
     half = 0.5 * (last - first)
     kind = precision_of(type(half))
@@ -283,12 +269,8 @@ def gaussian_middle(first: Float, last: Float, mean: Float) -> Middle:
 
     With t from -1 to 1 over the panel, z = m + h t, the mean of z is the difference of exp(-z²/2)
     at both ends over its integral. For narrow panels, where that is 0/0, t = -m h / (h² + 3). The
-    variance is 1/3 for narrow panels and 1/h² for wide ones: 1/(h² + 3).
-
-    Parameters
-    ----------
-    mean : array
-        The mean of exp(-z²/2) over the panel.
+    variance is 1/3 for narrow panels and 1/h² for wide ones: 1/(h² + 3). `mean` is that of
+    exp(-z²/2) over the panel.
     """
     middle, half = 0.5 * (first + last), 0.5 * (last - first)
     variance = 1.0 / (half * half + 3.0)
@@ -306,12 +288,7 @@ def sampled_gaussian(nodes: list[Float], derivatives: list[Float]) -> Sampled:
     Gaussian by z and z₁ … z₃ of z by s, it is T₆ z₁⁶ + 15 T₅ z₁⁴ z₂ + T₄ (45 z₁² z₂² +
     20 z₁³ z₃) + T₃ (15 z₂³ + 60 z₁ z₂ z₃) + 10 T₂ z₃² (Faà di Bruno's formula).
 
-    Parameters
-    ----------
-    nodes : four arrays
-        z at Lobatto's `PLACES`.
-    derivatives : three arrays
-        Bounds of |z₁|, |z₂| and |z₃|.
+    From z at Lobatto's `PLACES`, and bounds of |z₁|, |z₂| and |z₃|.
     """
     values = [decay(0.5 * (z * z)) for z in nodes]
     largest = extremes(values)[1]

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,10 +44,8 @@ from .modulation import Factors, Modulation, modulated_colors
 from .rectangle import box_extent, box_middle
 from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
 from .shading import Lamp, given_lights, given_shade
-from .stretch import Middle, Panel, Stretch, extremes, kept, may_turn
+from .stretch import Panel, Stretch, extremes, kept, may_turn
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor
-
-DENSITIES = ("crossing", "gradient")
 
 
 @dataclass
@@ -150,15 +149,19 @@ class Isosurface(Medium):
         self.width = scalar(width, "width")
         if plain_number(self.width) < 0:
             raise InputError(f"width must not be negative, got {width}")
-        check_name("density", density, DENSITIES)
+        self.thick = plain_number(self.width) > 0
+        check_name("density", density, ("crossing", "gradient"))
         self.density, self.shading = density, fraction(shading, "shading")
         self.lights = given_lights(lights)
         self.shade = given_shade(self.expr, shading, lights)
         self.channels, self.grey = len(self.colors[0]), len(self.opacities[0]) == 1
         self.slope = Expression(f"gradmag({self.expr.text})")
-        self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
+        self.normal = tuple(Expression(f"grad({self.expr.text}).{a}") for a in "xyz")
+        slope = [self.slope] if density == "gradient" else []
+        self._directions = (*slope, *(self.normal if self.shading > 0 else ()))
+        self.lamp = Lamp(self.normal, self.shading, self.lights)
         self.names = self.used_names()
-        self.sensitivity = SENSITIVITY if self._directions() else self.modulation.sensitivity
+        self.sensitivity = SENSITIVITY if self._directions else self.modulation.sensitivity
 
     @property
     def level(self) -> Any:
@@ -184,7 +187,7 @@ class Isosurface(Medium):
         return len(self.levels) == 1 and self.modulation.color is None and not self.shading
 
     def features(self) -> tuple[Feature, ...]:
-        others = map(Feature, self._directions())
+        others = map(Feature, self._directions)
         own = Feature(self.expr, self.width, scalar=True)
         return (own, *others, *self.modulation.features())
 
@@ -196,26 +199,23 @@ class Isosurface(Medium):
         return min(map(min, self.colors)), max(map(max, self.colors))
 
     def discontinuities(self, context: Context) -> list[Level]:
-        """Return the surfaces if they have no width, else the discontinuities of the gate.
+        """Return surfaces without width; else the sides of those in which colour or density varies.
 
-        These include the sides of surfaces in which colour or density varies; the amounts of the
-        others are exact.
+        The amounts of the others are exact.
         """
         own = self.numbers(context)
         if not self.thick:
             return [Level(self.expr, level) for level in own.levels]
-        if not self._varies:
-            return self.modulation.discontinuities(context)
-        sides = context.keep((id(self), "sides"), lambda: [x for pair in own.ranges for x in pair])
-        return [*(Level(self.expr, x) for x in sides), *self.modulation.discontinuities(context)]
+        sides: list[Float] = []
+        if self._varies:
+            sides = context.keep(
+                (id(self), "sides"), lambda: [x for ends in own.ranges for x in ends]
+            )
+        return [*(Level(self.expr, x) for x in sides), *super().discontinuities(context)]
 
     @property
     def _varies(self) -> bool:
-        return not (self._flat and self.modulation.even)
-
-    @property
-    def _flat(self) -> bool:
-        return not self._directions()
+        return bool(self._directions) or not self.modulation.even
 
     def steepness(self, fields: dict[str, Any], context: Context) -> Float:
         """Return |∇x| at a place with these fields, per unit of length in kernels."""
@@ -232,8 +232,19 @@ class Isosurface(Medium):
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         if self.surface_only or not self._finer:
             return super().sampled(stretch, context, fine=fine)
-        own = self._finely_sampled if fine else self._roughly_sampled
-        return own(stretch, context)
+        if fine:
+            return self._finely_sampled(stretch, context)
+        # About how dense surfaces are; the error is unknown.
+        own = self.numbers(context)
+        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
+        mean, nothing, unknown = (self.everywhere(zero + v) for v in (0.0, 0.0, dr.inf))
+        for level, depths in zip(own.levels, own.depths, strict=True):
+            first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
+            way = per_length * context.narrow(dr.abs(last - first))
+            pairs = zip(mean.extinction, depths, strict=True)
+            mean.extinction = [total + depth * way for total, depth in pairs]
+        return Sampled(mean, nothing, nothing, unknown)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
@@ -247,7 +258,15 @@ class Isosurface(Medium):
     def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
         if self.thick:
             return None
-        found = self._layers(stretch, context, place)
+        one = type(stretch.length)(1.0)
+        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        levels = self.numbers(context).levels
+        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
+        shown = [one] * (self.channels + 1)
+        if self.looks_inside:
+            slope = slope_at(stretch, self.expr, place) if self.density == "gradient" else one
+            shown = self._seen_at(stretch, stretch.fields(place), slope, context)
+        found = [_times(c, shown) for c in crossed]
         return self.in_colors(found, stretch.length * 0.0, context)
 
     def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
@@ -273,14 +292,8 @@ class Isosurface(Medium):
         return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        """Return j and α per unit length with |∇x| instead of the unknown slope along the ray.
-
-        Raises
-        ------
-        InputError
-            If the width is zero: no cell's centre is likely to lie on the surface.
-        """
-        if not self.thick:
+        """Return j and α per unit length with |∇x| instead of the unknown slope along the ray."""
+        if not self.thick:  # no cell's centre is likely to lie on a surface
             raise InputError(
                 "an Isosurface of width 0 is drawn with scheme='post-classified'; other schemes "
                 "need a width (in the units of its expression)"
@@ -307,30 +320,14 @@ class Isosurface(Medium):
         return self.coefficients(fields, context) if self.thick else super().ranges(fields, context)
 
     def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        most = np.where(self.visible_in(fields, context), np.inf, 0.0)
-        return MediumSample([most] * self.channels, [most] * len(self.opacities[0]))
+        return self.everywhere(np.where(self.visible_in(fields, context), np.inf, 0.0))
 
     def key(self) -> Any:
         look = (self.colors, self.opacities, self.density, self.shading, self.lights)
         return (*self.visible_key(), *look, self.modulation.key())
 
-    @property
-    def lamp(self) -> Lamp:
-        """The light on the surfaces."""
-        return Lamp(self.normal, self.shading, self.lights)
-
-    @property
-    def thick(self) -> bool:
-        """Whether the surfaces have a width."""
-        return plain_number(self.width) > 0
-
-    def _directions(self) -> list[Expression]:
-        slope = [self.slope] if self.density == "gradient" else []
-        return [*slope, *(self.normal if self.shading > 0 else ())]
-
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it depends on."""
-        used = [name for e in (self.expr, *self._directions()) for name in e.names]
+        used = [name for e in (self.expr, *self._directions) for name in e.names]
         used += self.slope.names if self.thick else ()
         used += self.shade.names if self.shade is not None else ()
         used += self.modulation.names
@@ -358,7 +355,6 @@ class Isosurface(Medium):
         return context.keep(id(self), make)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        """Return where a level may be crossed, and where more often than the nodes show."""
         if self._is_outside(stretch):
             nowhere = stretch.length < 0.0
             return nowhere, nowhere
@@ -371,23 +367,21 @@ class Isosurface(Medium):
                 possible, shown = passes(stretch, self.expr, edge)
                 seen |= possible > 0
                 hidden |= possible > shown
-        if self.thick:
-            for level in own.levels:
-                seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
-                hidden |= self._folded(stretch, context, level)
         if not self.thick:  # evaluated only where the ray crosses it
             return self.modulation.open(stretch, seen), hidden
+        for level in own.levels:
+            seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
+            hidden |= self._folded(stretch, context, level)
         hidden |= seen & self.lamp.turns(stretch, context)
         if not self.modulation.fixed:
-            hidden |= self._looked_up(stretch, context).lost(self.modulation, stretch, context)
+            hidden |= self._looked_up(stretch, context).lost(stretch, context)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return 1 as surfaces are thinner than all panels, and the hidden error.
 
-        Crossings are counted exactly. In a surface of finite width the hidden error comes from a
-        density proportional to the gradient where the slope varies, and from light where the normal
-        turns.
+        Crossings are counted exactly. In surfaces of finite width, densities proportional to the
+        gradient are off where the slope varies, and light where the normal turns.
         """
         zero = stretch.length * 0.0
         if self._is_outside(stretch):
@@ -398,30 +392,24 @@ class Isosurface(Medium):
         if self.density == "gradient":
             is_sum = self.expr.kind(("r", *context.coordinates)) <= Monotonicity.SUM
             near, more = context.narrow(0.5 * own.width), 1.0 if is_sum else _OF_FUNCTIONS
-            for level in own.levels:
-
-                def offset(x: Float, level: Float = level) -> Float:
-                    return context.narrow(x - level)
-
-                bent = more * bend(stretch, self.expr, _THIN, offset, -near, near)
-                off = extremes([off, bent])[1]
+            bent = (bend(stretch, self.expr, _THIN, level, -near, near) for level in own.levels)
+            off = extremes([off, *(more * own for own in bent)])[1]
         lit = self.shading > 0
         if lit or not self.modulation.fixed:
             found = self._looked_up(stretch, context)
-            off = off + found.error(self.modulation, stretch, context)
+            off = off + found.error(stretch, context)
             if lit:
                 off = off + self.lamp.across(stretch, context, found.extent, found.depth)
         return zero + 1.0, off
 
     def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        """Return the number of surfaces crossed in each half."""
         if self._is_outside(stretch):
             return [stretch.length * 0.0] * 2
         own = self.numbers(context)
         nodes = stretch.nodes(self.expr)
         varies = self.thick and self.modulation.color is not None
         counts = []
-        for pair in (nodes[:2], nodes[1:]):
+        for pair in pairwise(nodes):
             low, high = extremes(pair)
             total = stretch.length * 0.0
             for first, last in own.ranges:
@@ -469,13 +457,11 @@ class Isosurface(Medium):
             thin=1.0,
             extent=extent_of(nodes, context.narrow(own.width)),
             depth=dr.select(ends, self._deepest(context), 0.0),
+            factors=self.modulation.at_nodes(stretch, context),
         )
 
     def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return the amount of a surface in a panel, per length, gated and lit.
-
-        It is a full crossing where the chord of the panel crosses the level.
-        """
+        """Return the amount of a surface that the chord of a panel crosses, per length, lit."""
         stretch = panel.stretch
         crossed = dr.select(_between(panel.ends(self.expr), level), panel.per_length, 0.0)
         if not self.looks_inside:
@@ -488,40 +474,22 @@ class Isosurface(Medium):
 
         return _times(crossed, kept(stretch, (id(self), id(level)), make))
 
-    def _layers(self, stretch: Stretch, context: Context, place: Float) -> list[Factors]:
-        """Return the factors of each surface crossed on a stretch, evaluated at one place."""
-        one = type(stretch.length)(1.0)
-        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
-        levels = self.numbers(context).levels
-        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
-        if not self.looks_inside:
-            return [Factors([c] * self.channels, c) for c in crossed]
-        slope = slope_at(stretch, self.expr, place) if self.density == "gradient" else one
-        shown = self._seen_at(stretch, stretch.fields(place), slope, context)
-        return [_times(c, shown) for c in crossed]
-
     def _seen_at(
-        self, stretch: Stretch, fields: dict[str, Any], slope: Any, context: Context
+        self, stretch: Stretch, fields: dict[str, Any], slope: Float, context: Context
     ) -> list[Float]:
         """Return the density of a surface at a place with these fields, then each channel's light.
 
         `slope` is the derivative of the scalar there, per length of the stretch.
         """
         dense = type(stretch.length)(1.0)
-        if self.density == "gradient":
-            dense = self._obliquity(fields, stretch.length, slope, context)
+        if self.density == "gradient":  # |∇x| over |∂x/∂s|, at least one
+            steepest = stretch.length * self.steepness(fields, context)
+            along: Float = dr.abs(slope)
+            ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
+            dense = dr.select(ratio > 1.0, ratio, 1.0)
         gate, *shown = self.modulation.at_place(fields, context)
         light = self.lamp.light(fields, stretch, context)
         return [gate * dense, *(f * dense * light for f in shown)]
-
-    def _obliquity(
-        self, fields: dict[str, Any], length: Float, slope: Any, context: Context
-    ) -> Float:
-        """Return |∇x| over |∂x/∂s|, at least one; `slope` is the change of x per `length`."""
-        steepest = length * self.steepness(fields, context)
-        along = dr.abs(slope)
-        ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
-        return dr.select(ratio > 1.0, ratio, 1.0)
 
     def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
         """Return the amount of a finite-width surface in a panel, per length, gated and lit."""
@@ -532,25 +500,17 @@ class Isosurface(Medium):
         first, last = (unit_interval(x / width + 0.5) for x in ends)
         dense = panel.per_length * context.narrow(dr.abs(last - first))
         if self.density == "gradient":
-            dense = self._in_sheet(panel, context, dense, box_extent(*in_halves), middle)
+            # Also where the panel is parallel to the sheet, and has no crossing; relative to the
+            # slope at the place, not to the mean slope of the panel.
+            steep = context.narrow(self.steepness(panel.fields(middle.place), context) / width)
+            turned = slope_factor(panel, self.expr, middle.place)
+            sheet = box_extent(*in_halves) * turned * steep
+            dense = dr.select(sheet > dense, sheet, dense)
         light = self.lamp.shade(panel, context, middle)
         if self.modulation.fixed:
             return Factors([dense * light] * self.channels, dense)
         factors = self.modulation.factors(panel, context, middle)
         return Factors([f * dense * light for f in factors.emission], factors.gate * dense)
-
-    def _in_sheet(
-        self, panel: Panel, context: Context, dense: Any, inside: Any, middle: Middle
-    ) -> Float:
-        """Return the amount of a sheet of constant thickness in a panel, per length.
-
-        It uses the part of the panel `inside`, since a panel parallel to the sheet has no crossing.
-        """
-        slope = self.steepness(panel.fields(middle.place), context)
-        # Relative to the slope at the place, not to the mean slope of the panel.
-        turned = slope_factor(panel, self.expr, middle.place, context.narrow)
-        found = inside * turned * context.narrow(slope / self.numbers(context).width)
-        return dr.select(found > dense, found, dense)
 
     def _finely_sampled(self, stretch: Stretch, context: Context) -> Sampled:
         """Return the means of j and α over a stretch without discontinuities."""
@@ -560,8 +520,13 @@ class Isosurface(Medium):
         shares = self._shares(x, ways, context)
         unsure &= extremes(shares)[1] > 0.0  # extrema outside all surfaces do not matter
         total, doubt = dot(_WEIGHTS, dense), unseen(dense)
+        rows = []
+        for s in FIVE:
+            gate, *paint = self.modulation.at_node(stretch, s, context) or [type(total)(1.0)]
+            light = self.lamp.light(stretch.fields(s), stretch, context)
+            rows.append([*(light * p for p in paint or [gate] * self.channels), gate])
         columns = []
-        for values in self._factors(stretch, context):
+        for values in map(list, zip(*rows, strict=True)):
             found = [a * b for a, b in zip(dense, values, strict=True)]
             low, high = extremes(values)
             # A crossing has as much as its ends tell of what is the same all along.
@@ -571,12 +536,12 @@ class Isosurface(Medium):
             wrong = UNKNOWN * dr.fma(unseen(values), total, doubt * share)
             off = dr.select(unsure, dr.inf, wrong)
             columns.append([dot(_WEIGHTS, found), found[0], found[-1], off])
-        rows = (
-            [Factors([s * v for v in paint], s * gate) for s in shares]
-            for *paint, gate in zip(*columns, strict=True)
-        )
         zero = stretch.length * 0.0
-        result = Sampled(*(self.in_colors(row, zero, context) for row in rows))
+        results = []
+        for *paint, gate in zip(*columns, strict=True):
+            factors = [Factors([s * v for v in paint], s * gate) for s in shares]
+            results.append(self.in_colors(factors, zero, context))
+        result = Sampled(*results)
         result.off.emissivity = [dr.abs(j) for j in result.off.emissivity]
         return result
 
@@ -598,19 +563,6 @@ class Isosurface(Medium):
             shares.append(dr.select(all_in, 1.0, dr.select(flat, inside, part)))
         return shares
 
-    def _roughly_sampled(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return about how dense surfaces are on any stretch; what that is off by is not known."""
-        own = self.numbers(context)
-        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
-        zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
-        extinction = [zero] * self.extinctions
-        for level, depths in zip(own.levels, own.depths, strict=True):
-            first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
-            way = per_length * context.narrow(dr.abs(last - first))
-            extinction = [t + d * way for t, d in zip(extinction, depths, strict=True)]
-        nothing, unknown = (self.everywhere(zero + v) for v in (0.0, dr.inf))
-        return Sampled(MediumSample(nothing.emissivity, extinction), nothing, nothing, unknown)
-
     def _density(
         self, stretch: Stretch, ways: list[Float], context: Context
     ) -> tuple[list[Any], Any]:
@@ -630,19 +582,6 @@ class Isosurface(Medium):
                 steep = context.narrow(self.steepness(stretch.fields(s), context) / width)
                 dense[k] = dr.select(steep > dense[k], steep, dense[k])
         return dense, unsure
-
-    def _factors(self, stretch: Stretch, context: Context) -> list[list[Any]]:
-        """Return what multiplies each channel's emission, and then extinction, at five places."""
-        rows = []
-        for s in FIVE:
-            if self.modulation.fixed:
-                gate, paint = type(stretch.length)(1.0), []
-            else:
-                gate, *paint = self.modulation.at_node(stretch, s, context)
-            light = self.lamp.light(stretch.fields(s), stretch, context)
-            own = paint or [gate] * self.channels
-            rows.append([*(light * p for p in own), gate])
-        return [list(column) for column in zip(*rows, strict=True)]
 
 
 def _between(ends: Iterable[Any], level: Any) -> Mask:

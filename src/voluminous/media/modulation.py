@@ -25,7 +25,7 @@ from .color_by import ColorBy
 from .context import Context, Feature, MediumSample
 from .edges import SENSITIVITY, Level
 from .shading import Shade
-from .stretch import Middle, Panel, Stretch, at_places, kept, within
+from .stretch import NODES, Middle, Panel, Stretch, at_places, kept, within
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
@@ -239,8 +239,17 @@ class Modulation:
         return [gate, *(paint or [gate] * self.channels)]
 
     def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Float]:
-        """Return the factors, the gate first, at a place of a stretch; computed once."""
+        """Return the factors, the gate first, at a place of a stretch; computed once.
+
+        Nothing if they are one.
+        """
+        if self.fixed:
+            return []
         return kept(stretch, (id(self), s), lambda: self._at(stretch, stretch.fields(s), context))
+
+    def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Float]]:
+        """Return the factors at both ends and in the middle; nothing if they are one."""
+        return [] if self.fixed else [self.at_node(stretch, s, context) for s in NODES]
 
     def switched(self, stretch: Stretch, context: Context) -> tuple[Float, Mask]:
         """Return 1 where the gate is open on a stretch, else 0; and where it may be both."""

@@ -27,18 +27,10 @@ _FAR = {"single": 1e37, "double": 1e300}
 
 @dataclass
 class Place:
-    """Where x lies in a table, and the columns there.
+    """The place of x in a table: its interval (0 below the first node), and the nodes around it.
 
-    Attributes
-    ----------
-    interval : array of int
-        0 below the first node, the number of nodes beyond the last.
-    low, high : array
-        The nodes around x.
-    before, value, after : list of arrays
-        The columns at the node before x, at x, and at the node behind.
-    left, right : list of arrays
-        Integrals of the columns from the node before x to x, and from x to the node behind.
+    With the columns at the node before x, at x, and at the node behind, and their integrals from
+    the node before x to x (`left`), and from x to the node behind.
     """
 
     x: Float
@@ -53,16 +45,9 @@ class Place:
 
 
 class PiecewiseLinear:
-    """Columns linear between increasing nodes, constant beyond the ends; two equal nodes: a jump.
+    """Columns (n, m) linear between increasing nodes, constant beyond; two equal nodes: a jump.
 
-    Parameters
-    ----------
-    real : type
-        Dr.Jit float type.
-    nodes : array, shape (n,)
-        Increasing places of the entries, at least two.
-    columns : array, shape (n, m)
-        The entries; of the order of one.
+    The entries should be of the order of one.
     """
 
     def __init__(self, real: Any, nodes: np.ndarray, columns: np.ndarray) -> None:
@@ -189,15 +174,7 @@ class Rows:
 
 
 class Sums:
-    """Sums of integrals between nodes, from any node to any later one.
-
-    Parameters
-    ----------
-    real : type
-        Dr.Jit float type.
-    steps : array, shape (n - 1, m)
-        Integrals between neighbouring nodes.
-    """
+    """Sums of integrals (n - 1, m) between neighbouring nodes, from any node to any later one."""
 
     def __init__(self, real: Any, steps: np.ndarray) -> None:
         dtype = np.float32 if precision_of(real) == "single" else np.float64
@@ -272,13 +249,7 @@ def _spacing(nodes: np.ndarray) -> tuple[float, float, float]:
 class TableMiddles:
     """The centre of mass of a weight that is linear between nodes, for any panel.
 
-    Parameters
-    ----------
-    real : type
-        Dr.Jit float type.
-    nodes, weight : array, shape (n,)
-        As in `PiecewiseLinear`; not negative. The weight is the last column of the table in which
-        places are looked up.
+    The weight is not negative, and the last column of the table in which places are looked up.
     """
 
     def __init__(self, real: Any, nodes: np.ndarray, weight: np.ndarray) -> None:

@@ -47,16 +47,10 @@ _WEIGHTS_OF_PAIR = (1 / 15, 3 / 10, 4 / 15)
 
 @dataclass
 class Sampled:
-    """The mean over a stretch, from samples: of a shape, or of all coefficients.
+    """The mean over a stretch, from samples: of a shape, or of all coefficients (`MediumSample`).
 
-    Attributes
-    ----------
-    mean : array or MediumSample
-        The mean.
-    first, last : array or MediumSample
-        Values at both ends, of the function or of a line through the samples.
-    off : array or MediumSample
-        Error of the mean; infinite where it is unknown.
+    With the values at both ends, of the function or of a line through the samples, and the error
+    of the mean; infinite where it is unknown.
     """
 
     mean: Float
@@ -94,15 +88,7 @@ def compared(values: list[Float]) -> Sampled:
 
 
 def missed_by_pair(nodes: list[Float], pair: list[Float]) -> Float:
-    """Return how far the mean of a function at the places `PAIR` is off: with three more.
-
-    Parameters
-    ----------
-    nodes : three arrays
-        The function at both ends and, between them, in the middle.
-    pair : two arrays
-        The function at `PAIR`.
-    """
+    """Return the error of the mean of a function at the places `PAIR`, by its three nodes."""
     first, middle, last = nodes
     ends, inner, central = _WEIGHTS_OF_PAIR
     both = pair[0] + pair[1]
@@ -131,16 +117,9 @@ _LEGENDRE = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * np.array(FIVE) 
 
 
 def products(shape: list[Float], off: Float, factors: list[list[Any]]) -> list[Sampled]:
-    """Return the means of a shape times each of some factors.
+    """Return the means of a shape at the places `EIGHT` times each of some factors at `FIVE`.
 
-    Parameters
-    ----------
-    shape : eight arrays
-        The shape at `sampled.EIGHT`.
-    off : array
-        How far its mean may be off.
-    factors : list of five arrays each
-        The factors at `sampled.FIVE`.
+    `off` bounds the error of the shape's mean.
     """
     whole = dot(_MEAN, shape)
     mean, lean = (

@@ -7,6 +7,7 @@ is multiplied with ``1 - s + s Σ w |n·l|``, n the direction of the gradient, l
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -76,18 +77,11 @@ def given_shade(expr: Expression, shading: Any, lights: Any) -> Shade | None:
 
 
 class Shade:
-    """How bright a place is by the direction of a gradient.
+    """The brightness of a place by the direction of a gradient, the normal.
 
-    Parameters
-    ----------
-    expr : Expression
-        Its gradient is the normal.
-    share : float
-        Part of the emission that depends on the light; the rest is ambient.
-    lights : sequence of (direction or "headlight", weight)
-        Towards the light, in coordinates of the volume.
-    on_rays : bool
-        Only `seen` is asked for: no field of all cells is needed for each camera.
+    A `share` of the emission depends on the lights, given by directions towards them in coordinates
+    of the volume; the rest is ambient. If `on_rays`, only `seen` is used, which needs no field of
+    all cells for each camera.
     """
 
     def __init__(
@@ -172,19 +166,9 @@ _CURVED = 0.125
 
 @dataclass(frozen=True)
 class Lamp:
-    """Lamps: at the camera, or in fixed directions.
+    """The light on surfaces, whose normals are gradients, as in `Shade`."""
 
-    Attributes
-    ----------
-    normal : list of three Expression
-        The components of the gradient.
-    shading : float
-        Which part of the light is the lamps'; at 0 there are none.
-    lights : sequence of (direction or "headlight", weight)
-        As in `Shade`.
-    """
-
-    normal: list[Expression]
+    normal: Sequence[Expression]
     shading: float
     lights: tuple[Light, ...] = ((HEADLIGHT, 1.0),)
 
@@ -222,13 +206,7 @@ class Lamp:
         return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
 
     def across(self, stretch: Stretch, context: Context, extent: Float, depth: Float) -> Float:
-        """Return the relative error of the light in a surface that absorbs: its front is seen most.
-
-        Parameters
-        ----------
-        extent, depth : array
-            What part of a half of the stretch the surface takes, and its optical depth there.
-        """
+        """Return the relative error of the light in a surface that absorbs; see `change_across`."""
         share = self._share(context)
         nodes = [[1.0 - share + share * lit] for lit in self._lit(stretch, context)]
         return change_across(nodes, extent, depth)
@@ -292,16 +270,8 @@ _MOST = 0.5
 def change_across(nodes: list[list[Any]], extent: Float, depth: Float) -> Float:
     """Return the relative error of an absorbing layer's emission where its colour or light varies.
 
-    Its front is seen better than its back.
-
-    Parameters
-    ----------
-    nodes : three lists of arrays
-        The factors of each channel at both ends and in the middle of a stretch.
-    extent : array
-        The part of a half of the stretch that the layer fills.
-    depth : array
-        Its optical depth in a half.
+    Its front is seen better than its back. `nodes` are the factors of each channel at both ends and
+    in the middle of a stretch; the layer fills a part `extent` of a half, with an optical depth.
     """
     change = most = depth * 0.0
     for a, b, c in zip(*nodes, strict=True):

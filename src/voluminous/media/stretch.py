@@ -36,15 +36,9 @@ _LOPSIDED = 0.85
 class Turning:
     """Enclosure of an expression on a stretch.
 
-    Attributes
-    ----------
-    low, high : array
-        Bounds of the value; infinite where the expression is undefined on a part of the stretch.
-    apart : array
-        Bound of the distance from the chord; zero where the slope has one sign, unless nearly all
-        of the change is in one half.
-    slope, bend : array
-        Bounds of the magnitudes of the first and second derivative by s.
+    Bounds of its value (infinite where it is undefined on a part of the stretch), of its distance
+    `apart` from the chord (zero where the slope has one sign, unless nearly all of the change is in
+    one half), and of the magnitudes of the first and second derivative by s.
     """
 
     low: Float
@@ -201,11 +195,6 @@ def undecided(stretch: Stretch, expr: Expression, width: Float) -> Mask:
     Halving panels does not help there: without this test all panels in a vacuum had the minimal
     width, and a picture of 64 x 64 pixels took 20 to 40 s. Both ends and the middle are tested,
     because beside a vacuum one of them has a narrower interval.
-
-    Parameters
-    ----------
-    width : array
-        The width of the expression's interval on the stretch.
     """
     if not expr.partial:
         return stretch.length < 0.0
@@ -245,23 +234,11 @@ Cubic = Sequence[Any]  # coefficients of 1, s, s², s³; or fewer
 
 
 class Stretch:
-    """A segment of a ray, with s from 0 to 1 along it.
+    """A segment of a ray, with s from 0 to 1 along it, and its length in units of the grid's scale.
 
-    Parameters
-    ----------
-    cubics : dict of str to sequence of arrays
-        Coefficients of every field as a polynomial of s, lowest power first.
-    context : Context
-        How expressions are evaluated.
-    length : array
-        Its length, in units of the grid's scale.
-    rough : bool
-        Wide enclosures are sufficient: the stretch only serves to test for visibility.
-
-    Attributes
-    ----------
-    edgeless : bool
-        No discontinuity of the medium is inside: the state in the middle holds all along.
+    `cubics` has the coefficients of every field as a polynomial of s, lowest power first. A `rough`
+    one only serves to test for visibility, with wide enclosures. Once it is `edgeless`, no
+    discontinuity of the medium is inside: the state in the middle holds all along.
     """
 
     def __init__(
@@ -308,18 +285,14 @@ class Stretch:
         return [self.scalar(expr, s) for s in NODES]
 
     def set_scalar(self, expr: Expression, s: float, value: Float) -> None:
-        """Set the value of an expression at s.
+        """Set the value of an expression at s: that at the end of the previous stretch, say.
 
-        At 0 it is the value at the end of the previous stretch, so that the integrals over a ray's
-        stretches join without rounding differences.
+        The integrals over a ray's stretches then join without rounding differences.
         """
         self._scalars[expr.text, s] = value
 
     def known(self, expr: Expression) -> list[Float]:
-        """Return the computed values of an expression at the control points, including both ends.
-
-        The middle is left out: it is not needed where samples suffice.
-        """
+        """Return the values of an expression at the control points, without the middle."""
         return self.controls(expr)
 
     def set_known(self, expr: Expression, values: list[Float]) -> None:
@@ -428,13 +401,7 @@ class Straight(Stretch):
 
 @dataclass
 class Panel:
-    """A part of a stretch on which scalars are interpolated linearly.
-
-    Attributes
-    ----------
-    first, last : float
-        Its ends in the stretch: two of 0, ½ and 1.
-    """
+    """A part of a stretch, between two of 0, ½ and 1, with scalars interpolated linearly."""
 
     stretch: Stretch
     first: float
@@ -516,14 +483,10 @@ def shifted(cubic: Cubic, start: Float, width: Float) -> list[Float]:
 
 @dataclass
 class Middle:
-    """Centre of mass and variance of a profile in a panel.
+    """Centre of mass of a profile in a panel, as a fraction of it, and variance.
 
-    Attributes
-    ----------
-    place : array
-        Centre of mass, as a fraction of the panel.
-    spread : array or float
-        Variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
+    The `spread` is the variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for
+    a constant.
     """
 
     place: Float

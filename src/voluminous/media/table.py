@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -56,25 +57,15 @@ _RAMPS = 2.0
 
 @dataclass
 class _Parts:
-    """Visible ranges of a table as kernel constants.
+    """Kernel constants: the range of x that may be noticeable, structures and jumps of a table.
 
-    Attributes
-    ----------
-    first, last : array
-        Range of x in which it may be noticeable.
-    begin, end : array
-        Range of x in which it varies.
-    structures : list of three arrays
-        For each: the allowed unseen change of x, and its range of x; the narrowest first.
-    jumps : list of arrays
-        The x at which entries jump.
+    Of each structure, the narrowest first: the allowed unseen change of x, and its range of x.
     """
 
     first: Float
     last: Float
-    begin: Float
-    end: Float
-    structures: list[list[Any]]
+    ends: list[Float]
+    structures: list[list[Float]]
     jumps: list[Float]
 
 
@@ -127,7 +118,8 @@ class Table(Medium):
         lights: Any = None,
     ) -> None:
         self.expr = Expression(expr)
-        self.unit, self.values = self.plain_values(values)
+        self.unit = unit_of(values)
+        self.values = given_values(plain(values, self.unit, "values"))
         n = len(self.values)
         self.opacities = given_columns(opacities, n, "opacities")
         by = colors if isinstance(colors, ColorBy) else None
@@ -142,17 +134,16 @@ class Table(Medium):
         if self.opacities.min() < 0:
             raise InputError(f"opacities must not be negative, got {self.opacities.min():g}")
         self.grey = self.opacities.shape[1] == 1
+        # All columns, those of the colours first, and each over its largest magnitude.
+        self.rows = np.concatenate([self.colors, self.opacities], axis=1)
+        largest = np.abs(self.rows).max(axis=0)
+        self.peaks = np.where(largest > 0, largest, 1.0)
+        self.shape = np.ascontiguousarray(self.rows / self.peaks)
         self.modulation = Modulation(
             where, by, self.channels, given_shade(self.expr, shading, lights)
         )
         self.sensitivity = self.modulation.sensitivity
         self.names = self.used_names()
-
-    @staticmethod
-    def plain_values(values: Any) -> tuple[Any, np.ndarray]:
-        """Return the unit of the entries' values, and plain numbers."""
-        unit = unit_of(values)
-        return unit, given_values(plain(values, unit, "values"))
 
     @property
     def color(self) -> tuple[float, ...]:
@@ -166,7 +157,7 @@ class Table(Medium):
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         x = context.evaluate(self.expr, fields)
-        scale = 1.0 / self._length(context)
+        scale = 1.0 / length_in(self.path_length, context.unit)
         columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
         result = self.split(context.interpolate(x, self.nodes(context), columns))
         return self.modulation.coefficients(result, fields, context)
@@ -185,16 +176,17 @@ class Table(Medium):
         return max(self.color), max(self.opacity)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
-        stretch = panel.stretch
-        ends = [self._place(stretch, s, context) for s in (panel.first, panel.last)]
-        heights = self.heights(context)
-        table = self._table(context, type(ends[0].x))
-        means = table.means(*ends)[: len(heights)]
-        result = self.split([h * v for h, v in zip(heights, means, strict=True)])
+        first, last = (self._place(panel.stretch, s, context) for s in (panel.first, panel.last))
+        table = self._table(context, type(first.x))
+        means = zip(self.heights(context), table.means(first, last), strict=False)
+        sample = self.split([height * mean for height, mean in means])
         if self.modulation.fixed:
-            return result
-        middles = context.keep((id(self), "middles"), lambda: self._middles(context, table.real))
-        return self.modulation.means(result, panel, context, middles.between(*ends))
+            return sample
+        middles = context.keep(
+            (id(self), "middles"),
+            lambda: TableMiddles(table.real, self.nodes(context), self._weight),
+        )
+        return self.modulation.means(sample, panel, context, middles.between(first, last))
 
     @property
     def sampling(self) -> Sampling:
@@ -209,20 +201,22 @@ class Table(Medium):
         """Return the means of j and α from two samples, exact between nodes; see `table_bends`."""
         if not self._smooth:
             return super().sampled(stretch, context)
-        low, high = (context.narrow(x) for x in stretch.hull(self.expr))
+        narrow = context.narrow
+        low, high = map(narrow, stretch.hull(self.expr))
         pair = [stretch.scalar(self.expr, s) for s in PAIR]
-        samples = [context.narrow(x) for x in pair]
         table = self._table(context, type(low))
-        slopes = [context.narrow(d) for d in stretch.derivatives(self.expr)]
-        bow: Any = 0.0
+        slopes = [narrow(d) for d in stretch.derivatives(self.expr)]
+        bow: Float = 0.0
         if not stretch.is_cubic(self.expr):
-            bow = context.narrow(missed_by_pair(stretch.nodes(self.expr), pair))
-        off = self._bends(context, table).off(low, high, slopes, bow)
+            bow = narrow(missed_by_pair(stretch.nodes(self.expr), pair))
+        bends = context.keep(
+            (id(self), "bends"), lambda: TableBends(table, self.nodes(context), self.shape)
+        )
         gate, unsure = self.modulation.switched(stretch, context)
-        off = dr.select(unsure, dr.inf, off)
+        off = dr.select(unsure, dr.inf, bends.off(low, high, slopes, bow))
         heights = [h * gate for h in self.heights(context)]
-        columns = (table.values(x)[: len(heights)] for x in samples)
-        a, b = ([h * v for h, v in zip(heights, own, strict=True)] for own in columns)
+        columns = (table.values(narrow(x)) for x in pair)
+        a, b = ([h * v for h, v in zip(heights, own, strict=False)] for own in columns)
         # The line through both samples: its ends differ by √3 times their difference.
         middle = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
         lean = [_TO_ENDS * (q - p) for p, q in zip(a, b, strict=True)]
@@ -250,22 +244,6 @@ class Table(Medium):
         return self.coefficients(fields, context)
 
     @property
-    def rows(self) -> np.ndarray:
-        """All columns, those of the colours first."""
-        return np.concatenate([self.colors, self.opacities], axis=1)
-
-    @property
-    def peaks(self) -> np.ndarray:
-        """The largest magnitude of each column; one where that is zero."""
-        peaks = np.abs(self.rows).max(axis=0)
-        return np.where(peaks > 0, peaks, 1.0)
-
-    @property
-    def shape(self) -> np.ndarray:
-        """All columns, each over its peak."""
-        return np.ascontiguousarray(self.rows / self.peaks)
-
-    @property
     def even(self) -> bool:
         """Whether the depth order does not matter."""
         shown = np.flatnonzero(np.abs(self.rows).max(axis=0))
@@ -285,14 +263,6 @@ class Table(Medium):
 
         return context.keep((id(self), "table"), make)
 
-    def _bends(self, context: Context, table: PiecewiseLinear) -> TableBends:
-        return context.keep(
-            (id(self), "bends"), lambda: TableBends(table, self.nodes(context), self.shape)
-        )
-
-    def _middles(self, context: Context, real: Any) -> TableMiddles:
-        return TableMiddles(real, self.nodes(context), self._weight)
-
     def _place(self, stretch: Stretch, s: float, context: Context) -> Place:
         """Return the place of x in the table at an end or in the middle of a stretch."""
 
@@ -302,15 +272,12 @@ class Table(Medium):
 
         return kept(stretch, (id(self), s), make)
 
-    def _length(self, context: Context) -> float:
-        return length_in(self.path_length, context.unit)
-
     def heights(self, context: Context) -> list[Float]:
         """Return the peak of each column in the units of `means`, as kernel constants."""
 
         def make() -> list[Float]:
-            length = self._length(context)
-            units = [context.radiance] * self.channels + [1.0] * self.opacities.shape[1]
+            units = [context.radiance] * self.channels + [1.0] * self.extinctions
+            length = length_in(self.path_length, context.unit)
             factors = self.peaks / np.array(units) * (context.scale / length)
             return [context.narrow_number(float(h)) for h in factors]
 
@@ -359,9 +326,9 @@ class Table(Medium):
         below, above = extremes([context.narrow(x) for x in stretch.nodes(self.expr)])
         parts = self._kernel_numbers(context, type(low))
         seen = ~((low > parts.last) | (high < parts.first))  # where there is NaN, it must show
-        # Between log10 of nothing and a value there is all of the self, and ends show none of it.
+        # Between log10 of zero and a value there is all of the table, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
-        hidden = seen & endless & (high > parts.begin) & (low < parts.end)
+        hidden = seen & endless & (high > parts.ends[0]) & (low < parts.ends[1])
         for doubt, begin, end in parts.structures:
             hidden |= (high > above + doubt) & (above < end) & (high > begin)
             hidden |= (low < below - doubt) & (below > begin) & (low < end)
@@ -369,8 +336,7 @@ class Table(Medium):
         if parts.structures:
             hidden |= seen & self._entered(parts, stretch)
             if not self.modulation.fixed:
-                found = self._looked_up(parts, stretch, context)
-                hidden |= seen & found.lost(self.modulation, stretch, context)
+                hidden |= seen & self._looked_up(parts, stretch, context).lost(stretch, context)
         for edge in parts.jumps:
             # Any excess beyond a jump counts, however small.
             possible, shown = passes(stretch, self.expr, edge)
@@ -384,11 +350,10 @@ class Table(Medium):
         if not parts.structures:  # the same everywhere
             return stretch.length * 0.0, stretch.length * 0.0
         narrowness = _DOUBT / parts.structures[0][0]
-        off = bend(stretch, self.expr, narrowness, context.narrow, parts.first, parts.last)
+        off = bend(stretch, self.expr, narrowness, 0.0, parts.first, parts.last)
         if not self.modulation.fixed:
-            found = self._looked_up(parts, stretch, context)
-            off = off + found.error(self.modulation, stretch, context)
-        return thinness(stretch, self.expr, narrowness, context.narrow), off
+            off = off + self._looked_up(parts, stretch, context).error(stretch, context)
+        return thinness(stretch, self.expr, narrowness), off
 
     def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return the number of structures in each half, the largest over all classes of width."""
@@ -407,15 +372,15 @@ class Table(Medium):
     def _kernel_numbers(self, context: Context, real: Any) -> _Parts:
         def make() -> _Parts:
             nodes, shape = self.nodes(context), self.shape
-            first, last = visible_range(nodes, shape, context.faint)
-            found = structures(nodes, shape)
+            opaque = functools.partial(dr.opaque, real)
+            first, last = map(opaque, visible_range(nodes, shape, context.faint))
+            rows = [(_DOUBT * w, *ends) for w, *ends in structures(nodes, shape)]
             return _Parts(
-                dr.opaque(real, first),
-                dr.opaque(real, last),
-                dr.opaque(real, float(nodes[0])),
-                dr.opaque(real, float(nodes[-1])),
-                [[dr.opaque(real, v) for v in (_DOUBT * w, low, high)] for w, low, high in found],
-                [context.number(x) for x in jumps(nodes, shape)],
+                first,
+                last,
+                ends=[opaque(float(nodes[k])) for k in (0, -1)],
+                structures=[list(map(opaque, row)) for row in rows],
+                jumps=[context.number(x) for x in jumps(nodes, shape)],
             )
 
         return context.keep((id(self), "parts"), make)
@@ -444,32 +409,20 @@ class Table(Medium):
         return LookedUp(
             expr=self.expr,
             ranges=[(low, high)],
-            thin=thinness(stretch, self.expr, narrowness, context.narrow),
+            thin=thinness(stretch, self.expr, narrowness),
             extent=extent,
             depth=extremes(self.heights(context)[self.channels :])[1] * way,
+            factors=self.modulation.at_nodes(stretch, context),
         )
 
 
 def visible_range(nodes: np.ndarray, columns: np.ndarray, faint: float) -> tuple[float, float]:
-    """Return the range of x in which an entry may exceed `faint`; (∞, -∞) if none does.
-
-    Parameters
-    ----------
-    nodes : array, shape (n,)
-        Increasing places of the entries.
-    columns : array, shape (n, m)
-        The entries, at most one.
-    faint : float
-        The largest negligible magnitude.
-    """
-    seen = np.flatnonzero((np.abs(columns) > faint).any(axis=1))
-    if not len(seen):
+    """Return the range of x in which an entry may exceed `faint`; (∞, -∞) if none does."""
+    visible = np.flatnonzero((np.abs(columns) > faint).any(axis=1))
+    if not len(visible):
         return np.inf, -np.inf
-    first, last = int(seen[0]), int(seen[-1])
-    return (
-        float(nodes[first - 1]) if first > 0 else -np.inf,
-        float(nodes[last + 1]) if last < len(nodes) - 1 else np.inf,
-    )
+    places = np.concatenate([[-np.inf], nodes, [np.inf]])
+    return float(places[visible[0]]), float(places[visible[-1] + 2])
 
 
 def structures(nodes: np.ndarray, columns: np.ndarray) -> list[tuple[float, float, float]]:

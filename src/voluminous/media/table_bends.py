@@ -37,15 +37,7 @@ class TableBends:
     """Bounds of what two samples of a table miss, for windows of its intervals.
 
     There are windows of 4, 8, 16 … intervals, from each on that is a multiple of a quarter of that.
-
-    Parameters
-    ----------
-    table : PiecewiseLinear
-        The table, which knows in which interval a value is.
-    nodes : array, shape (n,)
-        Increasing places of the entries, no two of them equal.
-    columns : array, shape (n, m)
-        The entries.
+    No two nodes may be equal.
     """
 
     def __init__(self, table: PiecewiseLinear, nodes: np.ndarray, columns: np.ndarray) -> None:
@@ -124,17 +116,7 @@ def _windows(nodes: np.ndarray, columns: np.ndarray, steep: np.ndarray, width: i
 
 
 def _polynomials(nodes: np.ndarray, columns: np.ndarray, parts: int) -> np.ndarray:
-    """Return R, |P''| and |P'''| for each window: P by least squares.
-
-    Parameters
-    ----------
-    nodes : array, shape (window, n)
-        Places of the entries.
-    columns : array, shape (window, n, m)
-        The entries.
-    parts : int
-        At how many places of each interval it is compared with the table.
-    """
+    """Return R, |P''| and |P'''| for each window, P by least squares at parts of intervals."""
     places = _between(nodes[..., None], parts)[..., 0]
     half = 0.5 * (nodes[:, -1] - nodes[:, 0])[:, None]
     place = (places - nodes[:, :1]) / half - 1.0  # from -1 to 1

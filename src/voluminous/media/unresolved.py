@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..backend import dr
 from ..backend.functions import precision_of
 from ..backend.types import Float, Mask
 from .shading import change_across
-from .stretch import NODES, Straight, extremes
+from .stretch import Straight, extremes
 
 if TYPE_CHECKING:
     from ..expressions import Expression
     from .context import Context
-    from .modulation import Modulation
     from .stretch import Panel, Stretch
 
 
@@ -30,19 +29,17 @@ _MOST_CHANGE = 0.5
 _NOISE = {"single": 2e-6, "double": 4e-15}
 
 
-def slope_factor(panel: Panel, expr: Expression, place: Float, narrow: Any) -> Float:
+def slope_factor(panel: Panel, expr: Expression, place: Float) -> Float:
     """Return the mean slope of a scalar over its slope at a place in a panel.
 
     The mean of a shape over a panel is, with x for the variable of integration, that of shape/x';
     with a quadratic through the three nodes of the stretch it is that for a line, times this factor
     at the shape's centre of mass. One order more than a line gives, for thin shells and for wide.
 
-    Parameters
-    ----------
-    place : array
-        The centre of mass, as a fraction of the panel.
+    The centre of mass, `place`, is a fraction of the panel.
     """
     first, middle, last = panel.stretch.nodes(expr)
+    narrow = panel.stretch.context.narrow
     bow = narrow(2.0 * (first - 2.0 * middle + last))
     noise = narrow(_NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last)))
     bow = dr.select(dr.abs(bow) > noise, bow, 0.0)
@@ -62,12 +59,16 @@ def _kinked(stretch: Stretch, expr: Expression) -> Mask:
 
     Step doubling does not detect a kink beside an end.
     """
-    _, _, bow = stretch.spread(expr)
-    return ~(bow < dr.inf)
+    return ~(stretch.spread(expr)[2] < dr.inf)
 
 
 def bend(
-    stretch: Stretch, expr: Expression, narrowness: Any, offset: Float, low: Float, high: Float
+    stretch: Stretch,
+    expr: Expression,
+    narrowness: Float,
+    center: Float,
+    low: Float,
+    high: Float,
 ) -> Float:
     """Return the relative error by curvature of a scalar for a thin shell on a stretch.
 
@@ -77,22 +78,16 @@ def bend(
     rays through a thin shell of a smooth field 0.8 % then exceed the estimate, 1.3 % with a quarter
     of it). It is zero for shells much wider than the change of the scalar.
 
-    Parameters
-    ----------
-    narrowness : array
-        One over the width of the shell.
-    offset : callable
-        Returns the distance of a value of the scalar from the shell's centre.
-    low, high : array
-        Range of offsets in which the shell is seen.
+    The shell is seen from `low` to `high` beyond its centre; `narrowness` is one over its width.
     """
     controls = stretch.controls(expr)
-    b0, b1, b2, b3 = (offset(x) for x in controls)
+    narrow = stretch.context.narrow
+    b0, b1, b2, b3 = (narrow(x - center) for x in controls)
     cubic = dr.abs(b3 - 3.0 * b2 + 3.0 * b1 - b0)
     # In narrow panels differences are nothing but rounding: more the narrower they are.
     rounding = _NOISE[precision_of(type(controls[0]))] * (dr.abs(controls[0]) + dr.abs(controls[3]))
     cubic = dr.select(cubic > type(cubic)(rounding), cubic, 0.0)
-    nodes = [offset(x) for x in stretch.nodes(expr)]
+    nodes = [narrow(x - center) for x in stretch.nodes(expr)]
     total = cubic * 0.0
     for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])):
         least, largest = extremes([a, b])
@@ -107,122 +102,33 @@ def bend(
     return dr.select(total < 1.0, total, 1.0)
 
 
-def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -> Float:
+def thinness(stretch: Stretch, expr: Expression, narrowness: Float) -> Float:
     """Return the thinness of a shell relative to the halves of a stretch: 0 (wide) to 1."""
-    nodes = stretch.nodes(expr)
-    first, last = (dr.abs(narrow(b - a)) for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])))
+    narrow, (a, b, c) = stretch.context.narrow, stretch.nodes(expr)
+    first, last = narrow(dr.abs(b - a)), narrow(dr.abs(c - b))
     wide = dr.select(first > last, first, last) * narrowness
     thin = 0.25 * wide * wide
     return dr.select(thin < 1.0, thin, 1.0)
 
 
-def extent_of(values: list[Float], thickness: Any) -> Float:
+def extent_of(values: list[Float], thickness: Float) -> Float:
     """Return the part of the steeper half of a stretch that a shell fills."""
     a, b, c = values
     rise = extremes([dr.abs(b - a), dr.abs(c - b)])[1]
     return dr.select(rise > 0.0, thickness / dr.select(rise > 0.0, rise, 1.0), dr.inf)
 
 
-def unseen_change(
-    modulation: Modulation, stretch: Stretch, context: Context, extent: Float, depth: Float
-) -> Float:
-    """Return the relative error of a shell's emission by self-absorption.
-
-    Parameters
-    ----------
-    extent : array
-        The part of a half of the stretch that the shell fills, limited to 1.
-    depth : array
-        Its optical depth in a half.
-    """
-    if not modulation.painted:
-        return stretch.length * 0.0
-    nodes = [modulation.at_node(stretch, s, context)[1:] for s in NODES]
-    return change_across(nodes, extent, depth)
-
-
 # Distance of a parabola from its chord, as a fraction of the second difference; and the excess of
 # u³ over that in the second half of a stretch.
 _SAG, _CUBIC = 0.125, 0.1
-# Second differences below this fraction of a scalar may be nothing but rounding.
-_UNSEEN_PLACE_NOISE = {"single": 2e-6, "double": 4e-15}
-# What is found may be so much fainter than the brightest on the stretch, for all that errors are
-# told as parts of it; where it may be fainter still, so much of the brightest may be missed.
+# Errors are relative to the factors at a shell, which may be this much fainter than the brightest
+# on the stretch; below, panels must be narrower if more than the second part may be missed.
 _FAINTEST, _LOST = 0.05, 1e-3
-
-
-def misplaced_change(
-    modulation: Modulation,
-    stretch: Stretch,
-    context: Context,
-    expr: Expression,
-    ranges: Any,
-    thin: Any,
-) -> tuple[Float, Float]:
-    """Return the relative error of factors evaluated where the chord, not the curve, meets a shell.
-
-    Parameters
-    ----------
-    expr : Expression
-        The scalar of the shells.
-    ranges : sequence of pairs of arrays
-        Ranges of the scalar in which shells are seen.
-    thin : array or float
-        Their thinness, from 0 to 1: curvature does not move the middle of a wide shell.
-
-    Returns
-    -------
-    error : array
-        Relative error of emission and extinction.
-    lost : array of bool
-        Where the factors are too small for a relative error, so that panels must be narrower.
-    """
-    total, lost = stretch.length * 0.0, stretch.length < 0.0
-    if modulation.fixed or isinstance(stretch, Straight):
-        return total, lost
-    nodes = stretch.nodes(expr)
-    sag = context.narrow(_sag(stretch, expr))
-    factors = [modulation.at_node(stretch, s, context) for s in NODES]
-    for half, ends in enumerate(pairwise(nodes)):
-        low, high = extremes(ends)
-        near = stretch.length < 0.0
-        for first, last in ranges:
-            near |= (high >= first) & (low <= last)
-        rise = context.narrow(high - low)
-        off = dr.select(sag < rise, sag / dr.select(rise > 0.0, rise, 1.0), 1.0)
-        off = dr.select(near & (sag > 0.0), thin * off, 0.0)
-        # The gate alone, which extinction goes with, and the colours seen through it.
-        for group in ([f[:1] for f in factors], [f[1:] for f in factors]):
-            if group[0]:
-                change, least = _change(group, half)
-                lost |= (least < _FAINTEST) & (off * change > _LOST)
-                own = off * change / dr.select(least > _FAINTEST, least, _FAINTEST)
-                total = dr.select(own > total, own, total)
-    return total, lost
-
-
-def _sag(stretch: Stretch, expr: Expression) -> Float:
-    first, middle, last = stretch.nodes(expr)
-    b0, b1, b2, b3 = stretch.controls(expr)
-    noise = _UNSEEN_PLACE_NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last))
-    bow = dr.abs(first - 2.0 * middle + last)
-    cubic = dr.abs(b3 - 3.0 * b2 + 3.0 * b1 - b0)
-    sag = dr.select(bow > noise, _SAG * bow, 0.0) + dr.select(cubic > noise, _CUBIC * cubic, 0.0)
-    return dr.select(dr.isfinite(sag), sag, 0.0)  # log10 of nothing: other rules see to that
-
-
-def _change(places: list[list[Any]], half: int) -> tuple[Float, Float]:
-    """Return what factors change by in a half, and what they are at least, in their largest."""
-    change = extremes([dr.abs(b - a) for a, b in zip(*places[half : half + 2], strict=True)])[1]
-    bright = [extremes([dr.abs(value) for value in place])[1] for place in places]
-    least, most = extremes(bright)
-    per_most = dr.select(most > 0.0, 1.0 / dr.select(most > 0.0, most, 1.0), 0.0)
-    return change * per_most, least * per_most
 
 
 @dataclass
 class LookedUp:
-    """Shells of one scalar on a stretch of ray.
+    """Shells of one scalar on a stretch, within which colours, light and gates vary.
 
     Attributes
     ----------
@@ -236,45 +142,83 @@ class LookedUp:
         The part of the steeper half of the stretch that a shell fills.
     depth : array
         Optical depth of a shell in a half; zero where its colour cannot vary unseen.
+    factors : three lists of arrays
+        The factors of extinction and of each channel at both ends and in the middle; empty if
+        they do not vary.
     """
 
     expr: Expression
-    ranges: list[tuple[Any, Any]]
+    ranges: list[tuple[Float, Float]]
     thin: Float
     extent: Float
     depth: Float
+    factors: list[list[Float]]
 
-    def error(self, modulation: Modulation, stretch: Stretch, context: Context) -> Float:
+    def error(self, stretch: Stretch, context: Context) -> Float:
         """Return the hidden relative error of emission and extinction."""
-        misplaced, _ = self._misplaced(modulation, stretch, context)
-        return misplaced + unseen_change(modulation, stretch, context, self.extent, self.depth)
+        misplaced, _ = self._misplaced(stretch, context)
+        if not self.factors or not self.factors[0][1:]:
+            return misplaced + stretch.length * 0.0
+        return misplaced + change_across([f[1:] for f in self.factors], self.extent, self.depth)
 
-    def lost(self, modulation: Modulation, stretch: Stretch, context: Context) -> Mask:
-        """Return where the error estimate is invalid, so that panels must be narrower."""
-        return self._misplaced(modulation, stretch, context)[1]
+    def lost(self, stretch: Stretch, context: Context) -> Mask:
+        """Return where the factors are too small for a relative error: panels must be narrower."""
+        return self._misplaced(stretch, context)[1]
 
-    def _misplaced(
-        self, modulation: Modulation, stretch: Stretch, context: Context
-    ) -> tuple[Float, Float]:
-        return misplaced_change(modulation, stretch, context, self.expr, self.ranges, self.thin)
+    def _misplaced(self, stretch: Stretch, context: Context) -> tuple[Float, Mask]:
+        """Return the error of factors evaluated where the chord, not the curve, meets a shell."""
+        total, lost = stretch.length * 0.0, stretch.length < 0.0
+        if not self.factors or isinstance(stretch, Straight):
+            return total, lost
+        nodes = stretch.nodes(self.expr)
+        sag = context.narrow(_sag(stretch, self.expr))
+        for half, ends in enumerate(pairwise(nodes)):
+            low, high = extremes(ends)
+            near = stretch.length < 0.0
+            for first, last in self.ranges:
+                near |= (high >= first) & (low <= last)
+            rise = context.narrow(high - low)
+            off = dr.select(sag < rise, sag / dr.select(rise > 0.0, rise, 1.0), 1.0)
+            off = dr.select(near & (sag > 0.0), self.thin * off, 0.0)
+            # The gate alone, to which extinction is proportional, and the colours seen through it.
+            for group in ([f[:1] for f in self.factors], [f[1:] for f in self.factors]):
+                if group[0]:
+                    change, least = _change(group, half)
+                    lost |= (least < _FAINTEST) & (off * change > _LOST)
+                    own = off * change / dr.select(least > _FAINTEST, least, _FAINTEST)
+                    total = dr.select(own > total, own, total)
+        return total, lost
+
+
+def _sag(stretch: Stretch, expr: Expression) -> Float:
+    """Return the distance of a scalar from its chords, above rounding."""
+    first, middle, last = stretch.nodes(expr)
+    b0, b1, b2, b3 = stretch.controls(expr)
+    noise = _NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last))
+    bow = dr.abs(first - 2.0 * middle + last)
+    cubic = dr.abs(b3 - 3.0 * b2 + 3.0 * b1 - b0)
+    sag = dr.select(bow > noise, _SAG * bow, 0.0) + dr.select(cubic > noise, _CUBIC * cubic, 0.0)
+    return dr.select(dr.isfinite(sag), sag, 0.0)  # log10 of zeros is treated elsewhere
+
+
+def _change(places: list[list[Float]], half: int) -> tuple[Float, Float]:
+    """Return the change of factors in a half, and their least size, relative to the largest."""
+    change = extremes([dr.abs(b - a) for a, b in zip(*places[half : half + 2], strict=True)])[1]
+    bright = [extremes([dr.abs(value) for value in place])[1] for place in places]
+    least, most = extremes(bright)
+    per_most = dr.select(most > 0.0, 1.0 / dr.select(most > 0.0, most, 1.0), 0.0)
+    return change * per_most, least * per_most
 
 
 # The count of a structure wider than a panel, relative to a narrower one.
 WIDE = 0.75
 
 
-def core(there: Mask, narrow: Any, varies: bool, like: Any) -> Float:
-    """Return the count of a structure in a half of a stretch, see `Medium.cores`.
+def core(there: Mask, narrow: Mask, varies: bool, like: Float) -> Float:
+    """Return the count of a structure `there` in a half of a stretch, see `Medium.cores`.
 
-    Parameters
-    ----------
-    there, narrow : arrays of bool
-        Whether it is in the half, and narrower than that.
-    varies : bool
-        Whether its colour varies: a narrow one then counts as two, one in front of the other, whose
-        mixture step doubling may not detect.
-    like : array
-        An array of the type of the result.
+    A `narrow` one whose colour varies counts as two, one in front of the other, whose mixture step
+    doubling may not detect.
     """
     own = dr.select(narrow, like * 0.0 + (2.0 if varies else 1.0), WIDE)
     return dr.select(there, own, 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -69,18 +68,17 @@ class VolumeStatistics:
     def extremes(self, name: str) -> tuple[float, float]:
         """Return the least and the largest value of a field; NaN if it has NaN."""
         if name not in self._extremes:
+
+            def compute() -> tuple[float, float]:
+                array = self.volume.array(name)
+                return float(array.min()), float(array.max())
+
             if self.cache is None or not self.is_hashed([name]):
-                self._extremes[name] = self._compute_extremes(name)
+                self._extremes[name] = compute()
             else:
                 key = ("extremes", name, self.digest(name))
-                self._extremes[name] = self.cache.get_or_make(
-                    key, lambda: self._compute_extremes(name)
-                )
+                self._extremes[name] = self.cache.get_or_make(key, compute)
         return self._extremes[name]
-
-    def _compute_extremes(self, name: str) -> tuple[float, float]:
-        array = self.volume.array(name)
-        return float(array.min()), float(array.max())
 
     def range_of(self, name: str) -> Interval:
         """Return the range of a field, or of a coordinate, in the whole volume."""
@@ -141,34 +139,29 @@ class Cache:
         return self.get_or_make(("measured", *texts, self.statistics.digests(names)), dict)
 
 
+# Objects of these packages may hold arrays.
+_ROOMS = tuple(f"voluminous.{room}" for room in ("rendering", "grids", "expressions"))
+
+
 def size_of(thing: Any, seen: set[int] | None = None) -> int:
     """Return the bytes of all arrays in a thing: in containers and objects of this package."""
     seen = set() if seen is None else seen
     if id(thing) in seen:
         return 0
     seen.add(id(thing))
+    parts: Any = ()
     if isinstance(thing, np.ndarray):
         return thing.nbytes
-    if isinstance(thing, dr.ArrayBase):
-        return _array_bytes(thing)
     if isinstance(thing, Volume):
-        return sum(thing.array(n).nbytes for n in thing.fields if n not in thing.waiting)
-    if isinstance(thing, dict):
-        return sum(size_of(part, seen) for part in thing.values())
-    if isinstance(thing, (list, tuple)):
-        return sum(size_of(part, seen) for part in thing)
-    own = dataclasses.is_dataclass(thing) or type(thing).__module__.startswith(_ROOMS)
-    if own and not isinstance(thing, type):
-        return sum(size_of(part, seen) for part in vars(thing).values())
-    return 0
-
-
-# Objects of these packages may hold arrays.
-_ROOMS = ("voluminous.rendering", "voluminous.grids")
-
-
-def _array_bytes(array: Any) -> int:
-    kind = type(array)
-    if dr.depth_v(kind) > 1:
-        return sum(_array_bytes(part) for part in array)
-    return int(dr.width(array)) * int(dr.itemsize_v(kind))
+        parts = [thing.array(name) for name in thing.fields if name not in thing.waiting]
+    elif isinstance(thing, dr.ArrayBase):
+        if dr.depth_v(thing) <= 1:
+            return int(dr.width(thing)) * int(dr.itemsize_v(type(thing)))
+        parts = thing
+    elif isinstance(thing, dict):
+        parts = thing.values()
+    elif isinstance(thing, (list, tuple)):
+        parts = thing
+    elif type(thing).__module__.startswith(_ROOMS):
+        parts = getattr(thing, "__dict__", {}).values()
+    return sum(size_of(part, seen) for part in parts)

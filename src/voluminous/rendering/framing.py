@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from .run import run
 
 if TYPE_CHECKING:
     from ..cameras.contract import Frame
-    from ..media import Medium
 
 
 # Pixels per side of a coarse picture that shows where the medium is visible:
@@ -79,26 +79,22 @@ def first_camera(
     volume: Volume, incl: Any = None, phi: Any = None, *, view: str | None = None
 ) -> Orthographic:
     """Return a camera that shows the whole volume from given angles, or in a view."""
-    given = {name: v for name, v in (("incl", incl), ("phi", phi)) if v is not None}
-    if view is not None and given:
+    if incl is None and phi is None:
+        return Orthographic(**view_angles(getattr(volume, "meta", {}), view))
+    if view is not None:
         raise InputError(f"give angles or view={view!r}, not both")
-    angles = view_angles(getattr(volume, "meta", {}), view)
-    if given:
-        angles = {"incl": FIRST_INCL, "phi": FIRST_PHI} | given
-    return Orthographic(**angles)
+    return Orthographic(FIRST_INCL if incl is None else incl, FIRST_PHI if phi is None else phi)
 
 
 def _limits(light: np.ndarray, frame: Frame) -> list[tuple[float, float]]:
     """Return the limits of the visible part along both axes of the image plane."""
-    seen = np.where(light > _FAINT * light.max(), light, 0.0)
-    ends = [_span(seen.sum(axis=a)) for a in (0, 1)]
-    return [(axis[a], axis[b]) for axis, (a, b) in zip(frame.coordinates(), ends, strict=True)]
-
-
-def _span(light: np.ndarray) -> tuple[int, int]:
-    total = np.cumsum(light) / max(light.sum(), 1e-300)
-    first, last = np.searchsorted(total, [_WISPS, 1.0 - _WISPS])
-    return int(first), int(min(last, len(light) - 1))
+    light = np.where(light > _FAINT * light.max(), light, 0.0)
+    limits = []
+    for axis, places in enumerate(frame.coordinates()):
+        total = np.cumsum(light.sum(axis=axis)) / max(light.sum(), 1e-300)
+        first, last = np.searchsorted(total, [_WISPS, 1.0 - _WISPS])
+        limits.append((places[first], places[min(last, len(places) - 1)]))
+    return limits
 
 
 def _rounded(value: float, size: float) -> float:
@@ -113,11 +109,15 @@ def first_medium(volume: Volume) -> Medium:
     """
     if has_channels(volume):
         return presets.fluorescence(volume)
-    found = Cache(volume).get(_key(volume))
-    if found is None:
-        found = suggest_medium(volume)
-        Cache(volume).put(_key(volume), found)  # fields may have been read only now
-    medium: Medium = found
+
+    def key() -> Hashable:  # fields that are not read yet do not count
+        read = [name for name in volume.fields if name not in volume.waiting]
+        return "first medium", Cache(volume).statistics.digests(read)
+
+    medium: Medium | None = Cache(volume).get(key())
+    if medium is None:
+        medium = suggest_medium(volume)
+        Cache(volume).put(key(), medium)  # fields may have been read only now
     return medium
 
 
@@ -125,9 +125,3 @@ def has_channels(volume: Volume) -> bool:
     """Return whether all fields are microscope channels, and there are several."""
     channels = volume.meta.get("channels") or {}
     return len(channels) > 1 and all(name in channels for name in volume.fields)
-
-
-def _key(volume: Volume) -> Any:
-    """Return a key that changes with the fields; fields not read from the file yet do not count."""
-    read = [name for name in volume.fields if name not in volume.waiting]
-    return "first medium", Cache(volume).statistics.digests(read)

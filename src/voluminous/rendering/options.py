@@ -144,9 +144,10 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
 
 def check_walk(scheme: Scheme, grid: Grid) -> None:
     """Refuse a scheme that a grid has no walk for."""
-    missing = scheme.coefficients_at == "field" and "dual" not in grid.walk_kinds
-    missing |= scheme.coefficients_at == "vertex" and not grid.has_vertices
-    if missing:
+    where = scheme.coefficients_at
+    if (where == "field" and "dual" not in grid.walk_kinds) or (
+        where == "vertex" and not grid.has_vertices
+    ):
         raise InputError(
             f"scheme {scheme.name!r} cannot be used on a {type(grid).__name__}; "
             "use scheme='first-order'"
@@ -158,11 +159,10 @@ def check_coordinates(scheme: Scheme, grid: Grid, names: Iterable[str]) -> None:
 
     A disc of cells all around the axis cannot be cut open by ``x > 0`` cell by cell.
     """
-    several = many_valued(grid)
-    for name in names:
-        if scheme.coefficients_at != "field" and name in several:
-            mirrored = grid.mirror
-            many = "volume.unfolded()" if mirrored and name == "z" else "volume.unfolded(phi=64)"
+    for name in names if scheme.coefficients_at != "field" else ():
+        if name in many_valued(grid):
+            mirrored = grid.mirror and name == "z"
+            many = "volume.unfolded()" if mirrored else "volume.unfolded(phi=64)"
             raise InputError(
                 f"{name!r} differs within a cell of this grid, which scheme {scheme.name!r} takes "
                 "as a whole: use scheme='post-classified', which knows where on its way a ray is, "

@@ -1,9 +1,4 @@
-"""The contract of a scheme: how one segment of a ray is solved.
-
-The transfer equation over a segment gives an emission b and a transparency θ per channel. A scheme
-declares the coefficients it needs, the state it carries along a ray from one segment to the next,
-and how both give (b, θ).
-"""
+"""The contract of a scheme: how the emission b and transparency θ of one segment are computed."""
 
 from __future__ import annotations
 
@@ -37,9 +32,6 @@ class Source(Protocol):
 
     def along(self, segment: Segment) -> Any:
         """Return the fields along a segment."""
-
-    def inputs(self) -> Any:
-        """Return all arrays that a kernel reads: a list, dictionary or dataclass of them."""
 
 
 @dataclass

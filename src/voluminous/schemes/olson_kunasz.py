@@ -66,22 +66,15 @@ def _stable_weights(tau: Float) -> tuple[Float, Float, Float]:
 
 
 def _radmc_weights(tau: Float) -> tuple[Float, Float, Float]:
-    thin = tau <= _SERIES_BELOW
-    e, back, front = _subtracted_weights(tau, thin)
-    half = 0.5 * tau
-    return (
-        dr.select(thin, 1.0 - tau, e),
-        dr.select(thin, half, back),
-        dr.select(thin, half, front),
-    )
-
-
-def _subtracted_weights(tau: Float, thin: Float) -> tuple[Float, Float, Float]:
     """Return e^-τ and RADMC-3D's weights: differences of nearly equal numbers."""
-    e = dr.exp(-tau)
+    thin, half, e = tau <= _SERIES_BELOW, 0.5 * tau, dr.exp(-tau)
     e0 = 1.0 - e
     front = (tau - e0) / dr.select(thin, 1.0, tau)
-    return e, e0 - front, front
+    return (
+        dr.select(thin, 1.0 - tau, e),
+        dr.select(thin, half, e0 - front),
+        dr.select(thin, half, front),
+    )
 
 
 def _emission(
@@ -91,7 +84,7 @@ def _emission(
     a_back: Float,
     s: Float,
     tau: Float,
-    weights: Float,
+    weights: tuple[Float, Float, Float],
 ) -> Float:
     single = precision_of(type(tau)) == "single"
     tiny = float(np.finfo(np.float32).tiny) if single else 1e-99

@@ -323,31 +323,20 @@ def _solve_panel(
         numbers = source.numbers
         nothing = empty_path(type(panel.length), numbers.emissions, numbers.extinctions, 3)
         return nothing, panel.width > 0.0
+
+    def sampled(panel: SubPanel, budget: ErrorBudget) -> tuple[Path, Mask]:
+        return sampled_segment(source, panel.stretch(source), budget, backward, fine=True)
+
+    def compared(panel: SubPanel, budget: ErrorBudget) -> tuple[Path, Mask]:
+        part, least = panel.stretch(source), panel.width <= _NARROWEST
+        path, good = solve_with_error(source, part, budget, backward, least)
+        _, hidden = source.medium.visible(part, source.context)
+        not_finite = dr.isnan(path.error[0] + path.error[1]) & (panel.width <= _NOT_FINITE)
+        return path, (good & ~hidden) | least | not_finite
+
     if not source.finer:
-        return _compared(source, backward, panel, budget)
-    return dr.if_stmt(
-        args=(panel, budget),
-        cond=closed | (panel.width < _SAMPLED),
-        true_fn=functools.partial(_compared, source, backward),
-        false_fn=functools.partial(_sampled, source, backward),
-    )
-
-
-def _sampled(
-    source: Any, backward: bool, panel: SubPanel, budget: ErrorBudget
-) -> tuple[Path, Mask]:
-    return sampled_segment(source, panel.stretch(source), budget, backward, fine=True)
-
-
-def _compared(
-    source: Any, backward: bool, panel: SubPanel, budget: ErrorBudget
-) -> tuple[Path, Mask]:
-    part = panel.stretch(source)
-    least = panel.width <= _NARROWEST
-    found, good = solve_with_error(source, part, budget, backward, least)
-    _, hidden = source.medium.visible(part, source.context)
-    not_finite = dr.isnan(found.error[0] + found.error[1]) & (panel.width <= _NOT_FINITE)
-    return found, (good & ~hidden) | least | not_finite
+        return compared(panel, budget)
+    return dr.if_stmt((panel, budget), closed | (panel.width < _SAMPLED), compared, sampled)
 
 
 # --- edges of the medium, and surfaces without width ----------------------------------------------
@@ -369,67 +358,49 @@ def _surface_alone(
     return _with_layer(source, False, panel, good & (count > 0), nothing), good
 
 
-def _up_to_edge(source: Any, panel: SubPanel, values: Values) -> tuple[SubPanel, Mask, Mask]:
-    """Return a panel cut at its first visible edge, and where edges may be hidden.
+Cut = tuple[SubPanel, Mask, Mask]
+
+
+def _up_to_edge(source: Any, panel: SubPanel, values: Values) -> Cut:
+    """Return a panel cut at its first visible edge, where there is one, and where some may hide.
 
     It ends just behind the edge; the next panel begins on the other side.
     """
     nowhere = panel.width < 0.0
     if not source.edges:
         return panel, nowhere, nowhere
-    seen = ~nowhere
+    visible = ~nowhere
     if not source.hollow:
-        seen, _ = source.medium.visible(panel.stretch(source, edgeless=False), source.context)
-    return dr.if_stmt(
-        args=(panel, values, nowhere),
-        cond=seen,
-        true_fn=functools.partial(_to_first_edge, source),
-        false_fn=_unchanged,
-    )
+        visible, _ = source.medium.visible(panel.stretch(source, edgeless=False), source.context)
+
+    def cut(values: Values, panel: SubPanel) -> SubPanel:
+        place = first_edge(panel.stretch(source, edgeless=False), source.edges)
+        end = dr.fma(place, panel.width, _BEHIND[precision_of(type(place))])
+        width = dr.select(end < panel.width, end, panel.width)
+        return replace(panel, width=width).ending(source, values)
+
+    def to_first_edge(values: Values, uncut: Cut) -> Cut:
+        count, hidden = edges_ahead(uncut[0].stretch(source, edgeless=False), source.edges)
+        # A zero-width surface that is alone in a panel need not be at its end.
+        several = count > (1 if source.hollow else 0)
+        panel = dr.if_stmt((values, uncut[0]), several, cut, last_argument)
+        return panel, count > 0, hidden
+
+    return dr.if_stmt((values, (panel, nowhere, nowhere)), visible, to_first_edge, last_argument)
 
 
-def _unchanged(panel: SubPanel, values: Values, nowhere: Mask) -> tuple[SubPanel, Mask, Mask]:
-    return panel, nowhere, nowhere
-
-
-def _to_first_edge(
-    source: Any, panel: SubPanel, values: Values, nowhere: Mask
-) -> tuple[SubPanel, Mask, Mask]:
-    count, hidden = edges_ahead(panel.stretch(source, edgeless=False), source.edges)
-    # A zero-width surface that is alone in a panel need not be at its end.
-    panel = dr.if_stmt(
-        args=(values, panel),
-        cond=count > (1 if source.hollow else 0),
-        true_fn=functools.partial(_cut, source),
-        false_fn=last_argument,
-    )
-    return panel, count > 0, hidden
-
-
-def _cut(source: Any, values: Values, panel: SubPanel) -> SubPanel:
-    place = first_edge(panel.stretch(source, edgeless=False), source.edges)
-    end = dr.fma(place, panel.width, _BEHIND[precision_of(type(place))])
-    width = dr.select(end < panel.width, end, panel.width)
-    return replace(panel, width=width).ending(source, values)
-
-
-def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, found: Path) -> Path:
+def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, solved: Path) -> Path:
     """Return a panel with the zero-width surfaces at its end, where it passes one."""
     if not source.layered:
-        return found
-    return dr.if_stmt(
-        args=(panel, found),
-        cond=passed,
-        true_fn=functools.partial(_layered, source, backward),
-        false_fn=last_argument,
-    )
+        return solved
 
+    def layered(panel: SubPanel, solved: Path) -> Path:
+        stretch, place = panel.stretch(source), 1.0
+        if source.hollow and source.looks_inside:
+            place = first_edge(stretch, source.edges)
+        layer: Path = source.layer(stretch, place)
+        zero = panel.length * 0.0
+        layer.error = [zero, zero, source.numbers.brightness(layer.emission)]
+        return over(layer, solved) if backward else over(solved, layer)
 
-def _layered(source: Any, backward: bool, panel: SubPanel, found: Path) -> Path:
-    stretch, place = panel.stretch(source), 1.0
-    if source.hollow and source.looks_inside:
-        place = first_edge(stretch, source.edges)
-    layer: Path = source.layer(stretch, place)
-    zero = panel.length * 0.0
-    layer.error = [zero, zero, source.numbers.brightness(layer.emission)]
-    return over(layer, found) if backward else over(found, layer)
+    return dr.if_stmt((panel, solved), passed, layered, last_argument)

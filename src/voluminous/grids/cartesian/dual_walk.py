@@ -40,14 +40,10 @@ WIDEST = 3
 class DualTrack(CartesianTrack):
     """Also how mirrored fractions become real ones, the first corner, and the ray itself.
 
-    Attributes
-    ----------
-    sign, offset : list of arrays
-        The fraction along an axis is ``offset + sign · mirrored fraction``.
-    first_corner : array
-        What to add to the mirrored lower vertex to get the lower vertex.
-    origin, direction : list of arrays
-        The point where distances start, and the way per unit of distance, in the volume's unit.
+    `sign`, `offset`: the fraction along an axis is ``offset + sign · mirrored fraction``;
+    `first_corner`: what to add to the mirrored lower vertex to get the lower vertex; `origin`,
+    `direction`: the point where distances start, and the way per unit of distance, in the volume's
+    unit.
     """
 
     sign: list[Float]

@@ -37,19 +37,10 @@ _FARTHEST = (1 << _DISTANCE_BITS) - 1
 class Blocks:
     """Blocks of a grid on the device.
 
-    Attributes
-    ----------
-    code : array of UInt
-        Per block, z fastest: for an empty one how many are empty ahead, four bits for each octant;
-        else, below 16, the log2 of how many cells wide a step may be.
-    shape : tuple of arrays of UInt
-        Number of blocks along y and z.
-    filled : float
-        The part of all blocks that is not empty.
-    steps : tuple of int
-        log2 of how wide the steps are that are wider than a cell.
-    share : float
-        The mean part of a step that a cell is.
+    `code`: per block, z fastest: for an empty one how many are empty ahead, four bits for each
+    octant; else, below 16, the log2 of how many cells wide a step may be; `shape`: number of blocks
+    along y and z; `filled`: the part of all blocks that is not empty; `steps`: log2 of how wide the
+    steps are that are wider than a cell; `share`: the mean part of a step that a cell is.
     """
 
     code: Int
@@ -68,12 +59,8 @@ class Blocks:
 class Leap:
     """Where rays are once they have looked for the next block with something in it.
 
-    Attributes
-    ----------
-    leave : array or None
-        The distance where they leave that block; where steps may be wide, one is taken at a time.
-    moved : array of Bool
-        Lanes that crossed empty space.
+    `leave`: the distance where they leave that block; where steps may be wide, one is taken at a
+    time; `moved`: lanes that crossed empty space.
     """
 
     cursor: Any
@@ -89,14 +76,8 @@ class Leap:
 class Search:
     """Where rays are while they look.
 
-    Attributes
-    ----------
-    block : list of arrays
-        The block they are in: mirrored numbers.
-    t : array
-        The distance where they enter it.
-    code : array of UInt
-        The block's code; zero outside of the volume.
+    `block`: the block they are in: mirrored numbers; `t`: the distance where they enter it; `code`:
+    the block's code; zero outside of the volume.
     """
 
     block: list[Int]
@@ -150,17 +131,13 @@ def _cube_ahead(empty: np.ndarray) -> np.ndarray:
     size = empty.astype(np.uint8)
     for smaller, larger in pairwise(_SIZES):
         for axis in range(3):
-            empty = _both(empty, larger - smaller, axis)
+            # Where a place is empty, and the one so far ahead along an axis (or outside).
+            both, distance = empty.copy(), larger - smaller
+            near, far = (np.moveaxis(a, axis, 0) for a in (both, empty))
+            near[:-distance] &= far[distance:]
+            empty = both
         size += np.uint8(larger - smaller) * empty
     return size
-
-
-def _both(empty: np.ndarray, distance: int, axis: int) -> np.ndarray:
-    """Return where a place is empty, and the one so far ahead along an axis (or outside)."""
-    result = empty.copy()
-    near, far = (np.moveaxis(a, axis, 0) for a in (result, empty))
-    near[:-distance] &= far[distance:]
-    return result
 
 
 def leap(way: Way, cursor: Any) -> Leap:

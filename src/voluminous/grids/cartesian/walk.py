@@ -67,12 +67,8 @@ class Exit:
 class CartesianWalk(BoxWalk):
     """Rays through a `CartesianGrid`; see `grids.contract.Walk`.
 
-    Parameters
-    ----------
-    edges : three arrays
-    box : CellBox, optional
-        Cells to which the walk is confined. Crossings are computed as without it, from the edges of
-        the whole grid: what boxes contribute to a ray adds up to the same bits.
+    Confined to a box of cells, its crossings are computed as without it, from the edges of the
+    whole grid: what boxes contribute to a ray adds up to the same bits.
     """
 
     leaps = True  # rays may cross empty blocks in one step (`grids.cartesian.leap`)

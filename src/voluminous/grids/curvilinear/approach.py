@@ -26,18 +26,9 @@ ROUNDING = 32.0
 class Approach:
     """Rays in `Wide`, in units of the grid's scale, as ``point + t direction``.
 
-    Attributes
-    ----------
-    point, direction : list of three arrays
-        Where the distance t is zero, and the unit direction.
-    way : array
-        Distance of that point from the ray's origin.
-    arrive, leave : array
-        The t at which rays enter and leave the surface around everything.
-    hits : array of Bool
-        Lanes that do.
-    passage : Passage
-        Where they pass the axis.
+    `point`, `direction`: where the distance t is zero, and the unit direction; `way`: distance of
+    that point from the ray's origin; `arrive`, `leave`: the t at which rays enter and leave the
+    surface around everything; `hits`: lanes that do; `passage`: where they pass the axis.
     """
 
     point: list[Float]
@@ -157,14 +148,8 @@ _BESIDE = 2.0**-6
 class Passage:
     """The nearest point to the axis, lengths in units of the scale.
 
-    Attributes
-    ----------
-    turn : array
-        Its distance along the ray.
-    foot : list of two arrays
-        Its x and y.
-    meets : array of Bool
-        Rays that go through the axis, or begin or end there: the foot is zero.
+    `turn`: its distance along the ray; `foot`: its x and y; `meets`: rays that go through the axis,
+    or begin or end there: the foot is zero.
     """
 
     turn: Float

@@ -1,4 +1,7 @@
-"""The families of surfaces: spheres, cylinders, cones, half planes and planes."""
+"""The families of surfaces: spheres, cylinders, cones, half planes and planes.
+
+They are made of the walls of cells: lengths in units of the grid's scale, angles in radian.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +37,6 @@ class Round(TurningPoint):
     """Surfaces of constant radius.
 
     Inside the innermost one, unless that has no radius at all, is a cavity: no cell.
-
-    Parameters
-    ----------
-    edges : array
-        Radii of the cells' walls, in units of the grid's scale.
     """
 
     encloses = True
@@ -118,18 +116,11 @@ class Shells(Round):
 class TubeTrack:
     """How a ray runs past the axis.
 
-    Attributes
-    ----------
-    nearest : array
-        Square of the distance from the axis at t = 0, the nearest point of the chord.
-    passing : array
-        Square of the distance at which the whole line passes the axis.
-    bias : array
-        Size of the part of the first that is along the line; zero unless the chord ends there.
-    side : array
-        1 if the chord begins beyond the closest approach, -1 if it ends before, 0 if it has it.
-    pace : array
-        Distance along the ray per distance across the axis.
+    `nearest`: square of the distance from the axis at t = 0, the nearest point of the chord;
+    `passing`: square of the distance at which the whole line passes the axis; `bias`: size of the
+    part of the first that is along the line; zero unless the chord ends there; `side`: 1 if the
+    chord begins beyond the closest approach, -1 if it ends before, 0 if it has it; `pace`: distance
+    along the ray per distance across the axis.
     """
 
     nearest: Float
@@ -188,20 +179,11 @@ class Tubes(Round):
 class ConeTrack:
     """How a ray runs through the cones, mirrored so that its nearest point is above the midplane.
 
-    Attributes
-    ----------
-    rise : array
-        The z component of the direction.
-    height : array
-        The z component of the unit vector to the closest approach; not negative.
-    radius : array
-        Distance of the closest approach.
-    tilt : array
-        Square of the z component of the normal of the plane through the ray and the centre.
-    steepest : array
-        Minus the square of the greatest cos θ on the ray: ``tilt - 1``.
-    point, direction : list of two arrays
-        The closest approach, and the direction, across the axis.
+    `rise`: the z component of the direction; `height`: the z component of the unit vector to the
+    closest approach; not negative; `radius`: distance of the closest approach; `tilt`: square of
+    the z component of the normal of the plane through the ray and the centre; `steepest`: minus the
+    square of the greatest cos θ on the ray: ``tilt - 1``; `point`, `direction`: the closest
+    approach, and the direction, across the axis.
     """
 
     rise: Float
@@ -224,13 +206,6 @@ class Cones(TurningPoint):
         t = b (u c ∓ h s)/(h c ± u s),    s = sqrt(μ² - c²),
 
     if the denominator, ``μ² cos ψ``, is positive: else before the ray began, or never.
-
-    Parameters
-    ----------
-    edges : array
-        Angles of the cells' walls from the axis.
-    mirrored : bool
-        The last edge is the midplane, and the cells are mirrored below it.
     """
 
     def __init__(self, edges: np.ndarray, mirrored: bool, backend: Backend) -> None:
@@ -239,10 +214,13 @@ class Cones(TurningPoint):
         self.above, self.below = bool(every[0] > 0), bool(every[-1] < np.pi)
         self.has_gaps = self.above or self.below
         angles = every[0 if self.above else 1 : len(every) if self.below else -1]
-        table = cone_table(angles)
-        # One more beyond the last, that is never met.
+        # Of sin² θ near the axis and -cos² θ near the midplane a difference keeps its digits.
+        cosine, sine = _directions(angles).T
+        square = np.where(cosine**2 > 0.5, sine**2, -(cosine**2))
+        table = np.stack([cosine, square], axis=1)
+        # One more beyond the last, that is never met; and all of them seen from below.
         beyond = np.array([[-2.0, -4.0]])
-        both = np.concatenate([table, beyond, mirrored_table(table), beyond])
+        both = np.concatenate([table, beyond, table[::-1] * [-1.0, 1.0], beyond])
         super().__init__(both, len(angles), edges, backend)
         self.mirrored_start = dr.opaque(backend.Int, len(angles) + 1)
         self.lower = from_host(backend.Float, _directions(edges[:-1]).reshape(-1))
@@ -333,20 +311,6 @@ class Cones(TurningPoint):
         return own.part(angle, 0.0, self.per_width(cell))
 
 
-def cone_table(angles: np.ndarray) -> np.ndarray:
-    """Return cos θ, and sin² θ near the axis or -cos² θ near the midplane, shape (n, 2).
-
-    Either is what a difference of squares keeps its digits with.
-    """
-    cosine, sine = _directions(angles).T
-    return np.stack([cosine, np.where(cosine**2 > 0.5, sine**2, -(cosine**2))], axis=1)
-
-
-def mirrored_table(table: np.ndarray) -> np.ndarray:
-    """Return the table seen from below."""
-    return table[::-1] * [-1.0, 1.0]
-
-
 @dataclass
 class HalfPlaneTrack:
     """Where a ray passes the axis, and its direction across it, mirrored so that azimuth increases.
@@ -372,11 +336,6 @@ class HalfPlanes(Running):
 
     A ray could meet all walls of a wedge, or all but those of a wide cell, and would come to the
     first one again. A half plane through whatever is wider than half a circle stands in between.
-
-    Parameters
-    ----------
-    edges : array
-        Azimuths of the cells' walls.
     """
 
     def __init__(self, edges: np.ndarray, backend: Backend) -> None:
@@ -523,13 +482,7 @@ class PlaneTrack:
 
 
 class Planes(Running):
-    """Planes across the axis.
-
-    Parameters
-    ----------
-    edges : array
-        Heights of the cells' walls, in units of the grid's scale.
-    """
+    """Planes across the axis."""
 
     encloses = True
 

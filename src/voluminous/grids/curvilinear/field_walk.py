@@ -111,14 +111,8 @@ class CurvilinearChord:
 class SmoothWalk(CurvilinearWalk):
     """A walk whose segments end, near the axis and the centre, where fields are near to cubics.
 
-    Attributes
-    ----------
-    part : array
-        The longest segment, as a part of its distance from the axis or the centre.
-    least : array
-        The least such distance that counts.
-    length : array
-        The grid's scale.
+    `part`: the longest segment, as a part of its distance from the axis or the centre; `least`: the
+    least such distance that counts; `length`: the grid's scale.
     """
 
     approximate = True
@@ -233,13 +227,10 @@ def dual_edges(edges: np.ndarray, periodic: bool) -> np.ndarray:
 def dual_values(array: np.ndarray, grid: Grid) -> np.ndarray:
     """Return a field at the vertices of the dual grid."""
     for axis, periodic in enumerate(periodic_axes(grid)):
-        array = _at_walls(array, axis, periodic)
+        if array.shape[axis] > 1 and periodic:
+            array = np.concatenate([array, np.take(array, [0], axis)], axis)
+            continue
+        widths = [(0, 0)] * array.ndim
+        widths[axis] = (1, 1) if array.shape[axis] > 1 else (0, 1)
+        array = np.pad(array, widths, mode="edge")
     return array
-
-
-def _at_walls(array: np.ndarray, axis: int, periodic: bool) -> np.ndarray:
-    if array.shape[axis] > 1 and periodic:
-        return np.concatenate([array, np.take(array, [0], axis)], axis)
-    widths = [(0, 0)] * array.ndim
-    widths[axis] = (1, 1) if array.shape[axis] > 1 else (0, 1)
-    return np.pad(array, widths, mode="edge")

@@ -29,14 +29,8 @@ ANGLE_ROUNDING = 1e-6
 class CurvilinearGrid(StructuredGrid):
     """Cells between surfaces of constant coordinates; see `SphericalGrid`, `CylindricalGrid`.
 
-    Attributes
-    ----------
-    edges : tuple of three float64 arrays
-        The cell walls: lengths in `unit`, angles in radian.
-    coordinates : tuple of str
-        Names of the grid's own coordinates.
-    unit : astropy unit or None
-        Length unit; None is dimensionless.
+    `edges`: the cell walls: lengths in `unit`, angles in radian; `coordinates`: names of the grid's
+    own coordinates; `unit`: length unit; None is dimensionless.
     """
 
     coordinates: tuple[str, str, str]

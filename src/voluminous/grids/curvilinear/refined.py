@@ -39,12 +39,8 @@ _MOST_WALLS = 1 << 24
 class RefinedCells(LeafGrid, CurvilinearGrid):
     """What refinement changes in a curvilinear grid: fields are flat, in the order of the leaves.
 
-    Attributes
-    ----------
-    levels : array of uint8, shape (leaves,)
-        How often each leaf's base cell was split.
-    fine_edges : tuple of three float64 arrays
-        The walls of the evenly refined grid.
+    `levels` (leaves,): how often each leaf's base cell was split; `fine_edges`: the walls of the
+    evenly refined grid.
     """
 
     walk_kinds: tuple[str, ...] = ("cells", "dual")

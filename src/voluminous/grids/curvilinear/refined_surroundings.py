@@ -13,39 +13,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...backend import Float, Int, dr
-from ...backend.types import Mask
+from ...backend import dr, from_host
+from ...backend.types import Float, Int, Mask
 from ...geometry import SPHERICAL
 from ..trees.axes import Spacing
 from ..trees.tree import Cell
 from ..trees.vertices import Surroundings
-from .opposite import Opposite
+from .grid import FULL_CIRCLE
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
+    from .refined import RefinedCells
 
 
 class RefinedSurroundings(Surroundings):
-    """Finds the leaves in the eight octants around vertices.
+    """Finds the leaves in the eight octants around vertices."""
 
-    Parameters
-    ----------
-    grid : RefinedCells
-    backend : Backend
-        In double precision.
-    """
+    grid: RefinedCells
 
-    def __init__(self, grid: Any, backend: Backend) -> None:
-        super().__init__(grid.tree, backend)
+    def __init__(self, grid: RefinedCells, backend: Backend) -> None:
+        super().__init__(grid, backend)
         self.turning, self.mirrored = endless(grid)
         self.parts = [float(p) for p in grid.divisions]
 
-    def spacing(self, grid: Any, backend: Backend) -> ContinuedSpacing:
-        return OwnSpacing(grid, backend)
+    def spacing(self, backend: Backend) -> ContinuedSpacing:
+        return OwnSpacing(self.grid, backend)
 
     def steps(self, middle: list[Float], size: list[Float], width: list[Float]) -> list[Float]:
         found = [s / parts for s, parts in zip(size, self.parts, strict=True)]
@@ -55,7 +51,7 @@ class RefinedSurroundings(Surroundings):
             found[axis] = dr.select(image, -found[axis], found[axis])
         return found
 
-    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Mask]:
         inner = list(place)
         for axis, (p, extent) in enumerate(zip(place, self.extent, strict=True)):
             if self.turning[axis]:
@@ -79,21 +75,14 @@ def _turns(place: Float, extent: Float) -> Float:
 
 
 class ContinuedSpacing(Spacing):
-    """Differences of the grid's own coordinates, which go on where the grid does.
-
-    Parameters
-    ----------
-    grid : RefinedCells
-    edges : list of three arrays
-        The walls of its base cells, in any unit.
-    backend : Backend
-        In double precision.
-    straight : list of bool, optional
-        Axes that go on as they are, instead.
-    """
+    """Differences of the grid's own coordinates, which go on where the grid does."""
 
     def __init__(
-        self, grid: Any, edges: Any, backend: Backend, straight: Sequence[bool] = (False,) * 3
+        self,
+        grid: RefinedCells,
+        edges: Sequence[np.ndarray],
+        backend: Backend,
+        straight: Sequence[bool] = (False,) * 3,
     ) -> None:
         turning, mirrored = (
             [own and not on for own, on in zip(each, straight, strict=True)]
@@ -120,15 +109,9 @@ class OwnSpacing(ContinuedSpacing):
 
     Radii, which may span many decades, and angles are counted in widths of the base cell that a
     difference starts in.
-
-    Parameters
-    ----------
-    grid : RefinedCells
-    backend : Backend
-        In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Backend) -> None:
+    def __init__(self, grid: RefinedCells, backend: Backend) -> None:
         super().__init__(grid, grid.edges, backend)
         self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
 
@@ -146,7 +129,7 @@ class _Frame:
     scale: float = 1.0
 
 
-def endless(grid: Any) -> tuple[list[bool], list[bool]]:
+def endless(grid: RefinedCells) -> tuple[list[bool], list[bool]]:
     """Return along which axes a grid closes upon itself, and which have a mirror at their end."""
     turning = [name == "phi" and grid.is_periodic for name in grid.coordinates]
     return turning, [name == "theta" and grid.mirror for name in grid.coordinates]
@@ -159,6 +142,8 @@ def _continued(edges: np.ndarray, turning: bool, mirrored: bool) -> np.ndarray:
     return np.append(edges, 2 * edges[-1] - edges[-2::-1]) if mirrored else edges
 
 
+# A place outside, along any axis, also where that closes upon itself.
+_NOWHERE = -np.inf
 # By how much leaves are turned along angles with one cell, in radian: second derivatives that
 # follow from the gradient are off by a quarter of its square.
 _TURNED = 2.0**-18
@@ -167,24 +152,17 @@ _WIDEST, _FARTHEST = 2.0, 0.75
 
 
 class StraightSurroundings(RefinedSurroundings):
-    """Finds neighbours of leaves, also beyond the axis and the centre.
+    """Finds neighbours of leaves, also beyond the axis and the centre."""
 
-    Parameters
-    ----------
-    grid : RefinedCells
-    backend : Backend
-        In double precision.
-    """
-
-    def __init__(self, grid: Any, backend: Backend) -> None:
+    def __init__(self, grid: RefinedCells, backend: Backend) -> None:
         super().__init__(grid, backend)
         self.alike = _alike(grid)
         self.opposite = Opposite(grid, self.alike, np.pi / _TURNED, backend)
 
-    def spacing(self, grid: Any, backend: Backend) -> StraightSpacing:
-        return StraightSpacing(grid, backend)
+    def spacing(self, backend: Backend) -> StraightSpacing:
+        return StraightSpacing(self.grid, backend)
 
-    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Float], active: Mask) -> tuple[Cell, Mask]:
         # Aside of a place is the leaf itself, not one that is turned.
         whole = [
             dr.round(p - 0.5) if alike else p for p, alike in zip(place, self.alike, strict=True)
@@ -199,16 +177,9 @@ class StraightSurroundings(RefinedSurroundings):
 
 
 class StraightSpacing(ContinuedSpacing):
-    """Ways along the directions of the coordinates at their start, in units of the grid's scale.
+    """Ways along the directions of the coordinates at their start, in units of the grid's scale."""
 
-    Parameters
-    ----------
-    grid : RefinedCells
-    backend : Backend
-        In double precision.
-    """
-
-    def __init__(self, grid: Any, backend: Backend) -> None:
+    def __init__(self, grid: RefinedCells, backend: Backend) -> None:
         angles = [name in ("theta", "phi") for name in grid.coordinates]
         alike = _alike(grid)
         edges = [
@@ -276,7 +247,7 @@ class StraightSpacing(ContinuedSpacing):
         return [axis.way(before, before + p) + start for axis, before, p, start in axes]
 
 
-def _alike(grid: Any) -> list[bool]:
+def _alike(grid: RefinedCells) -> list[bool]:
     counts = grid.tree.extent
     return [
         bool(count == 1) and name in ("theta", "phi")
@@ -284,7 +255,7 @@ def _alike(grid: Any) -> list[bool]:
     ]
 
 
-def _open(grid: Any, alike: list[bool]) -> list[tuple[bool, bool]]:
+def _open(grid: RefinedCells, alike: list[bool]) -> list[tuple[bool, bool]]:
     turning, mirrored = endless(grid)
     found = [(turns, turns or mirror) for turns, mirror in zip(turning, mirrored, strict=True)]
     if grid.is_periodic and "theta" in grid.coordinates:
@@ -318,3 +289,84 @@ def _cylindrical(own: list[Float], differences: list[Float]) -> list[Float]:
 def _versine(angle: Float) -> Float:
     sine = dr.sin(0.5 * angle)
     return 2.0 * sine * sine
+
+
+class Opposite:
+    """Moves places beyond the axis and the centre to where they are."""
+
+    def __init__(
+        self, grid: RefinedCells, alike: list[bool], half: float, backend: Backend
+    ) -> None:
+        self.real, self.UInt = backend.Float, backend.UInt
+        names, edges = list(grid.coordinates), grid.edges
+        self.azimuth = names.index("phi")
+        self.polar = names.index("theta") if "theta" in names else None
+        self.alike, self.half, self.mirrored = alike, half, grid.mirror
+        extent = grid.tree.extent
+        self.extent = [dr.opaque(backend.Float, float(n)) for n in extent]
+        self.centre = edges[0][0] == 0.0
+        self.poles = self.polar is not None and not alike[self.polar]
+        self.north = self.poles and edges[1][0] == 0.0
+        self.south = self.poles and edges[1][-1] == np.pi
+        self.around = grid.is_periodic
+        self.tables: dict[int, Float] = {}
+        if self.around and not alike[self.azimuth] and (self.centre or self.north or self.south):
+            fine = grid.fine_edges[self.azimuth]
+            turned = np.mod(_middles(fine) + np.pi - fine[0], FULL_CIRCLE) + fine[0]
+            self.tables[self.azimuth] = from_host(self.real, _places(fine, turned))
+        if self.centre and self.poles and not self.mirrored:
+            fine = grid.fine_edges[1]
+            self.tables[1] = from_host(self.real, _places(fine, np.pi - _middles(fine)))
+
+    def moved(self, place: list[Float]) -> list[Float]:
+        """Return where places are, in finest units."""
+        place = list(place)
+        if self.north:
+            place = self._through_axis(place, place[1] < 0.0, -place[1])
+        if self.south:
+            end = self.extent[1]
+            place = self._through_axis(place, place[1] > end, 2.0 * end - place[1])
+        return self._through_centre(place) if self.centre else place
+
+    def _through_axis(self, place: list[Float], beyond: Mask, polar: Float) -> list[Float]:
+        out = [place[0], dr.select(beyond, polar, place[1]), place[2]]
+        out[2] = dr.select(beyond, self._half_turned(place[2]), place[2])
+        return out
+
+    def _through_centre(self, place: list[Float]) -> list[Float]:
+        beyond, out = place[0] < 0.0, list(place)
+        out[0] = dr.abs(place[0])
+        out[self.azimuth] = self._half_turned(place[self.azimuth])
+        if self.polar is not None:
+            out[1] = self._upside_down(place[1])
+        return [dr.select(beyond, new, old) for new, old in zip(out, place, strict=True)]
+
+    def _upside_down(self, place: Float) -> Float:
+        if self.alike[1]:
+            return -place
+        return 2.0 * self.extent[1] - place if self.mirrored else self._looked_up(1, place)
+
+    def _half_turned(self, place: Float) -> Float:
+        if self.alike[self.azimuth]:
+            return place + self.half
+        if not self.around:
+            return self.real(_NOWHERE)  # a wedge
+        extent = self.extent[self.azimuth]
+        wrapped = place - extent * dr.floor(place / extent)
+        return self._looked_up(self.azimuth, wrapped)
+
+    def _looked_up(self, axis: int, place: Float) -> Float:
+        extent = self.extent[axis]
+        inside = (place > 0.0) & (place < extent)
+        unit = self.UInt(dr.clip(place, 0.0, extent - 0.5))
+        return dr.select(inside, dr.gather(self.real, self.tables[axis], unit, inside), _NOWHERE)
+
+
+def _middles(edges: np.ndarray) -> np.ndarray:
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+def _places(edges: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return the middles of the cells around coordinates, in units of cells; outside, nowhere."""
+    inside = (own > edges[0]) & (own < edges[-1])
+    return np.where(inside, np.searchsorted(edges, own, side="right") - 0.5, _NOWHERE)

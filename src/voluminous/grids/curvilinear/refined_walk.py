@@ -56,13 +56,7 @@ class RefinedExit(SurfaceExit):
 
 
 class RefinedWalk(CurvilinearWalk):
-    """Rays through a refined spherical or cylindrical grid.
-
-    Parameters
-    ----------
-    edges : three arrays
-        Walls of the evenly refined grid.
-    """
+    """Rays through a refined spherical or cylindrical grid."""
 
     grid: RefinedCells
 
@@ -85,18 +79,15 @@ class RefinedWalk(CurvilinearWalk):
     def _standing(
         self, track: SurfaceTrack, count: list[Int], t: Float, inside: Mask
     ) -> RefinedCursor:
-        return RefinedCursor(count, [], t, inside, self._leaf(track, count, inside))
-
-    def _leaf(self, track: SurfaceTrack, count: list[Int], active: Mask) -> Leaf:
         Float, Int = self.backend.Float, self.backend.Int
         place = [Float(0.5)] * 3
         for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
             place[axis] = Float(index) + 0.5
-        cell = self.lookup.find(place, self.lookup.orient(), active)
+        cell = self.lookup.find(place, self.lookup.orient(), inside)
         sizes = self.lookup.sizes(cell)
         low = [Int(cell.low[axis]) for axis in self.axes]
         size = [Int(sizes[axis]) for axis in self.axes]
-        return Leaf(cell.number, low, size)
+        return RefinedCursor(count, [], t, inside, Leaf(cell.number, low, size))
 
     def next(self, track: SurfaceTrack, cursor: Any) -> tuple[Segment, RefinedCursor]:
         count, t, family = self._leave(track, cursor)
@@ -125,7 +116,7 @@ class RefinedWalk(CurvilinearWalk):
             through = [own & ~short for own in through]
             crossed = dr.select(short, -1, crossed)
         count = [
-            dr.select(own, end + 1, self._between(family, axis, k, end, t))
+            dr.select(own, end + 1, lesser(greater(family.enter(axis, t), k), end))
             for own, family, axis, k, end in zip(
                 through, self.families, track.axes, cursor.count, last, strict=True
             )
@@ -150,10 +141,6 @@ class RefinedWalk(CurvilinearWalk):
             else:
                 found.append(k + onward)
         return found
-
-    def _between(self, family: Surfaces, axis: Int, first: Int, last: Int, t: Float) -> Int:
-        count = greater(family.enter(axis, t), first)
-        return lesser(count, last)
 
     def entry_corners(self, track: SurfaceTrack, cursor: Any) -> Corners:
         standing = SurfaceExit(self.backend.Int(-1), cursor.count, cursor.t)

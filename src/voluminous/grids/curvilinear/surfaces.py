@@ -49,19 +49,11 @@ Form = Sequence[Float]
 class RayLines:
     """The coefficients for one family of walls.
 
-    Attributes
-    ----------
-    top, bottom : three arrays, numbers or None
-        n0, n1, n2 and d0, d1, d2.
-    offset : two arrays, or None
-        What is subtracted from a positive v, and from another; None where s is v.
-    least : array or float
-        Where the denominator is not above it the wall is not met: it lies before the ray's
-        beginning, if met before the turning point, or beyond its end.
-    straight : array of Bool or None
-        Lanes where s is v although there are offsets, for a choice among families.
-    start : array or None
-        The distance from which t counts; zero where it is None.
+    `top`, `bottom`: n0, n1, n2 and d0, d1, d2; `offset`: what is subtracted from a positive v, and
+    from another; None where s is v; `least`: where the denominator is not above it the wall is not
+    met: it lies before the ray's beginning, if met before the turning point, or beyond its end;
+    `straight`: lanes where s is v although there are offsets, for a choice among families; `start`:
+    the distance from which t counts; zero where it is None.
     """
 
     top: Form
@@ -184,18 +176,9 @@ NUMBERS = Arithmetic()
 class TurningTrack:
     """Rays and a family of surfaces they meet downwards, then upwards.
 
-    Attributes
-    ----------
-    surface : dataclass of arrays
-        How a ray runs through them.
-    lines : RayLines
-        When it meets them.
-    slot : array of Int
-        Place in the table of the first wall that is met at all.
-    turn, reach : array of Int
-        Number of that wall, and of the walls that are met (each of them twice, at most).
-    down : array of Bool or None
-        Lanes that see the family mirrored.
+    `surface`: how a ray runs through them; `lines`: when it meets them; `slot`: place in the table
+    of the first wall that is met at all; `turn`, `reach`: number of that wall, and of the walls
+    that are met (each of them twice, at most); `down`: lanes that see the family mirrored.
     """
 
     surface: Any
@@ -223,25 +206,9 @@ class RunningTrack:
 class Surfaces:
     """What all families share; `track` is a `TurningTrack` or a `RunningTrack`.
 
-    Parameters
-    ----------
-    table : array, shape (entries, 2)
-        The numbers (c, v) of each wall; mirrored walls may follow.
-    walls : int
-        Number of walls.
-    edges : array
-        Walls of the cells that hold data.
-    backend : Backend
-        Device and precision.
-
-    Attributes
-    ----------
-    has_gaps : bool
-        There is space between these surfaces that belongs to no cell.
-    encloses : bool
-        Beyond the outermost one is nothing at all: it has `leave`.
-    halves_cell : bool
-        One of the walls is inside a cell, where there are no vertices: it has `in_cell`.
+    `has_gaps`: there is space between these surfaces that belongs to no cell; `encloses`: beyond
+    the outermost one is nothing at all: it has `leave`; `halves_cell`: one of the walls is inside a
+    cell, where there are no vertices: it has `in_cell`.
     """
 
     has_gaps = False

@@ -36,20 +36,10 @@ _LARGEST_TURN = 0.1
 class SurfaceTrack:
     """What is constant along a ray.
 
-    Attributes
-    ----------
-    axes : list of tracks
-        One for each family of surfaces.
-    point, direction : list of three arrays
-        Where distances count from, and the direction: lengths in units of the scale.
-    arrive, leave : array
-        Where the ray enters the domain, and where it leaves it or ends.
-    bounded : bool
-        Rays may end inside a cell.
-    entry : array
-        From the ray's origin to where it enters the domain.
-    passage : Passage
-        Where it passes the axis.
+    `axes`: one for each family of surfaces; `point`, `direction`: where distances count from, and
+    the direction: lengths in units of the scale; `arrive`, `leave`: where the ray enters the
+    domain, and where it leaves it or ends; `bounded`: rays may end inside a cell; `entry`: from the
+    ray's origin to where it enters the domain; `passage`: where it passes the axis.
     """
 
     axes: list[Float]
@@ -76,14 +66,8 @@ class SurfaceCursor:
 class SurfaceExit:
     """How a segment leaves its cell.
 
-    Attributes
-    ----------
-    family : array of Int
-        Number of the family through whose wall; -1 where it ends inside the cell.
-    count : list of arrays of Int
-        Counts of the families before that wall.
-    t : array
-        Distance.
+    `family`: number of the family through whose wall; -1 where it ends inside the cell; `count`:
+    counts of the families before that wall; `t`: distance.
     """
 
     family: Int
@@ -114,22 +98,9 @@ class CurvilinearWalk(Walk):
     The lanes of a vector do that together: when one comes to a gap, it waits until the others have
     come to one, or are out (when each did at once, discs took a tenth longer).
 
-    Parameters
-    ----------
-    grid : CurvilinearGrid
-    edges : three arrays
-        Walls of the cells that rays walk through: the grid's own, or those of dual or finest cells.
-    stepped : bool
-        Segments may end inside cells where they turn too far: in RADMC-3D's sub-steps.
-
-    Attributes
-    ----------
-    families : list of Surfaces
-        The families of walls that there are; an axis with a single cell all around has none.
-    axes : list of int
-        The axis that each of them divides.
-    strides, vertex_strides : list of arrays
-        What a step along each of them adds to the flat number of a cell, and of a vertex.
+    `families`: the families of walls that there are; an axis with a single cell all around has
+    none; `axes`: the axis that each of them divides; `strides`, `vertex_strides`: what a step along
+    each of them adds to the flat number of a cell, and of a vertex.
     """
 
     def __init__(
@@ -215,7 +186,10 @@ class CurvilinearWalk(Walk):
         # Rounding may put a wall behind the ray: it has been crossed.
         t = lesser(greater(least(cursor.ahead), cursor.t), track.leave)
         count = _beyond(cursor.count, through)
-        following = self._next_wall(track, count, through)
+        lines = choose(through, [axis.lines for axis in track.axes], self.backend.Float(0))
+        slot = pick_any(through, [axis.slot for axis in track.axes], self.backend.Int(0))
+        number = pick_any(through, count, self.backend.Int(0))
+        following = meet(lines, self.families[0].wall_at(ahead(slot, number)), number < 0)
         times = [
             dr.select(own, following, way) for own, way in zip(through, cursor.ahead, strict=True)
         ]
@@ -245,12 +219,6 @@ class CurvilinearWalk(Walk):
 
     def _closest(self, track: SurfaceTrack) -> Float:
         return norm(self.point(track, 0.0))
-
-    def _next_wall(self, track: SurfaceTrack, count: list[Int], through: list[Mask]) -> Float:
-        lines = choose(through, [axis.lines for axis in track.axes], self.backend.Float(0))
-        slot = pick_any(through, [axis.slot for axis in track.axes], self.backend.Int(0))
-        number = pick_any(through, count, self.backend.Int(0))
-        return meet(lines, self.families[0].wall_at(ahead(slot, number)), number < 0)
 
     def _number(self, through: list[Mask]) -> Int:
         number = self.backend.Int(0)

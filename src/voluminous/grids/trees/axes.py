@@ -22,21 +22,7 @@ if TYPE_CHECKING:
 
 
 class TreeAxis(Axis):
-    """What both kinds of axis share.
-
-    Parameters
-    ----------
-    edges : array, shape (n + 1,)
-        Walls of the base cells.
-    unit : float
-        Length of one unit of coordinates.
-    extent : float
-        The domain's size in the unit of the tree's places.
-    top : array
-        The largest place below the extent.
-    scale : float
-        The unit of distances.
-    """
+    """What both kinds of axis share."""
 
     def __init__(
         self,
@@ -194,14 +180,7 @@ class Frame(Protocol):
 
 
 class Spacing:
-    """Distances along the axes of a grid of boxes, in units of its scale.
-
-    Parameters
-    ----------
-    grid : TreeCells
-    backend : Backend
-        In double precision.
-    """
+    """Distances along the axes of a grid of boxes, in units of its scale."""
 
     def __init__(self, grid: Frame, backend: Backend) -> None:
         kinds = [_Even if is_uniform(edges) else _Uneven for edges in grid.base_edges]

@@ -29,14 +29,8 @@ class LeafGrid(Grid):
 
     A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
 
-    Attributes
-    ----------
-    levels : array of uint8, shape (n,)
-        How often each cell's base cell was refined.
-    base_shape : tuple of three int
-        Number of base cells along each axis.
-    divisions : array of int64, shape (3,)
-        Finest units per base cell along each axis.
+    `levels` (n,): how often each cell's base cell was refined; `base_shape`: number of base cells
+    along each axis; `divisions` (3,): finest units per base cell along each axis.
     """
 
     levels: np.ndarray
@@ -60,7 +54,7 @@ class LeafGrid(Grid):
     def surroundings(self, backend: Backend) -> Surroundings:
         """Return what finds the cells around vertices in kernels, in double precision."""
         double = backend.with_precision("double")
-        return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
+        return self.on_device(double, "surroundings", lambda: Surroundings(self, double))
 
     def neighbourhood(self, backend: Backend) -> Surroundings:
         return self.surroundings(backend)
@@ -112,14 +106,8 @@ class LeafGrid(Grid):
 class TreeCells(LeafGrid):
     """What `grids.contract.Grid` asks of a grid of boxes between planes of x, y and z.
 
-    Attributes
-    ----------
-    base_edges : tuple of three float64 arrays
-        The walls of the base cells.
-    extent : array of int64, shape (3,)
-        Size of the domain in finest units: each base cell is evenly divided into them.
-    unit : astropy unit or None
-        Length unit; None is dimensionless.
+    `base_edges`: the walls of the base cells; `extent` (3,): size of the domain in finest units:
+    each base cell is evenly divided into them; `unit`: length unit; None is dimensionless.
     """
 
     extent: np.ndarray

@@ -23,27 +23,22 @@ _LEVELS_PER_WORD = 10
 _PART = 1 << 16
 
 
-def _masks(n: int) -> list[int]:
-    """Return masks of ten bits: groups of 1, 2, 4, 8 and 16 of them, which begin n·group apart."""
-    return [
+# Masks of ten bits: groups of 1, 2, 4, 8 and 16 of them, which begin n times a group apart.
+_EVERY = {
+    n: [
         sum(1 << (bit // group * group * n + bit % group) for bit in range(_LEVELS_PER_WORD))
         for group in (1, 2, 4, 8, 16)
     ]
-
-
-_EVERY = {n: _masks(n) for n in (1, 2, 3)}
+    for n in (1, 2, 3)
+}
 
 
 @dataclass(frozen=True)
 class Places:
     """Where leaves begin, from their levels.
 
-    Attributes
-    ----------
-    levels : array of uint8
-        Levels of all leaves, in depth-first order.
-    axes : tuple of int
-        The axes that are halved, the one whose halves come first (x) first.
+    `levels`: levels of all leaves, in depth-first order; `axes`: the axes that are halved, the one
+    whose halves come first (x) first.
     """
 
     levels: np.ndarray

@@ -101,12 +101,8 @@ def _order(axes: tuple[int, ...], steps: int) -> np.ndarray:
 class _Leaves:
     """Consecutive leaves, depth first: all of them, or those within some nodes.
 
-    Attributes
-    ----------
-    level, aligned : array of uint8
-        Their levels, and those of the largest nodes that begin where they do.
-    number : array of int64 or None
-        Their numbers; None if these count up from zero.
+    `level`, `aligned`: their levels, and those of the largest nodes that begin where they do;
+    `number`: their numbers; None if these count up from zero.
     """
 
     level: np.ndarray
@@ -140,10 +136,7 @@ class Halved:
     An entry of kind k has cells of 2^(4 - k) times its own size. Their numbers follow each other
     depth first: ``number`` is that of the first one, or of the one cell the entry is a part of.
 
-    Attributes
-    ----------
-    axes : tuple of int
-        The axes that are halved; the others are not refined.
+    `axes`: the axes that are halved; the others are not refined.
     """
 
     axes: tuple[int, ...] = (0, 1, 2)

@@ -37,14 +37,7 @@ def octree_vertices(grid: LeafGrid) -> VertexNumbers:
 
 
 class OctreeLattices:
-    """Lattices over nodes of an octree; see `vertex_numbers.Lattices`.
-
-    Parameters
-    ----------
-    grid : OctreeGrid or RefinedCells
-    leaf, level, depth : array, shape (n,)
-        The first leaf of each node, its level, and how many levels its lattice spans.
-    """
+    """Lattices over nodes of an octree; see `vertex_numbers.Lattices`."""
 
     def __init__(
         self, grid: LeafGrid, leaf: np.ndarray, level: np.ndarray, depth: np.ndarray

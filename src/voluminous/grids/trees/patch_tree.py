@@ -31,14 +31,8 @@ _SOME = 1 << 16
 class PatchBoxes:
     """Patches in the order in which they are painted.
 
-    Attributes
-    ----------
-    low, high : array of int64, shape (n, 3)
-        Their corners in finest units.
-    level : array of int64, shape (n,)
-        Ascending.
-    name : array of int64, shape (n,)
-        Their numbers in the order they were given.
+    `low`, `high` (n, 3): their corners in finest units; `level` (n,): ascending; `name` (n,): their
+    numbers in the order they were given.
     """
 
     low: np.ndarray
@@ -51,16 +45,10 @@ class PatchBoxes:
 class Painted:
     """Entries of one tree level.
 
-    Attributes
-    ----------
-    full : array of int32, shape (entries,)
-        The last patch that covers each entry, by rank; -1 where none does.
-    mixed : array of int64, shape (m,)
-        Entries that a later patch covers partly.
-    corner : array of int64, shape (m, 3)
-        Their lower corners in units of entries.
-    rank, block : arrays of int64, shape (k,)
-        Patches, and the mixed entries (by their place among these) that they cover partly.
+    `full` (entries,): the last patch that covers each entry, by rank; -1 where none does; `mixed`
+    (m,): entries that a later patch covers partly; `corner` (m, 3): their lower corners in units of
+    entries; `rank`, `block` (k,): patches, and the mixed entries (by their place among these) that
+    they cover partly.
     """
 
     full: np.ndarray
@@ -119,19 +107,10 @@ def _painted_below(
 class PatchEntries:
     """A tree whose entries name the finest patch that covers them.
 
-    Attributes
-    ----------
-    units : array of int64, shape (K, 3)
-        Sizes of the entries of its levels.
-    entries : array of uint32
-    starts : array of int64, shape (K + 1,)
-        Where the entries of each level start, and where the last ones end.
-    bricks : tuple of three int
-        How the root is laid out (`tree.Tree`).
-    shape : array of int64, shape (3,)
-        Number of the root's entries along each axis.
-    corners : list of K - 1 arrays of int64, shape (m, 3)
-        Where the blocks of the levels below the root begin, in units of their entries.
+    `units` (K, 3): sizes of the entries of its levels; `entries`; `starts` (K + 1,): where the
+    entries of each level start, and where the last ones end; `bricks`: how the root is laid out
+    (`tree.Tree`); `shape` (3,): number of the root's entries along each axis; `corners` (m, 3):
+    where the blocks of the levels below the root begin, in units of their entries.
     """
 
     units: np.ndarray

@@ -139,14 +139,6 @@ class Tree:
         ratios: np.ndarray = self.units[:-1] // self.units[1:]
         return ratios
 
-    def root_place(self, index: np.ndarray) -> np.ndarray:
-        """Return where the root's entries with indices (3, n) are."""
-        bits = np.array(self.bricks)[:, None]
-        size = 1 << bits[:, 0]
-        # Shifts in place of divisions: a third of the time.
-        brick = _flat(index >> bits, np.array(self.shape) // size)
-        return brick * size.prod() + _flat(index & ((1 << bits) - 1), size)
-
     def find(self, place: np.ndarray) -> Found:
         """Return the cells that contain places inside the domain, an integer array (3, n)."""
         place = np.asarray(place, np.int64)
@@ -157,7 +149,11 @@ class Tree:
     def descend(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the entries around places (3, n) that are no blocks, and their tree levels."""
         level = np.zeros(place.shape[1], np.uint8)
-        entry = self.entries[self.root_place(place // self.units[0][:, None])]
+        index, bits = place // self.units[0][:, None], np.array(self.bricks)[:, None]
+        size = 1 << bits[:, 0]
+        # Shifts in place of divisions: a third of the time.
+        brick = _flat(index >> bits, np.array(self.shape) // size)
+        entry = self.entries[brick * size.prod() + _flat(index & ((1 << bits) - 1), size)]
         for unit, ratio in zip(self.units[1:], self.ratios, strict=True):
             below = np.flatnonzero(entry >> NUMBER_BITS == 0)
             if len(below) == 0:
@@ -177,17 +173,10 @@ def _flat(index: np.ndarray, shape: np.ndarray) -> np.ndarray:
 class Cell:
     """A cell, one per lane.
 
-    Attributes
-    ----------
-    number : array of UInt
-        Its number; of no meaning in a hole (`TreeLookup.is_cell`).
-    low : list of three arrays
-        The place of its lower corner.
-    size : list of arrays
-        Its size, for those axes that differ: use `TreeLookup.sizes`.
-    strides, end : list of three arrays, or empty
-        What the number of the next cell along each axis is more, as the ray runs, where that is
-        below `end`. Empty where there is no such rule.
+    `number`: its number; of no meaning in a hole (`TreeLookup.is_cell`); `low`: the place of its
+    lower corner; `size`: its size, for those axes that differ: use `TreeLookup.sizes`; `strides`,
+    `end`: what the number of the next cell along each axis is more, as the ray runs, where that is
+    below `end`. Empty where there is no such rule.
     """
 
     number: Int
@@ -201,14 +190,9 @@ class Cell:
 class Orientation:
     """Along which axes lanes count places from the upper end ("mirrored"), downwards.
 
-    Attributes
-    ----------
-    start, strides : array of UInt, list of three
-        ``start + Σ brick · stride`` is where a brick of the root starts, from mirrored indices.
-    flip : list of three arrays of UInt
-        What mirrors an index within a block, by an exclusive or: all bits or none.
-    padding : list of three arrays, or empty
-        How far beyond the domain the root begins, from where places are counted.
+    `start`, `strides`: ``start + Σ brick · stride`` is where a brick of the root starts, from
+    mirrored indices; `flip`: what mirrors an index within a block, by an exclusive or: all bits or
+    none; `padding`: how far beyond the domain the root begins, from where places are counted.
     """
 
     start: Int
@@ -223,18 +207,7 @@ class TreeLookup:
     Rays through a tree wait for one look-up after the other, so what counts is how long the chain
     from one to the next is, not how much is computed beside it.
 
-    Parameters
-    ----------
-    tree : Tree
-    backend : Backend
-    stretches : sequence of three (int or None)
-        Sizes in finest units of the stretches that holes are not to reach beyond; None where they
-        may.
-
-    Attributes
-    ----------
-    top : list of three arrays
-        The largest places below the extent.
+    `top`: the largest places below the extent.
     """
 
     def __init__(

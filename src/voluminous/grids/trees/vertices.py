@@ -21,7 +21,7 @@ import numpy as np
 from ...backend import dr, from_host
 from ...backend.types import Float, Int, Mask
 from .axes import Spacing
-from .tree import Cell, Tree, TreeLookup
+from .tree import Cell, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -35,16 +35,7 @@ _DTYPES = (np.float64, np.uint32)
 
 
 class VertexBoxes:
-    """Consecutive cells of a tree, for kernels: lower corners and sizes in finest units.
-
-    Parameters
-    ----------
-    grid : TreeCells or RefinedCells
-    first, last : int
-    backend : Backend
-        Of double precision: corners and sizes are given in it. They are kept in half the memory
-        where the domain is short enough.
-    """
+    """Consecutive cells of a tree, for kernels: lower corners and sizes in finest units."""
 
     def __init__(self, grid: LeafGrid, first: int, last: int, backend: Backend) -> None:
         self.backend = backend
@@ -78,21 +69,13 @@ class VertexBoxes:
 class Surroundings:
     """Finds the cells in the eight octants around vertices.
 
-    Parameters
-    ----------
-    tree : Tree
-    backend : Backend
-        In double precision, that places of deep trees are whole numbers.
-
-    Attributes
-    ----------
-    alike : sequence of bool
-        Along which axes all is symmetric: beyond a cell there is nothing else.
+    `alike`: along which axes all is symmetric: beyond a cell there is nothing else.
     """
 
     alike: Sequence[bool] = (False, False, False)
 
-    def __init__(self, tree: Tree, backend: Backend) -> None:
+    def __init__(self, grid: LeafGrid, backend: Backend) -> None:
+        self.grid, tree = grid, grid.tree
         self.lookup = TreeLookup(tree, backend)
         self.way = self.lookup.orient()
         self.extent = [dr.opaque(backend.Wide, float(n)) for n in tree.extent]
@@ -114,9 +97,9 @@ class Surroundings:
         cell = self.lookup.find(place, self.way, there)
         return cell, there & self.lookup.is_cell(cell)
 
-    def spacing(self, grid: LeafGrid, backend: Backend) -> Spacing:
+    def spacing(self, backend: Backend) -> Spacing:
         """Return what knows lengths on the grid."""
-        return Spacing(grid, backend)
+        return Spacing(self.grid, backend)
 
     def steps(self, middle: list[Float], size: list[Float], width: list[Float]) -> list[Float]:
         """Return what widths of boxes are to gradients there: the same, on Cartesian grids."""
@@ -154,13 +137,9 @@ class Lattices(Protocol):
 class VertexNumbers:
     """The numbers of the vertices of all cells.
 
-    Attributes
-    ----------
-    cells : array of uint32, shape (n, 2)
-        Per cell the number of its lower corner, and the strides to the others, packed.
-    first : array of int64, shape (m + 1,)
-        Number of the first point of each lattice, and how many points there are.
-    lattices : Lattices
+    `cells` (n, 2): per cell the number of its lower corner, and the strides to the others, packed;
+    `first` (m + 1,): number of the first point of each lattice, and how many points there are;
+    `lattices`.
     """
 
     cells: np.ndarray

@@ -30,14 +30,8 @@ if TYPE_CHECKING:
 class TreeTrack:
     """What is constant along a ray: its axes, and where it leaves.
 
-    Attributes
-    ----------
-    entry : array
-        Where distances start, as counted from the ray's origin.
-    leave : array
-        Where the ray leaves, or ends.
-    bounded : bool
-        Rays may end inside a cell.
+    `entry`: where distances start, as counted from the ray's origin; `leave`: where the ray leaves,
+    or ends; `bounded`: rays may end inside a cell.
     """
 
     axes: list[AxisTrack]
@@ -60,17 +54,10 @@ class TreeCursor:
 class TreeExit:
     """How a segment leaves its cell.
 
-    Attributes
-    ----------
-    through : list of three arrays of Bool
-        The axis of the wall it leaves by; its sense is that of the ray.
-    left, entered : Cell
-        The cell it leaves, and the one it comes to: where `segment` is a ray's last, its place is
-        inside the domain but of no meaning.
-    onward : array of Bool
-        Lanes that do enter another.
-    ends : array of Bool
-        Lanes that end before that wall, where rays may.
+    `through`: the axis of the wall it leaves by; its sense is that of the ray; `left`, `entered`:
+    the cell it leaves, and the one it comes to: where `segment` is a ray's last, its place is
+    inside the domain but of no meaning; `onward`: lanes that do enter another; `ends`: lanes that
+    end before that wall, where rays may.
     """
 
     through: list[Mask]
@@ -81,15 +68,7 @@ class TreeExit:
 
 
 class TreeWalk(BoxWalk):
-    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`.
-
-    Parameters
-    ----------
-    grid : TreeCells
-    tree : Tree
-        The grid's own, or one with more holes.
-    backend : Backend
-    """
+    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`."""
 
     def __init__(self, grid: TreeCells, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend

@@ -40,21 +40,11 @@ def encode(
     annotate: bool | dict[str, Any] = False,
     **display: Any,
 ) -> bytes:
-    """Return a PNG file of the display values.
+    """Return a PNG file of the display values, of 8 or 16 bits per colour.
 
-    Parameters
-    ----------
-    image : Image
-        What to show.
-    bits : {8, 16}
-        Bits per colour.
-    transparent : bool
-        Add alpha = 1 − mean transparency, raised where the colours need it: alpha 0 cannot
-        represent emission from a fully transparent region.
-    annotate : bool or dict
-        Add the annotations of `Image.annotate`; a dict holds its options.
-    **display
-        Options of `Image.to_rgb`.
+    `transparent` adds alpha = 1 − mean transparency, raised where the colours need it: alpha 0
+    cannot represent emission from a fully transparent region. `annotate` adds the annotations of
+    `Image.annotate`; a dict holds its options. The others are those of `Image.to_rgb`.
     """
     if bits not in (8, 16):
         raise InputError(f"bits must be 8 or 16, got {bits!r}")
@@ -154,15 +144,7 @@ def read_page(path: Path) -> dict[str, Any]:
 
 
 def encode_pixels(pixels: NDArray[np.uint8] | NDArray[np.uint16], texts: dict[str, str]) -> bytes:
-    """Return a PNG file.
-
-    Parameters
-    ----------
-    pixels : array of uint8 or uint16, shape (rows from the top, columns, samples)
-        1 to 4 samples: grey, grey and alpha, RGB, RGBA.
-    texts : dict
-        Latin-1 texts by keyword.
-    """
+    """Return a PNG file of pixels (rows from the top, columns, samples) and Latin-1 texts."""
     rows, columns, samples = pixels.shape
     bits = 8 * pixels.dtype.itemsize
     raw = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(rows, -1).view(np.uint8)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,15 +162,10 @@ def _volume(
     for key, coordinate in data.coords.items():
         single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)
         if single and coordinate.dtype.kind in "fiubMmUSO":
-            volume.meta[str(key)] = _plain(coordinate.values.reshape(-1)[0])
+            value = coordinate.values.reshape(-1)[0]
+            volume.meta[str(key)] = str(value) if value.dtype.kind in "mM" else value.item()
     volume.meta["axes"] = {a: line.described() for a, line in zip("xyz", layout.lines, strict=True)}
     return volume
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic) and not isinstance(value, (np.datetime64, np.timedelta64)):
-        return value.item()
-    return str(value)
 
 
 def _name(variable: str) -> str:
@@ -245,15 +240,24 @@ class LabelledReader(Reader):
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        source = _LabelledFile(self, path, options.pop("group", None), options)
+        group = options.pop("group", None)
+        held: list[xarray.Dataset] = []  # the data while they are open
 
         def reader_of(layout: NamedLayout, place: str) -> Callable[[], np.ndarray]:
-            return functools.partial(source.values, layout, place)
+            def load() -> np.ndarray:
+                if held:
+                    return layout.values(held[0][place])
+                with self.dataset(path, group) as data:
+                    return layout.values(selected(data, options)[place])
 
-        with source.opened() as data:
-            volume = _volume(data, fields, options, reader_of)
+            return load
+
+        with self.dataset(path, group) as data:
+            held.append(selected(data, options))
+            volume = _volume(held[0], fields, options, reader_of)
             if volume.bytes_waiting <= AT_ONCE:
-                volume.load()  # to look what there is again for each field would take longer
+                volume.load()  # opening the file again for each field would take longer
+            held.clear()
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
@@ -262,29 +266,3 @@ class LabelledReader(Reader):
                 FieldInfo(_name(place), place, array.shape, str(array.dtype), unit_in(array))
                 for place, array in _variables(data).items()
             )
-
-
-class _LabelledFile:
-    """A file that is open, or opened for each field."""
-
-    def __init__(
-        self, reader: LabelledReader, path: Path, group: Any, options: dict[str, Any]
-    ) -> None:
-        self.reader, self.path, self.group, self.options = reader, path, group, options
-        self.data: xarray.Dataset | None = None
-
-    @contextmanager
-    def opened(self) -> Iterator[xarray.Dataset]:
-        if self.data is not None:
-            yield self.data
-            return
-        with self.reader.dataset(self.path, self.group) as data:
-            try:
-                self.data = selected(data, self.options)
-                yield self.data
-            finally:
-                self.data = None
-
-    def values(self, layout: NamedLayout, place: str) -> np.ndarray:
-        with self.opened() as data:
-            return layout.values(data[place])

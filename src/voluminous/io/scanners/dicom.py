@@ -20,15 +20,7 @@ from ...errors import FileFormatError, InputError, UnitsError
 from ...packages import require
 from ...units import parse_unit
 from ..guard import by_library, reading
-from .dicom_slices import (
-    DicomSlice,
-    is_mosaic,
-    read_values,
-    slices_of,
-    stacked,
-    take_apart,
-    value_type,
-)
+from .dicom_slices import DicomSlice, read_values, slices_of, stacked, value_type
 from .voxels import VoxelReader, Voxels, times_meta
 
 _MAGIC, _MAGIC_AT = b"DICM", 128
@@ -152,10 +144,6 @@ def _read_header(path: Path) -> Any:
 def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
     """Return the first header of a series, once all agree, and the slices."""
     headers = _chosen(path, series)
-    for file, header in headers:
-        if is_mosaic(header):
-            with reading(file, "a DICOM file"):
-                take_apart(file, header)
     first_file, first = headers[0]
     for file, header in headers:
         for keyword in _COMMON:
@@ -164,6 +152,8 @@ def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
                     f"{file.name} has {keyword} {header.get(keyword)}, but {first_file.name} has "
                     f"{first.get(keyword)}: they make no volume"
                 )
+    if "MOSAIC" in (first.get("ImageType") or ()):
+        raise FileFormatError("it is a Siemens mosaic; convert it to NIfTI with 'dcm2niix'")
     if first.get("SamplesPerPixel", 1) != 1:
         raise FileFormatError("expected one value per pixel, but its pictures are coloured")
     found: list[DicomSlice] = []
@@ -183,7 +173,7 @@ def _chosen(path: Path, series: Any) -> _Headers:
         raise InputError("a file belongs to one series; give series for a directory only")
     if not _is_image(header):
         raise FileFormatError("expected a DICOM image, but there are no rows and columns of pixels")
-    if is_mosaic(header) or int(header.get("NumberOfFrames") or 1) > 1:
+    if int(header.get("NumberOfFrames") or 1) > 1:
         return [(path, header)]
     return _by_series(path.parent, path)[_uid(header)]
 

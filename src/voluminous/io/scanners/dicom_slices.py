@@ -122,42 +122,6 @@ def _numbers(places: list[Any], sequence: str, keyword: str, count: int) -> np.n
     return None
 
 
-def is_mosaic(header: Any) -> bool:
-    """Return True for a Siemens mosaic: all slices of a volume as tiles of one picture."""
-    return "MOSAIC" in (header.get("ImageType") or ())
-
-
-def take_apart(path: Path, header: Any) -> None:
-    """Make the header of a mosaic one of a frame per slice.
-
-    The header's position is that of the whole picture, about whose centre all slices lie
-    (nibabel's notes on the mosaic). The private CSA header has the number of slices.
-    """
-    pydicom = require("pydicom", "medical", "reading DICOM")
-    csareader = require("nibabel.nicom.csareader", "medical", "reading Siemens mosaics")
-    csa = csareader.get_csa_header(pydicom.dcmread(path, stop_before_pixels=True))
-    if csa is None:
-        raise FileFormatError(
-            "it is a Siemens mosaic without the private header that says how many slices it has; "
-            "convert the original file with 'dcm2niix'"
-        )
-    count = csareader.get_n_mosaic(csa)
-    side = math.ceil(math.sqrt(count))
-    rows, columns = header.Rows // side, header.Columns // side
-    first, axes, spacing = (
-        np.array(header[name].value, float)
-        for name in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
-    )
-    along, down = axes.reshape(2, 3)
-    first += (header.Columns - columns) / 2 * spacing[1] * along
-    first += (header.Rows - rows) / 2 * spacing[0] * down
-    step = float(header.get("SpacingBetweenSlices") or header.get("SliceThickness") or 1.0)
-    step *= np.sign(np.cross(along, down) @ csareader.get_slice_normal(csa))
-    header.Rows, header.Columns, header.NumberOfFrames = rows, columns, count
-    header.ImagePositionPatient = first.tolist()
-    header.GridFrameOffsetVector = (step * np.arange(count)).tolist()
-
-
 def stacked(slices: Sequence[DicomSlice], time: int) -> tuple[list[DicomSlice], Placement, int]:
     """Return slices in order, where they are, and of how many time steps they are one."""
     if any(np.isnan(s.position).any() or np.isnan(s.axes).any() for s in slices):
@@ -249,11 +213,12 @@ def read_values(
 ) -> np.ndarray:
     """Return the values of slices, shape (columns, rows, slices)."""
     check_memory(math.prod(shape) * dtype.itemsize, "reading the slices", "are sizes right?")
+    pydicom = require("pydicom", "medical", "reading DICOM")
     out = np.empty(shape[::-1], dtype)
     ordered = sorted(enumerate(slices), key=lambda pair: str(pair[1].path))
     for path, group in groupby(ordered, key=lambda pair: pair[1].path):
         with reading(path, "a DICOM image"), by_library("pydicom"):
-            pixels = _stored_pixels(path, shape[1], shape[0])
+            pixels = np.asarray(pydicom.dcmread(path).pixel_array).reshape(-1, *shape[1::-1])
             for k, found in group:
                 stored = pixels[found.number]
                 if dtype.kind == "f":
@@ -262,13 +227,3 @@ def read_values(
                 else:  # the result fits, what is between may not
                     out[k] = stored.astype(np.int64) * int(found.slope) + int(found.intercept)
     return out.transpose()
-
-
-def _stored_pixels(path: Path, rows: int, columns: int) -> np.ndarray:
-    """Return the stored numbers of a file, shape (frames, rows, columns)."""
-    image = require("pydicom", "medical", "reading DICOM").dcmread(path)
-    pixels: np.ndarray = np.asarray(image.pixel_array)
-    if is_mosaic(image):  # tiles, row by row
-        down, across = pixels.shape[0] // rows, pixels.shape[1] // columns
-        pixels = pixels.reshape(down, rows, across, columns).swapaxes(1, 2)
-    return pixels.reshape(-1, rows, columns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,9 +16,6 @@ from ..payload import inside, mapped
 
 # No header that a program wrote is longer; one with a file name per slice can be long.
 _LONGEST = 4 << 20
-# The one number that a pattern such as slice%03d.raw leaves open.
-_NUMBER = re.compile(r"%0?\d{0,2}[di]")
-_MOST_FILES = 100_000
 
 
 def header_lines(path: Path, is_last: Callable[[str], bool]) -> tuple[list[str], int]:
@@ -35,21 +31,8 @@ def header_lines(path: Path, is_last: Callable[[str], bool]) -> tuple[list[str],
 
 
 def data_files(header: Path, named: str, listed: Sequence[str] = ()) -> tuple[Path, ...]:
-    """Return the data files of a header: one, ``slice%03d.raw 1 20 1``, or those listed."""
+    """Return the data files of a header: one, or those listed."""
     names = [name.strip() for name in listed if name.strip()] or [named]
-    pattern, *numbers = named.split()
-    if "%" in pattern and len(numbers) >= 3 and not listed:
-        first, last, step = map(int, numbers[:3])
-        count = range(first, last + (1 if step > 0 else -1), step or 1)
-        if (
-            not _NUMBER.search(pattern)
-            or pattern.count("%") != 1
-            or not 0 < len(count) <= _MOST_FILES
-        ):
-            raise FileFormatError(
-                f"expected files of data such as 'slice%03d.raw 1 20 1', got {named!r}"
-            )
-        names = [pattern % number for number in count]
     try:
         files = tuple(inside(header.parent, name) for name in names)
     except (InputError, OSError) as error:
