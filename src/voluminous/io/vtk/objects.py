@@ -113,7 +113,6 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
 
 
 def _reader(module: str, kind: str, path: Path) -> Any:
-    """Return one of VTK's readers, with what it says of a file."""
     reader = getattr(vtk(f"vtk{module}"), f"vtk{kind}")()
     reader.SetFileName(str(path))
     with heard():
@@ -164,7 +163,6 @@ def lazy_dataset(module: str, kind: str, path: Path) -> Dataset:
 
 
 def _points(dataset: Any) -> tuple[int, ...]:
-    """Return the number of points along x, y and z."""
     extent = dataset.GetExtent()
     return tuple(high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True))
 
