@@ -8,8 +8,8 @@ from astropy import units as u
 
 import voluminous as vm
 from contracts import Bundle
-from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
-from voluminous.expressions import Expression, derived_field
+from voluminous.errors import InputError, UnitsError, UnknownNameError
+from voluminous.expressions import Expression
 
 EDGES = ([-2.0, -1.0, 0.5, 2.0], [-1.0, 0.3, 1.5], [-2.0, 0.1, 1.0, 3.0])
 CARTESIAN = vm.CartesianGrid(*EDGES)
@@ -132,17 +132,6 @@ def test_own_coordinates_are_known_in_expressions():
         vm.Volume(CARTESIAN).evaluate("theta")
     with pytest.raises(InputError, match="'phi' is reserved"):
         vm.Volume(SPHERICAL, phi=np.ones(SPHERICAL.shape))
-
-
-def test_names_of_vectors_in_expressions():
-    assert Expression("norm('v')").names == ("v_x", "v_y", "v_z")
-    assert Expression("los('v') + 1").names == ('los("v")',)
-    assert derived_field("los( 'v' )").name == 'los("v")'
-    assert derived_field("los(v)").name == 'los("v")'
-    assert Expression('los("v")') == Expression("los('v')")
-    for text in ("los(2 * v)", "los('v') + 'v'", "los('a b')", "los()", "norm('los(v)')"):
-        with pytest.raises(ExpressionError):
-            Expression(text)
 
 
 def test_what_is_missing_is_named():
