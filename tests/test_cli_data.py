@@ -146,13 +146,9 @@ def test_fields_that_do_not_fit_together(capsys):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["--format", "npz"], "snapshot.h5"),
         (["--format", "hd5"], "unknown format 'hd5'; did you mean 'hdf5'"),
         (["--set", "unti=pc"], "unknown voluminous option 'unti'"),
-        (["--set", "camra.incl=3"], "unknown section 'camra'"),
         (["--field", "rhoo"], "did you mean 'rho'"),
-        (["--set", "camera"], "--set expects KEY=VALUE"),
-        (["-o", "a.pgn"], "did you mean '.png'"),
     ],
 )
 def test_mistakes_in_rendering_data(snapshot, capsys, arguments, expected):
@@ -186,16 +182,8 @@ def test_views_by_name(snapshot, capsys):
     assert "seen from incl 180, phi 0" in told(
         capsys, "render", "patient.h5", *FAST, "--view", "inferior"
     )
-    image = vm.Image.load("patient.png")
-    # From below, the front of the patient is at the top: LPS has it at -y.
-    assert image.camera["posang"] == 0.0
     assert "not both" in refused(
         capsys, "render", "patient.h5", "--view", "left", "--incl", "3", "-o", "a.png"
-    )
-    assert "leave out the --set of a camera" in refused(
-        capsys,
-        *("render", "patient.h5", "--view", "left", "-o", "a.png"),
-        *("--set", "camera.view_direction=[1, 0, 0]"),
     )
 
 
@@ -293,17 +281,6 @@ def test_statistics_in_pieces_are_those_of_the_whole(monkeypatch, dtype):
 # convert
 
 
-def test_convert_keeps_everything(snapshot, capsys):
-    out = told(capsys, "convert", "snapshot.h5", "copy.h5")
-    assert out.startswith("copy.h5: a volume saved by voluminous (HDF5), ")
-    again = vm.open("copy.h5")
-    assert again.meta == snapshot.meta
-    assert again.units == snapshot.units
-    for name in snapshot.fields:
-        np.testing.assert_array_equal(again.array(name), snapshot.array(name))
-    assert "left out" not in out
-
-
 class Lossy(Reader):
     """Numbers alone, in single precision."""
 
@@ -333,8 +310,6 @@ def test_convert_tells_of_all_that_changed(snapshot, capsys, monkeypatch):
         "  temperature: unit K became none",
         "  left out: time, redshift, note",
     ]
-    out = told(capsys, "convert", "snapshot.h5", "b.los", "-q")
-    assert out == ""
 
 
 def test_convert_computes_and_chooses(snapshot, capsys):
@@ -344,11 +319,6 @@ def test_convert_computes_and_chooses(snapshot, capsys):
     assert again.fields == ("rho", "mass", "heavy")
     assert again.units["heavy"] == "g / cm3"
     np.testing.assert_array_equal(again.array("heavy"), snapshot.array("rho") * 2 * 3)
-    named = ["--fields", "n=rho"]
-    error = refused(capsys, "convert", "snapshot.h5", "b.h5", "--expr", "a=rho", *named)
-    assert "unknown field 'rho'" in error
-    assert run("convert", "snapshot.h5", "b.h5", "--expr", "a=2 * n", *named) == 0
-    assert vm.open("b.h5").fields == ("n", "a")
 
 
 def test_convert_resamples(snapshot, capsys):
@@ -368,14 +338,21 @@ def test_convert_resamples(snapshot, capsys):
         assert "three numbers" in refused(capsys, "convert", "tree.h5", "a.h5", "--resample", wrong)
 
 
-def test_convert_overwrites_only_when_told(snapshot, capsys):
+def test_convert_overwrites_only_when_told_and_keeps_everything(snapshot, capsys):
     Path("a.h5").write_bytes(b"precious")
     assert "--overwrite" in refused(capsys, "convert", "snapshot.h5", "a.h5")
     assert Path("a.h5").read_bytes() == b"precious"
-    assert run("convert", "snapshot.h5", "a.h5", "--overwrite", "-q") == 0
+    out = told(capsys, "convert", "snapshot.h5", "a.h5", "--overwrite")
+    assert out.startswith("a.h5: a volume saved by voluminous (HDF5), ")
+    assert "left out" not in out
+    again = vm.open("a.h5")
+    assert (again.meta, again.units) == (snapshot.meta, snapshot.units)
+    for name in snapshot.fields:
+        np.testing.assert_array_equal(again.array(name), snapshot.array(name))
+    assert (
+        run("convert", "a.h5", "a.h5", "--overwrite", "--fields", "rho", "-q") == 0
+    )  # onto itself
     assert capsys.readouterr().out == ""
-    assert vm.open("a.h5").fields == snapshot.fields
-    assert run("convert", "a.h5", "a.h5", "--overwrite", "--fields", "rho") == 0  # onto itself
     np.testing.assert_array_equal(vm.open("a.h5").array("rho"), snapshot.array("rho"))
 
 
@@ -405,14 +382,10 @@ def test_convert_writes_directories_whole_or_not_at_all(snapshot, capsys, monkey
     ("arguments", "expected"),
     [
         (["a.xyz"], "unknown volume format '.xyz'"),
-        (["a.h55"], "did you mean '.h5'"),
         (["a.h5", "--to", "hdf"], "format that can be written"),
         (["a.npz", "--compress"], "the format npz has no such option"),
-        (["no/a.h5"], "the directory no does not exist"),
         (["a.h5", "--expr", "rho"], "--expr expects NAME=EXPRESSION"),
-        (["a.h5", "--expr", "n=roh"], "did you mean 'rho'"),
         (["a.h5", "--fields", ","], "--fields expects"),
-        (["a.h5", "--set", "unti=pc"], "unknown voluminous option"),
         (["."], "is there already"),
     ],
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import shutil
 
 import numpy as np
@@ -58,24 +57,10 @@ def sky_of_cells(volume):
     return volume.wcs.wcs_pix2world(index, 0)
 
 
-# The contract, for each kind of file
-
-
 class TestPlain(ReaderContract):
     @pytest.fixture
     def sample(self):
         return lambda folder: written(folder / "cube.fits", overwrite=True)
-
-
-class TestUnpackedOnTheWay(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        def make(folder):
-            path = written(folder / "cube.fits", overwrite=True)
-            (folder / "cube.fits.gz").write_bytes(gzip.compress(path.read_bytes()))
-            return folder / "cube.fits.gz"
-
-        return make
 
 
 class TestCompressedTiles(ReaderContract):
@@ -106,9 +91,6 @@ def several(folder):
     path = folder / "several.fits"
     fits.HDUList(hdus).writeto(path, overwrite=True)
     return path
-
-
-# Values
 
 
 @pytest.mark.parametrize("dtype", ["u1", "i1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"])
@@ -171,9 +153,6 @@ def test_units_are_read_as_they_are_meant(text, unit):
     assert (found is None) == (unit is None)
     if unit is not None:
         assert (1 * found).to_value(unit) == pytest.approx(1, rel=1e-12)
-
-
-# Places: each cell is where astropy sees it in the file, east to the left, north up
 
 
 def turned(angle, flip=1.0):
@@ -345,9 +324,6 @@ def test_coordinates_that_no_grid_has_are_refused_and_can_be_left(tmp_path, card
     assert vm.open(path, wcs=False).unit is None
 
 
-# Steps of some axes by CD cards, of others by CDELT
-
-
 STEPS = {
     "CDELT": {"CDELT1": -0.01, "CDELT2": 0.01},
     "CD": {"CD1_1": -0.01, "CD2_2": 0.01},
@@ -375,9 +351,6 @@ def test_each_axis_has_the_step_of_its_own_cards(tmp_path, sky, third):
     two = vm.open(written(tmp_path / "plain.fits", cards=header(SKY, VELOCITY)))
     np.testing.assert_allclose(sky_of_cells(one), sky_of_cells(two), rtol=1e-12)
     np.testing.assert_allclose(one.array("velocity"), two.array("velocity"), rtol=1e-6)
-
-
-# A third axis in a table
 
 
 def skirt(path, centers, unit):
@@ -467,9 +440,6 @@ def test_tables_of_the_standard(tmp_path, falling, index):
         np.testing.assert_allclose(sky_of_cells(again), sky_of_cells(volume))
 
 
-# Axes and parts
-
-
 def test_axes_of_one_pixel_are_dropped(tmp_path):
     """As CASA exports them: RA, Dec, Stokes, frequency; and as others do, frequency first."""
     data = numbers((6, 7, 8))
@@ -516,26 +486,6 @@ def test_cubes_of_one_file_are_fields(tmp_path):
         vm.open(sample, hdu="SCII")
 
 
-def test_cubes_on_different_grids_are_not_mixed(tmp_path):
-    moved = header(SKY, VELOCITY, CRVAL1=80.0)
-    hdus = [
-        fits.PrimaryHDU(numbers((6, 7, 8)), header(SKY, VELOCITY)),
-        fits.ImageHDU(numbers((6, 7, 9)), header(SKY, VELOCITY), name="WIDE"),
-        fits.ImageHDU(numbers((6, 7, 8)), header(SKY, VELOCITY, CDELT3=-250.0), name="OTHER"),
-        fits.ImageHDU(numbers((6, 7, 8)), moved, name="MOVED"),
-    ]
-    fits.HDUList(hdus).writeto(tmp_path / "cube.fits")
-    with pytest.raises(vm.InputError, match="hdu="):
-        vm.open(tmp_path / "cube.fits")
-    for other in ("other", "moved"):
-        with pytest.raises(vm.InputError, match="one grid"):
-            vm.open(tmp_path / "cube.fits", ["intensity", other])
-    assert vm.open(tmp_path / "cube.fits", "wide").grid.shape == (9, 7, 6)
-
-
-# Pictures and cubes
-
-
 def test_pictures_are_told_from_cubes_by_content(tmp_path):
     cube, picture, flat = (tmp_path / name for name in ("cube.fits", "picture.fits", "flat.fits"))
     written(cube)
@@ -551,33 +501,6 @@ def test_pictures_are_told_from_cubes_by_content(tmp_path):
     for content in (b"", b"SIMPLE  =", b"\x1f\x8b\x08 no gzip"):
         (tmp_path / "empty.fits").write_bytes(content)
         is_image(tmp_path / "empty.fits")  # does not raise
-
-
-# The sky in pictures
-
-
-def seen(path, camera, **options):
-    volume = vm.open(path, **options)
-    medium = vm.Coefficients("1 + 0 * intensity", 0)
-    return volume, vm.render(volume, medium, camera, scheme="first-order", tolerance=None)
-
-
-@pytest.mark.parametrize("posang", [0.0, 90.0, 180.0])
-@pytest.mark.parametrize("phi", [0.0, 35.0])
-@pytest.mark.parametrize("cards", [VELOCITY, {**FREQUENCY, "CDELT3": 1e9, "RESTFRQ": REST}])
-def test_a_picture_across_the_spectrum_has_positions_and_velocities(tmp_path, posang, phi, cards):
-    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), header(SKY, cards))
-    volume, image = seen(path, vm.Orthographic(90, phi, posang, resolution=9), velocity="radio")
-    across = int(posang == 90.0)  # the axis of offsets is the first, unless it was turned up
-    assert image.wcs.wcs.ctype[across] == "OFFSET"
-    assert image.wcs.wcs.ctype[1 - across] == "VRAD"
-    found = image.wcs.wcs_pix2world(np.transpose([np.arange(9), np.arange(9)]), 0)
-    np.testing.assert_allclose(found[:, across], (image.x, image.y)[across], atol=1e-9)
-    # z is along the picture's other axis, and proportional to velocity.
-    z = (image.y, -image.x)[across] if posang != 180.0 else -image.y
-    velocity, depth = volume.array("velocity")[0, 0], volume.grid.centers[2]
-    expected = np.polyval(np.polyfit(depth, velocity, 1), z)
-    np.testing.assert_allclose(found[:, 1 - across] / 1e3, expected, rtol=1e-5, atol=1e-4)
 
 
 # Writing
@@ -617,9 +540,6 @@ def test_a_volume_is_written_as_a_linear_cube(tmp_path):
         assert WCS(hdus[0].header).wcs_pix2world([[0, 0, 0]], 0).tolist() == [[-0.5, 1.0, 10.1]]
 
 
-# Damage
-
-
 @pytest.mark.parametrize(
     ("key", "old", "new"),
     [
@@ -637,9 +557,6 @@ def test_headers_that_cannot_be_true(tmp_path, key, old, new):
     with pytest.raises(vm.FileFormatError) as failure:
         vm.open(path)
     assert str(path) in str(failure.value)
-
-
-# Real data, and CASA
 
 
 @pytest.fixture

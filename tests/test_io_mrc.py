@@ -57,18 +57,6 @@ def test_volumes_of_a_stack_are_chosen(tmp_path):
     check_places(volume, values[1].transpose(), np.zeros(3), np.eye(3) * 2)
 
 
-def test_bytes_of_imod_have_no_sign(tmp_path):
-    values = (VALUES * 4).astype(np.uint8)
-    path = write_mrc(tmp_path / "a.rec", values.view(np.int8))
-    content = bytearray(path.read_bytes())
-    content[152:156] = b"IMOD"
-    path.write_bytes(content)
-    np.testing.assert_array_equal(vm.open(path).array("a"), values.transpose())
-    content[156] = 1
-    path.write_bytes(content)
-    np.testing.assert_array_equal(vm.open(path).array("a"), values.view(np.int8).transpose())
-
-
 @pytest.mark.parametrize(
     ("fields", "told"),
     [

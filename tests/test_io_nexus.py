@@ -95,9 +95,3 @@ def test_older_files_and_linked_data(tmp_path):
         data["z"], data["y"], data["x"] = Z, Y, X
     volume = vm.open(tmp_path / "a.h5")
     np.testing.assert_allclose(volume.array("counts"), expected(volume))
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        del file["entry/detector/raw"].attrs["axes"]
-        for number, name in enumerate("zyx"):
-            file[f"entry/data/{name}"].attrs["axis"] = number + 1
-    volume = vm.open(tmp_path / "a.h5")
-    np.testing.assert_allclose(volume.array("counts"), expected(volume))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import shutil
 import threading
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -104,9 +103,6 @@ def test_names_of_dimensions(tmp_path, version):
             np.testing.assert_allclose(volume.grid.bounds[2], [0, 4000])
 
 
-# Over the network
-
-
 @pytest.fixture
 def served(tmp_path):
     """Give the address of a local server of the files in the directory."""
@@ -141,9 +137,6 @@ def test_over_http(tmp_path, served, capsys):
     assert "bytes" not in first
     with pytest.raises(vm.FileFormatError, match=f"{served}/none.zarr"):
         vm.open(f"{served}/none.zarr")
-
-
-# Microscopes
 
 
 def test_channels_times_and_sizes(tmp_path, version):
@@ -193,31 +186,6 @@ def test_a_part_that_is_not_there(tmp_path, options, message):
         vm.open(path, **options)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda image: image.update(datasets=[]), "expected an image with axes"),
-        (lambda image: _scale(image, [1, 1, 0, 1, 1]), "span space"),
-        (lambda image: _scale(image, [1, 1]), "expected 5 numbers, got 2"),
-    ],
-)
-def test_what_cannot_be_told(tmp_path, change, message):
-    path = microscope(tmp_path / "a.zarr", 2)
-    told = json.loads((path / ".zattrs").read_text())
-    change(told["multiscales"][0])
-    (path / ".zattrs").write_text(json.dumps(told))
-    with pytest.raises(vm.FileFormatError, match=message):
-        vm.open(path, time=0)
-
-
-def _scale(image, numbers):
-    for data in image["datasets"]:
-        data["coordinateTransformations"] = [{"type": "scale", "scale": numbers}]
-
-
-# Damage
-
-
 class _Contract(ReaderContract):
     def victims(self, path):
         """Return what describes the store, and its pieces: a piece that is not there is zeros."""
@@ -233,12 +201,6 @@ class _Contract(ReaderContract):
                 with pytest.raises(vm.FileFormatError, match=path.name):
                     vm.open(path, **self.options)
             victim.write_bytes(content)
-
-
-class TestPlain(_Contract):
-    @pytest.fixture
-    def sample(self):
-        return lambda directory: plain(directory / "a.zarr", 3)
 
 
 class TestMicroscope(_Contract):

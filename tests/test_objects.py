@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from voluminous.backend import get_backend
+from voluminous.objects.contract import View
 from voluminous.rendering.layers import Pairs, fold
 from voluminous.scene.sections import build_objects
 
@@ -37,21 +38,21 @@ def front_of(z):
     return np.clip(THICK - z, 0.0, THICK)
 
 
-@pytest.mark.parametrize("precision", EXACT)
+@pytest.mark.parametrize(
+    ("precision", "order"), [("single", "front-to-back"), ("double", "back-to-front")]
+)
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("order", ["front-to-back", "back-to-front"])
 @pytest.mark.parametrize("z", [-5.0, 0.31, 5.0])
 def test_a_disc_behind_inside_and_in_front_of_a_slab(z, order, scheme, precision):
     star = vm.Stars([(0, 0, z)], 5.0, radii=0.05)
-    image = vm.render(
-        SLAB, MEDIUM, CAMERA, scheme=scheme, precision=precision, order=order, objects=star
-    )
+    options = {"scheme": scheme, "precision": precision, "order": order}
+    image = vm.render(SLAB, MEDIUM, CAMERA, objects=star, **options)
     seen = behind(front_of(z + 0.05), 5.0)
     assert image.intensity[10, 10, 0] == pytest.approx(seen, rel=EXACT[precision])
     assert image.transparency[10, 10, 0] == 0.0
     # Optical depths are those of the medium alone.
     assert image.optical_depth[10, 10, 0] == pytest.approx(ALPHA * THICK, rel=EXACT[precision])
-    plain = vm.render(SLAB, MEDIUM, CAMERA, scheme=scheme, precision=precision, order=order)
+    plain = vm.render(SLAB, MEDIUM, CAMERA, **options)
     x, y = np.meshgrid(image.x, image.y)
     away = np.hypot(x, y) > 0.05 + image.pixel_size[0]
     np.testing.assert_array_equal(image.intensity[away], plain.intensity[away])
@@ -89,22 +90,11 @@ def test_points_are_in_the_pixels_whose_rays_pass_them(camera):
     volume, medium = vm.models.sphere(4), vm.Coefficients("0 * inside", 0)
     frame, rng = camera.frame(volume.grid), np.random.default_rng(7)
     nx, ny = frame.pixels
-    backend = get_backend("cpu", "double")
     for _ in range(5):
         ix, iy, du, dv = rng.integers(nx), rng.integers(ny), *rng.uniform(-0.49, 0.49, 2)
-        plane = [
-            shift + (i + d - 0.5 * (n - 1)) * step
-            for i, d, n, step, shift in zip(
-                (ix, iy), (du, dv), frame.pixels, frame.pixel, frame.shift, strict=True
-            )
-        ]
-        vectors = [[backend.Wide(float(c)) for c in vector] for vector in frame.vectors]
-        ray = camera.rays(vectors, *(backend.Wide(p) for p in plane))
-        point = [
-            np.asarray(o).item() + 1.7 * np.asarray(d).item()
-            for o, d in zip(ray.origin, ray.direction, strict=True)
-        ]
-        star = vm.Stars([point], luminosities=1.0)
+        view = View(camera, volume.grid, frame, get_backend("cpu", "double"), 1, 1, None, float)
+        origin, direction = view.rays(np.array([ix + du]), np.array([iy + dv]))
+        star = vm.Stars(origin + 1.7 * direction, luminosities=1.0)
         image = vm.render(volume, medium, camera, objects=[star], scheme="first-order")
         assert np.flatnonzero(image.intensity[..., 0]) == iy * nx + ix
 
@@ -117,21 +107,19 @@ def test_fluxes_of_points_and_small_discs_are_the_same_from_everywhere():
     for camera in (flat, dome, vm.Orthographic(20, 30, 40, width=6, resolution=20)):
         for place in ((0, 0, 0), (1.0, 0.5, 0.7)):
             options = {"camera": camera, "precision": "double", "scheme": "first-order"}
-            point = vm.render(
-                empty, medium, objects=vm.Stars([place], luminosities=2.0), **options
-            ).intensity.sum()
-            radius = 1e-3
-            disc = vm.render(
-                empty, medium, objects=vm.Stars([place], radii=radius, luminosities=2.0), **options
-            ).intensity.sum()
-            assert point == pytest.approx(disc, rel=1e-5)  # a disc of 1e-3: (R/D)² remains
+            point, disc = (
+                vm.render(empty, medium, objects=vm.Stars([place], **size), **options)
+                for size in ({"luminosities": 2.0}, {"luminosities": 2.0, "radii": 1e-3})
+            )
+            # A disc of 1e-3: (R/D)² remains.
+            assert point.intensity.sum() == pytest.approx(disc.intensity.sum(), rel=1e-5)
     image = vm.render(
         empty, medium, flat, objects=vm.Stars([(0, 0, 0)], luminosities=2.0), precision="double"
     )
     assert image.intensity.sum() * image.pixel_area == pytest.approx(2.0 / 9.0, rel=1e-7)
 
 
-@pytest.mark.parametrize("psf", [0.3, 1.0, 4.0, (2.0, 5.0), [0.2, 0.4] * u.pc])
+@pytest.mark.parametrize("psf", [0.3, 4.0, [0.2, 0.4] * u.pc])
 def test_a_psf_spreads_what_there_is(psf):
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1), unit="pc"), a=np.ones((4, 4, 4)))
     camera = vm.Orthographic(width=4, resolution=80)
@@ -153,12 +141,10 @@ def test_a_psf_spreads_what_there_is(psf):
 
 
 def test_points_between_layers_are_hidden_by_those_in_front():
-    sheet = vm.Spheres([(0, 0, 0.5)], 0.05, 0.0, opacity=0.75)
+    sheet, dark = vm.Spheres([(0, 0, 0.5)], 0.05, 0.0, opacity=0.75), vm.Coefficients(0, "a")
     for z, part in ((0.7, 1.0), (0.3, 0.25)):
         star = vm.Stars([(0.001, 0.002, z)], luminosities=1.0)
-        image = vm.render(
-            SLAB, vm.Coefficients(0, "a"), CAMERA, objects=[star, sheet], precision="double"
-        )
+        image = vm.render(SLAB, dark, CAMERA, objects=[star, sheet], precision="double")
         total = image.intensity.sum() * image.pixel_area
         assert total == pytest.approx(part * np.exp(-ALPHA * (THICK - z)), rel=1e-12)
 
@@ -223,19 +209,14 @@ def test_channels_with_their_own_extinction():
     assert vm.render(SLAB, medium, CAMERA, objects=[front]).intensity[10, 10, 2] == 6.0
 
 
-def octree():
-    return vm.OctreeGrid.from_function(
-        *[np.linspace(-1, 1, 4)] * 3, lambda x, y, z, s: np.hypot(x, y) < s, 3
-    )
-
-
 GRIDS = {
-    "uniform": vm.CartesianGrid.uniform(9, (-1, 1)),
-    "leaps": vm.CartesianGrid.uniform((48, 40, 40), (-1, 1)),
+    "uniform": vm.CartesianGrid.uniform((48, 40, 40), (-1, 1)),
     "rectilinear": vm.CartesianGrid(
         *(np.sort(np.random.default_rng(k).uniform(-1, 1, 9)) for k in range(3))
     ),
-    "octree": octree(),
+    "octree": vm.OctreeGrid.from_function(
+        *[np.linspace(-1, 1, 4)] * 3, lambda x, y, z, s: np.hypot(x, y) < s, 3
+    ),
     "patches": vm.PatchGrid([[-1] * 3, [-0.5] * 3], [[1] * 3, [0.5] * 3], [[8] * 3, [8] * 3]),
     "spherical": vm.SphericalGrid(
         np.linspace(0.2, 1, 7), np.linspace(0, np.pi, 6), np.linspace(0, 2 * np.pi, 5)
@@ -292,13 +273,6 @@ def test_folding_is_folding_one_after_another(groups):
         # Rounding: another order of the same sums of numbers up to 7.
         assert folded.emission[k, 0] == pytest.approx(emission, rel=1e-14, abs=1e-15)
         assert folded.transparency[k, 0] == pytest.approx(theta, rel=1e-14, abs=1e-300)
-
-
-def test_relative_colors_count_in_the_brightest_pixel():
-    plain = vm.render(SLAB, MEDIUM, CAMERA, precision="double")
-    star = vm.Stars([(0, 0, 5)], 2.0, radii=0.05, relative=True)
-    image = vm.render(SLAB, MEDIUM, CAMERA, objects=[star], precision="double")
-    assert image.intensity[10, 10, 0] == pytest.approx(2.0 * plain.intensity.max(), rel=1e-14)
 
 
 def test_units():
@@ -370,26 +344,16 @@ def test_objects_describe_themselves_and_pictures_tell_them():
 
 
 def test_scenes_have_objects(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text("""
-[volume]
-model = "sphere"
-resolution = 8
-[[medium]]
-type = "coefficients"
-emissivity = ["inside", "inside", "inside"]
-extinction = "inside"
-[[object]]
-type = "stars"
-positions = [[0, 0, 3]]
-colors = "red"
-radii = 0.5
-[[object]]
-type = "boxes"
-[camera]
-resolution = 20
-""")
-    scene = vm.Scene.load(path)
+    settings = {
+        "volume": {"model": "sphere", "resolution": 8},
+        "medium": {"type": "coefficients", "emissivity": ["inside"] * 3, "extinction": "inside"},
+        "object": [
+            {"type": "stars", "positions": [[0, 0, 3]], "colors": "red", "radii": 0.5},
+            {"type": "boxes"},
+        ],
+        "camera": {"resolution": 20},
+    }
+    scene = vm.Scene(settings)
     image = scene.render()
     np.testing.assert_array_equal(image.intensity[10, 10], [1, 0, 0])
     image.save(tmp_path / "image.npz")
@@ -405,22 +369,17 @@ resolution = 20
     [
         (lambda: vm.Stars([(0, 0, 0)]), "give a star a radius"),
         (lambda: vm.Stars([(0, 0)], radii=1), r"positions must be finite, of shape \(n, 3\)"),
-        (lambda: vm.Stars([(0, 0, np.nan)], radii=1), "some that are not finite"),
         (lambda: vm.Stars([(0, 0, 0)], radii=0), "radii must be positive"),
-        (lambda: vm.Stars([(0, 0, 0)], luminosities=-1), "luminosities must be positive"),
         (lambda: vm.Stars([(0, 0, 0)], radii=1, psf=2), "a psf is for points"),
         (lambda: vm.Stars([(0, 0, 0)], luminosities=1, psf=0), "psf must be a positive width"),
         (lambda: vm.Stars([(0, 0, 0)], radii=1, opacity=2), "opacity must be from 0 to 1"),
-        (lambda: vm.Stars([(0, 0, 0)], np.inf, radii=1), "colors must be finite"),
         (lambda: vm.Stars([(0, 0, 0)], radii=1, channel=-1), "channel must be a whole number"),
         (lambda: vm.Stars([[0, 0, 0]] * 4, np.ones((3, 2)), radii=1), "list of 4"),
         (lambda: vm.Spheres([[0, 0, 0]] * 4, [1, 2]), "one for each of 4"),
         (lambda: vm.Lines([[0, 0, 0]]), "two points or more"),
-        (lambda: vm.Lines([[0, 0], [1, 1]]), "two points or more"),
         (lambda: vm.Lines([[0, 0, 0], [1, 1, np.inf]]), "must be finite"),
         (lambda: vm.Lines(np.zeros((3, 2, 3)), width=0), "width must be a positive"),
         (lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=["star"]), "number 0 is of type str"),
-        (lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=3), "objects must be a list"),
         (
             lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Boxes(), bounds=True),
             "bounds are of the medium alone",
@@ -429,10 +388,6 @@ resolution = 20
             lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Stars([(0, 0, 0)], "red", radii=1)),
             "names are red, green and blue",
         ),
-        (
-            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Stars([(0, 0, 0)], (1, 2), radii=1)),
-            "expected a number, or 1",
-        ),
     ],
 )
 def test_what_makes_no_sense(make, told):
@@ -440,12 +395,9 @@ def test_what_makes_no_sense(make, told):
         make()
 
 
-def test_unknown_colours_name_the_nearest():
+def test_unknown_names_come_with_the_nearest():
     with pytest.raises(vm.errors.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
         vm.Stars([(0, 0, 0)], "oragne", radii=1)
-
-
-def test_unknown_depths_name_the_nearest():
     with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'foreground'"):
         vm.Stars([(0, 0, 0)], radii=1, depth="forground")
 
@@ -461,9 +413,8 @@ def test_the_error_counts_how_unsure_the_light_of_a_bright_star_is(thing):
     size = {"radii": 0.2} if thing == "disc" else {"luminosities": 1.0}
     star = vm.Stars([(0, 0, -0.7)], colors=1e6, **size, **options)
     rough = vm.render(volume, cloud, camera, objects=[star], tolerance=0.3)
-    exact = vm.render(
-        volume, cloud, camera, objects=[star], tolerance=1e-8, precision="double", cutoff=0
-    )
+    options = {"tolerance": 1e-8, "precision": "double", "cutoff": 0}
+    exact = vm.render(volume, cloud, camera, objects=[star], **options)
     off = np.abs(rough.intensity - exact.intensity).max(axis=2)
     assert off.max() > 1.0  # far more than the cloud's own error
     # Estimates are of a difference between two solutions: a tenth of a per cent for rounding.

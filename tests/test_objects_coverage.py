@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.objects.balls import disc_in_polygon
 
-pytestmark = pytest.mark.exhaustive
-
 GRID = vm.CartesianGrid.uniform(4, (-1, 1))
 VOLUME = vm.Volume(GRID, a=np.zeros(GRID.shape))
 DARK = vm.Coefficients("a", "a")
@@ -40,13 +38,6 @@ def test_the_disc_in_all_pixels_is_the_whole_disc(x, y, radius, aspect):
         assert area.sum() == pytest.approx(np.pi * radius**2, rel=1e-12, abs=1e-12)
 
 
-@pytest.mark.parametrize("radius", [0.003, 0.02, 0.3])
-def test_areas_of_spheres_from_afar(radius):
-    camera = vm.Orthographic(40, 60, 20, width=(2, 3), resolution=(40, 30))
-    image, seen = shown(camera, vm.Spheres([[0.1, 0.2, 0.0]], radius), precision="double")
-    assert seen.sum() * image.pixel_area == pytest.approx(np.pi * radius**2, rel=1e-12)
-
-
 @pytest.mark.parametrize("place", [(0, 0, 0), (0.3, 1.2, 0.9), (1.5, -0.4, 0.3)])
 @pytest.mark.parametrize("radius", [0.01, 0.3])
 def test_spheres_on_a_flat_screen_are_ellipses(place, radius):
@@ -63,17 +54,13 @@ def test_spheres_on_a_flat_screen_are_ellipses(place, radius):
 
 @pytest.mark.parametrize("radius", [0.2, 0.8, 1.4])
 def test_spheres_on_a_dome_are_where_rays_meet_them(radius):
-    camera = vm.Perspective(
-        (0.5, 0.2, 0.1), (1, 0, 0), fov=250, projection="spherical", resolution=80
-    )
+    dome = {"fov": 250, "projection": "spherical"}
+    camera = vm.Perspective((0.5, 0.2, 0.1), (1, 0, 0), **dome, resolution=80)
     place = np.array([-0.6, 1.3, -0.4])
     _, seen = shown(camera, vm.Spheres([place], radius))
-    fine = vm.Perspective(
-        (0.5, 0.2, 0.1), (1, 0, 0), fov=250, projection="spherical", resolution=400
-    )
+    fine = camera.replace(resolution=400)
     frame = fine.frame(GRID)
     u, v = np.meshgrid(*frame.coordinates())
-    x, y, _ = fine.project(place[:, None], GRID)
     # Rays by the formula of the dome, in NumPy.
     q = np.hypot(u, v)
     ex, ey, ez = frame.vectors[1:]
@@ -83,7 +70,6 @@ def test_spheres_on_a_dome_are_where_rays_meet_them(radius):
     along = ray @ way
     hit = (along > 0) & (way @ way - along**2 < radius**2)
     counted = hit.reshape(80, 5, 80, 5).mean(axis=(1, 3))
-    assert np.isfinite(x + y).all()
     # 16 or 25 rays a pixel tell its edge to a fifth; images are ellipses to 2 %, or of rays.
     assert np.abs(seen - counted).max() < 0.2
     assert seen.sum() == pytest.approx(counted.sum(), rel=5e-3)
@@ -96,13 +82,6 @@ def test_limb_darkening_keeps_the_luminosity(radius):
     image, seen = shown(camera, star)
     # At the middles of pixels, of which the radius has 10: it is steep at the edge.
     assert seen.sum() * image.pixel_area == pytest.approx(2.0, rel=5e-3)
-    if radius == 0.2:
-        middle = 2.0 / (np.pi * 0.04 * 0.8)
-        x, y = np.meshgrid(image.x - 0.1, image.y - 0.05)
-        mu = np.sqrt(1 - np.minimum((x**2 + y**2) / 0.04, 1))
-        inside = np.hypot(x, y) < 0.18
-        expected = middle * (0.4 + 0.6 * mu)
-        np.testing.assert_allclose(seen[inside], expected[inside], rtol=1e-5)
 
 
 @pytest.mark.parametrize("width", [0.3, 1.0, 2.7])
@@ -121,27 +100,14 @@ def test_lines_cover_their_width(width, angle):
     np.testing.assert_allclose(seen[:, columns].sum(axis=0), expected, rtol=1e-6)
 
 
-def test_an_orbit_seen_edge_on_is_in_front_and_behind():
-    volume = vm.Volume(GRID, a=np.ones(GRID.shape))
-    angle = np.linspace(0, 2 * np.pi, 201)[:-1]
-    orbit = np.stack([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0 * angle], axis=1)
-    camera = vm.Orthographic(90, 0, width=2, resolution=41)
-    line = vm.Lines(orbit, 5.0, width=3, opacity=0.4, closed=True)
-    image = vm.render(volume, vm.Coefficients(0, "a"), camera, objects=[line], precision="double")
-    near, far = (np.exp(-(1 - way)) for way in (0.8, -0.8))
-    assert image.intensity[20, 20, 0] == pytest.approx(5 * near + 0.6 * 5 * far, rel=1e-3)
-
-
 @pytest.mark.parametrize("fov", [60, 140])
 def test_lines_in_perspective_go_where_their_points_go(fov):
     things = np.random.default_rng(3).uniform(-1, 1, (6, 2, 3))
-    cameras = [vm.Perspective((1.4, 0.3, 0.2), (0, 0, 0), fov=fov, resolution=70)]
-    cameras.append(
-        vm.Perspective(
-            (0.4, 0.3, 0.2), (0, 0, 0), fov=2 * fov, projection="spherical", resolution=70
-        )
-    )
-    for camera in cameras:
+    dome = {"fov": 2 * fov, "projection": "spherical"}
+    for camera in (
+        vm.Perspective((1.4, 0.3, 0.2), (0, 0, 0), fov=fov, resolution=70),
+        vm.Perspective((0.4, 0.3, 0.2), (0, 0, 0), **dome, resolution=70),
+    ):
         frame = camera.frame(GRID)
         for ends in things:
             _, seen = shown(camera, vm.Lines(ends, width=2.0))
@@ -167,23 +133,6 @@ def test_widths_in_space_shrink_with_distance():
     rows = seen[:, 45:55].sum(axis=0)
     expected = 0.05 / pixel * (1 / 2 + 1 / 6)
     np.testing.assert_allclose(rows, expected, rtol=2e-2)  # 0.5 at 6 is 5 degrees off the axis
-
-
-def test_boxes_of_patches_and_axes():
-    patches = vm.PatchGrid([[-1] * 3, [-0.5] * 3], [[1] * 3, [0.5] * 3], [[8] * 3, [8] * 3])
-    volume = vm.Volume(patches, a=np.zeros(patches.shape))
-    camera = vm.Orthographic(0, 0, width=3, resolution=61)
-    options = {"scheme": "first-order", "precision": "double"}
-    image = vm.render(volume, DARK, camera, objects=[vm.Boxes()], **options)
-    seen = image.intensity[..., 0] > 0.6
-    places = [round((x + 1.5) / 3 * 61 - 0.5) for x in (-1, -0.5, 0.5, 1)]
-    np.testing.assert_array_equal(np.flatnonzero(seen[30]), places)
-    alone = vm.render(volume, DARK, camera, objects=[vm.Boxes(levels=0)], **options)
-    assert np.flatnonzero(alone.intensity[30, :, 0] > 0.6).tolist() == [places[0], places[3]]
-    three = vm.Coefficients(["a", "a", "a"], 0)
-    image = vm.render(volume, three, camera, objects=[vm.Axes(width=3)], **options)
-    np.testing.assert_array_equal(image.intensity[places[0], 30], [1, 0, 0])
-    np.testing.assert_array_equal(image.intensity[30, places[0]], [0, 1, 0])
 
 
 def test_no_points_and_no_table_are_refused():

@@ -1,5 +1,6 @@
 """Scenes: what the file says is what is rendered; what it cannot say is refused with its place."""
 
+import json
 import math
 from pathlib import Path
 
@@ -54,13 +55,11 @@ def written(tmp_path, text):
 
 def test_a_scene_is_the_same_picture_as_python():
     length = 2.5e16 * u.cm
-    medium = vm.Gaussian("log10(density)", 3.5, 0.05, (0.4, 0.4, 0.8), 0.001, length) + vm.Gaussian(
-        "log10(density)", 4.0, 0.05, (0.89, 0.47, 0.06), 0.001, length
-    )
+    medium = vm.Gaussian("log10(density)", 3.5, 0.05, (0.4, 0.4, 0.8), 0.001, length)
+    medium += vm.Gaussian("log10(density)", 4.0, 0.05, (0.89, 0.47, 0.06), 0.001, length)
     camera = vm.Orthographic(60, 30, width=0.25 * u.pc, resolution=8)
-    expected = vm.render(
-        vm.models.prestellar_core(12), medium, camera, precision="double"
-    ).intensity
+    volume = vm.models.prestellar_core(12)
+    expected = vm.render(volume, medium, camera, precision="double").intensity
     np.testing.assert_array_equal(vm.Scene(CORE).render().intensity, expected)
 
 
@@ -93,14 +92,8 @@ def test_every_medium_survives_the_file(medium):
 
 
 def test_derived_fields_and_units():
-    volume = vm.Scene(
-        changed(
-            SPHERE,
-            "volume",
-            derived={"half": "inside / 2", "far": "half + 2 K"},
-            units={"inside": "K"},
-        )
-    ).volume()
+    derived = {"half": "inside / 2", "far": "half + 2 K"}
+    volume = vm.Scene(changed(SPHERE, "volume", derived=derived, units={"inside": "K"})).volume()
     assert volume.fields == ("inside", "half", "far")
     assert volume.units["inside"] == "K"
     np.testing.assert_array_equal(volume.array("half"), volume.array("inside") / 2)
@@ -112,12 +105,6 @@ def test_examples_render(path):
     image = scene.render()
     assert np.all(np.isfinite(image.intensity))
     assert image.intensity.max() > 0
-
-
-def test_the_first_example_is_the_promised_scene():
-    scene = vm.Scene.load(next(p for p in EXAMPLES if p.name == "core.toml"))
-    assert (scene.camera.incl, scene.camera.phi) == (60, 30)
-    assert scene.volume().grid.shape == (100, 100, 100)
 
 
 # Files
@@ -139,10 +126,6 @@ def test_paths_are_relative_to_the_scene_file(tmp_path, monkeypatch):
     again = vm.Scene.load(tmp_path / "scene.toml")
     np.testing.assert_array_equal(again.render().intensity, scene.render().intensity)
     assert again.render().intensity[0, 0, 0] == 7.0  # the corner shows the background
-    (tmp_path / "pictures").mkdir()
-    again.render().save(tmp_path / "pictures" / "a.npz")
-    carried = vm.Scene.load(tmp_path / "pictures" / "a.npz")
-    np.testing.assert_array_equal(carried.render().intensity, scene.render().intensity)
 
 
 def test_file_options_reach_the_reader(tmp_path):
@@ -166,24 +149,18 @@ def test_an_image_carries_its_scene(tmp_path):
         vm.Scene.load(tmp_path / "other.png")
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"tolerance": None},
-        {"tolerance": np.float64(0.1), "cutoff": np.float32(0.1)},
-        {"samples": np.int64(2)},
-        {"background": np.array([0.1, 0.2, 0.3])},
-        {"background": (0.1, 0.2, 0.3)},
-    ],
-)
-def test_values_of_python_survive_pictures_and_files(tmp_path, options):
-    image = vm.Scene(CORE).render(**options)
-    image.save(tmp_path / "core.npz")
-    given = vm.Scene({**CORE, "render": {"precision": "double", **options}})
-    given.save(tmp_path / "core.toml")
-    for name in ("core.npz", "core.toml"):
-        again = vm.Scene.load(tmp_path / name).render()
-        np.testing.assert_array_equal(again.intensity, image.intensity)
+def test_values_of_python_survive_pictures_and_files(tmp_path):
+    for options in (
+        {"tolerance": None, "background": (0.1, 0.2, 0.3)},
+        {"tolerance": np.float64(0.1), "cutoff": np.float32(0.1), "samples": np.int64(2)},
+    ):
+        image = vm.Scene(CORE).render(**options)
+        image.save(tmp_path / "core.npz")
+        given = vm.Scene({**CORE, "render": {"precision": "double", **options}})
+        given.save(tmp_path / "core.toml")
+        for name in ("core.npz", "core.toml"):
+            again = vm.Scene.load(tmp_path / name).render()
+            np.testing.assert_array_equal(again.intensity, image.intensity)
 
 
 def test_what_a_scene_cannot_hold_is_told(tmp_path):
@@ -199,8 +176,8 @@ def test_what_a_scene_cannot_hold_is_told(tmp_path):
 def test_image_options_go_to_formats_that_have_them(tmp_path):
     scene = vm.Scene({**CORE, "image": {"exposure": 2.0, "bits": 16}})
     image = scene.render()
-    scene.save_image(image, tmp_path / "a.png")
-    scene.save_image(image, tmp_path / "a.fits")
+    for name in ("a.png", "a.fits"):
+        scene.save_image(image, tmp_path / name)
     shown = vm.Image.load(tmp_path / "a.png").intensity
     # Sixteen bits: half a step is 1/131070.
     np.testing.assert_allclose(shown, image.to_rgb(exposure=2.0), atol=8e-6)
@@ -227,7 +204,6 @@ def test_replaced_changes_a_copy():
         ("camra.incl", "unknown section 'camra'; did you mean 'camera'"),
         ("camera.inlc", r"\[camera\]: unknown key 'inlc'; did you mean 'incl'"),
         ("medium.3.opacity", "expected a number from 1 to 2, got '3'"),
-        ("medium.0.opacity", "expected a number from 1 to 2, got '0'"),
         ("medium.opacity", "say which of the 2"),
         ("object.1.width", "'object.1.width': there is none to change, got '1'"),
         ("camera.incl.x", "camera.incl is a value, not a table"),
@@ -244,24 +220,17 @@ def test_places_that_do_not_exist(place, expected):
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({**SPHERE, "lights": {}}, "unknown section 'lights'"),
         ({**SPHERE, "volumes": {}}, "unknown section 'volumes'; did you mean 'volume'"),
         ({"volume": SPHERE["volume"]}, "the section 'medium' is missing"),
         ({**SPHERE, "camera": 3}, r"expected a table \[camera\], got camera = 3"),
         ({**SPHERE, "medium": [3]}, r"expected tables \[\[medium\]\], got 3 as number 1"),
         ({**SPHERE, "volume": {"resolution": 3}}, r"\[volume\]: give path = a file, or model ="),
-        (changed(SPHERE, "volume", path="a.h5"), r"\[volume\]: give path = a file, or model ="),
         (changed(SPHERE, "volume", model="spere"), r"\[volume\]: .*did you mean 'sphere'"),
         (changed(SPHERE, "volume", resoluton=3), r"\[volume\]: .*did you mean 'resolution'"),
-        (changed(SPHERE, "volume", resolution=3.5), "resolution: expected a whole number, got 3.5"),
         (changed(SPHERE, "volume", fields="a"), "fields belongs to a file"),
         (
             changed(SPHERE, "volume", model=None, resolution=None, path="a.h5", unti="pc"),
             r"\[volume\]: unknown key 'unti'; did you mean 'unit'",
-        ),
-        (
-            changed(SPHERE, "volume", model=None, resolution=None, path="a.xyz", format="hdf"),
-            "unknown format 'hdf'; did you mean 'hdf5'",
         ),
         (
             changed(SPHERE, "volume", derived={"a": "log10(inside"}),
@@ -273,27 +242,14 @@ def test_places_that_do_not_exist(place, expected):
         ),
         (changed(SPHERE, "camera", inlc=3), r"\[camera\]: unknown key 'inlc'; did you mean 'incl'"),
         (changed(SPHERE, "camera", incl=True), r"\[camera\]: incl: expected a number.*got True"),
-        (changed(SPHERE, "camera", incl="north"), r"\[camera\]: incl: expected a number"),
-        (
-            changed(SPHERE, "camera", width="1 parsecc"),
-            r"\[camera\]: width: 'parsecc' is not a unit",
-        ),
-        (changed(SPHERE, "camera", width=-1), r"\[camera\]: width must be a positive number"),
-        (changed(SPHERE, "camera", resolution=1.5), r"\[camera\]: resolution: expected a whole"),
         (changed(SPHERE, "camera", type="fisheye"), r"\[camera\]: unknown type 'fisheye'"),
         (changed(SPHERE, "camera", type="perspective"), r"\[camera\]: position is missing"),
         (changed(SPHERE, "render", shceme="x"), r"\[render\]: unknown key 'shceme'.*'scheme'"),
-        (changed(SPHERE, "render", scheme="second"), r"\[render\]: unknown scheme 'second'"),
-        (changed(SPHERE, "render", precision="half"), r"\[render\]: unknown precision 'half'"),
-        (changed(SPHERE, "render", cutoff=2), r"\[render\]: cutoff is the transparency"),
         (changed(SPHERE, "render", tolerance=2), r"\[render\]: tolerance is the error allowed"),
-        (changed(SPHERE, "volume", width="3 kg"), r"\[volume\]: width: expected a number"),
         (changed(SPHERE, "render", progress="yes"), r"\[render\]: unknown key 'progress'"),
         (changed(SPHERE, "image", strech="log"), r"\[image\]: unknown key 'strech'.*'stretch'"),
         (changed(SPHERE, "image", stretch="lgo"), r"\[image\]: unknown stretch 'lgo'.*'log'"),
-        (changed(SPHERE, "image", bits=9), r"\[image\]: bits must be 8 or 16"),
         (changed(SPHERE, "image", transparent=1), r"transparent: expected true or false, got 1"),
-        (changed(SPHERE, "image", channels=[3]), r"\[image\]: "),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place(settings, expected):
@@ -309,12 +265,8 @@ def test_what_is_wrong_is_named_with_its_place(settings, expected):
         ({"sigma": None}, r"\[\[medium\]\] 2: sigma is missing; there may be: expr, center"),
         ({"colour": 1}, r"\[\[medium\]\] 2: unknown key 'colour'; did you mean 'color'"),
         ({"sigma": "wide"}, r"\[\[medium\]\] 2: sigma: expected a number"),
-        ({"sigma": [1, 2]}, r"\[\[medium\]\] 2: sigma: expected a number"),
-        ({"sigma": -1}, r"\[\[medium\]\] 2: sigma must be positive"),
         ({"color": True}, r"\[\[medium\]\] 2: color: expected a name, a number or a list"),
-        ({"color": "oragne"}, r"\[\[medium\]\] 2: unknown color 'oragne'"),
         ({"color": [1.0]}, r"\[\[medium\]\]: media with 1 and 3 channels cannot be added"),
-        ({"expr": "log10(density"}, r"\[\[medium\]\] 2: .*never closed"),
         ({"expr": ["a", True]}, r"\[\[medium\]\] 2: expr: expected an expression"),
         ({"path_length": "2.5e16 cn"}, r"\[\[medium\]\] 2: path_length: 'cn' is not a unit"),
     ],
@@ -343,16 +295,6 @@ def test_errors_of_a_file_name_it(tmp_path):
 # Quantities and TOML
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(["cm", "1 / cm3", ""]))
-def test_quantities_in_texts_keep_all_digits(number, unit):
-    from voluminous.scene.kinds import QUANTITY
-
-    found = QUANTITY("a", f"{number!r} {unit}")
-    assert (found.value if unit else found) == number
-    if unit:
-        assert found.unit == u.Unit(unit)
-
-
 values = st.recursive(
     st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
@@ -363,14 +305,9 @@ values = st.recursive(
 @settings(max_examples=50)
 @given(st.dictionaries(st.text(), values))
 def test_toml_comes_back(tables):
-    assert normal(loads(dumps(tables))) == normal(tables)
-
-
-def normal(value):
-    """Return a value that equals another if both hold the same, whatever the order of keys."""
-    if isinstance(value, dict):
-        return sorted((k, normal(v)) for k, v in value.items())
-    return [normal(v) for v in value] if isinstance(value, list) else repr(value)
+    # The order of keys is no part of a document; NaN is not equal to itself.
+    texts = [json.dumps(one, sort_keys=True) for one in (loads(dumps(tables)), tables)]
+    assert texts[0] == texts[1]
 
 
 def test_toml_cannot_hold_everything():
@@ -378,32 +315,3 @@ def test_toml_cannot_hold_everything():
         dumps({"a": math})
     with pytest.raises(vm.InputError, match=r"cannot hold 'a\\udcff\.h5', which is no UTF-8"):
         dumps({"path": "a\udcff.h5"})
-
-
-def test_colours_by_name(tmp_path):
-    shell = """
-[volume]
-model = "sphere"
-resolution = 8
-[[medium]]
-type = "gaussian"
-expr = "inside"
-center = 1.0
-sigma = 0.3
-color = "orange"
-opacity = 0.1
-path_length = 0.3
-[[medium]]
-type = "isosurface"
-expr = "r"
-level = [0.3, 0.5]
-color = "plasma"
-opacity = 0.1
-[camera]
-resolution = 4
-"""
-    (tmp_path / "named.toml").write_text(shell)
-    scene = vm.Scene.load(tmp_path / "named.toml")
-    gaussian, surface = scene.medium.components()
-    assert gaussian.color == (1.0, 165 / 255, 0.0)
-    assert len(set(surface.colors)) == 2

@@ -8,8 +8,8 @@ from astropy import units as u
 
 import voluminous as vm
 from contracts import Bundle
-from voluminous.errors import InputError, UnitsError, UnknownNameError
-from voluminous.expressions import Expression
+from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
+from voluminous.expressions import Expression, derived_field
 
 EDGES = ([-2.0, -1.0, 0.5, 2.0], [-1.0, 0.3, 1.5], [-2.0, 0.1, 1.0, 3.0])
 CARTESIAN = vm.CartesianGrid(*EDGES)
@@ -119,19 +119,15 @@ def test_units_of_components():
         volume.evaluate("v_x")
 
 
-def test_own_coordinates_are_known_in_expressions():
-    volume = vm.Volume(SPHERICAL)
-    _, y, z = centers(SPHERICAL)
-    close = {"rtol": 1e-13, "atol": 1e-13}
-    np.testing.assert_allclose(volume.evaluate("r*cos(theta)"), z, **close)
-    np.testing.assert_allclose(volume.evaluate("r*sin(theta)*sin(phi)"), y, **close)
-    flat = vm.Volume(CYLINDRICAL)
-    np.testing.assert_allclose(flat.evaluate("R*cos(phi)"), centers(CYLINDRICAL)[0], **close)
-    assert volume.coordinates == ("x", "y", "z", "r", "theta", "phi")
-    with pytest.raises(UnknownNameError, match="theta"):
-        vm.Volume(CARTESIAN).evaluate("theta")
-    with pytest.raises(InputError, match="'phi' is reserved"):
-        vm.Volume(SPHERICAL, phi=np.ones(SPHERICAL.shape))
+def test_names_of_vectors_in_expressions():
+    assert Expression("norm('v')").names == ("v_x", "v_y", "v_z")
+    assert Expression("los('v') + 1").names == ('los("v")',)
+    assert derived_field("los( 'v' )").name == 'los("v")'
+    assert derived_field("los(v)").name == 'los("v")'
+    assert Expression('los("v")') == Expression("los('v')")
+    for text in ("los(2 * v)", "los('v') + 'v'", "los('a b')", "los()", "norm('los(v)')"):
+        with pytest.raises(ExpressionError):
+            Expression(text)
 
 
 def test_what_is_missing_is_named():

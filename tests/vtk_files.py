@@ -8,8 +8,7 @@ import pytest
 pytest.importorskip("vtkmodules", reason="VTK's own writers make the files")
 
 from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectilinearGrid, vtkStructuredGrid
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectilinearGrid
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
 POINTS = (4, 3, 5)
@@ -51,17 +50,6 @@ def rectilinear(lines=LINES):
     data.SetDimensions([len(line) for line in lines])
     for axis, line in zip("XYZ", lines, strict=True):
         getattr(data, f"Set{axis}Coordinates")(numpy_to_vtk(np.array(line), deep=True))
-    return data
-
-
-def structured(lines=LINES):
-    """Return the same as a structured grid."""
-    data = vtkStructuredGrid()
-    data.SetDimensions([len(line) for line in lines])
-    z, y, x = np.meshgrid(*lines[::-1], indexing="ij")
-    points = vtkPoints()
-    points.SetData(numpy_to_vtk(np.stack([x, y, z], -1).reshape(-1, 3), deep=True))
-    data.SetPoints(points)
     return data
 
 

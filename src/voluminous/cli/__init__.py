@@ -29,15 +29,7 @@ FAILED, INTERRUPTED = 2, 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; by default those of the process.
-
-    Returns
-    -------
-    int
-        0 on success, 1 if `doctor` reports a problem, 2 after an error, 130 after Ctrl-C.
+    0 on success, 1 if `doctor` reports a problem, 2 after an error, 130 after Ctrl-C.
     """
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character shows a question mark instead of failing.

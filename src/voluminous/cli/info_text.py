@@ -71,12 +71,12 @@ def describe_volume(data: DataFile, *, bars: bool = True) -> Iterator[str]:
             yield f"  cannot be read: {error}"
             continue
         sizes[field.name] = array.nbytes
-        found = statistics(array)
-        yield f"  {numbers(found, volume.grid.shape)}"
-        if found.finite and bars:
-            yield f"  {histogram(array, found)}"
-        if found.varies:
-            varying.append((rank(field.name), found.size - found.finite, field, again))
+        summary = statistics(array)
+        yield f"  {numbers(summary, volume.grid.shape)}"
+        if summary.finite and bars:
+            yield f"  {histogram(array, summary)}"
+        if summary.varies:
+            varying.append((rank(field.name), summary.size - summary.finite, field, again))
         del array, volume[field.name]  # free its memory
     if sizes:
         largest = in_bytes(max(sizes.values()))
@@ -120,11 +120,7 @@ def _readable(
 def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
     """Yield lines about a grid: kind, cells, levels, extent, effective resolution.
 
-    Parameters
-    ----------
-    grid : grid
-    particles : int, optional
-        Number of particles that the grid was built around; its cells are not from the file then.
+    A grid built around particles has no cells of the file; `particles` is their number.
     """
     known = grid.describe()
     unit, base = known["unit"], known.get("base")

@@ -131,15 +131,7 @@ def pixel_size(x: Axis, y: Axis, given: Any, unit: str) -> tuple[float, float]:
 
 
 def as_wcs(value: WCS | str | None, shape: tuple[int, ...]) -> WCS | None:
-    """Return the WCS of an image: an astropy WCS of two axes, or one as the text of a header.
-
-    Parameters
-    ----------
-    value : astropy.wcs.WCS, str or None
-        WCS of the pixels; the centre of the lower left pixel is (0, 0).
-    shape : tuple of int
-        Rows and columns of the image.
-    """
+    """Return the WCS of an image: an astropy WCS of two axes, or one as the text of a header."""
     if value is None:
         return None
     wcs: Any = value

@@ -71,9 +71,7 @@ def convolve(image: Image, beam: Any) -> Image:
 def as_beam(beam: Any) -> Beam:
     """Return a beam from what a user gave, or from its description in the provenance.
 
-    Parameters
-    ----------
-    beam : float, Quantity, (major, minor) or (major, minor, pa), or a radio_beam.Beam
+    That is a width, (major, minor), (major, minor, pa), or a radio_beam.Beam.
     """
     if hasattr(beam, "major") and hasattr(beam, "minor"):
         beam = (beam.major, beam.minor, beam.pa)

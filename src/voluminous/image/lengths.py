@@ -29,14 +29,9 @@ _HANDY = (0.1, 1000.0)
 
 
 def readable(size: float, unit: Any) -> tuple[float, str]:
-    """Return the conversion factor from `unit` to a readable unit, and the name of that unit.
+    """Return the factor from `unit` to a readable unit for numbers like `size`, and its name.
 
-    Parameters
-    ----------
-    size : float
-        Typical size of the numbers, in `unit`.
-    unit : str
-        A unit of length, angle or time; any other unit stays unchanged.
+    Units of length, angle and time become readable ones; any other stays unchanged.
 
     Examples
     --------

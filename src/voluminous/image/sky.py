@@ -24,21 +24,9 @@ if TYPE_CHECKING:
 def of_pixels(wcs: WCS, matrix: Any, origin: Any, shape: Any) -> Any:
     """Return the WCS of new pixels q that lie at ``matrix q + origin`` in the pixels of `wcs`.
 
-    Parameters
-    ----------
-    wcs : astropy.wcs.WCS
-        With n axes; not modified.
-    matrix : array_like, shape (n, n)
-        Non-singular.
-    origin : array_like, shape (n,)
-        Position of q = 0; the centre of the first pixel is 0.
-    shape : sequence of n int
-        Numbers of new pixels.
-
-    Notes
-    -----
-    Only the linear transformation from pixels to the projection plane changes: Greisen &
-    Calabretta (2002), "Representations of world coordinates in FITS", eq. 9.
+    The centre of the first pixel is 0; `matrix` (n, n) is not singular; `shape` has n numbers of
+    new pixels. Only the linear transformation from pixels to the projection plane changes: Greisen
+    & Calabretta (2002), "Representations of world coordinates in FITS", eq. 9.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     new = wcs.deepcopy()
@@ -236,12 +224,9 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
 
 
 def as_position(position: Any) -> SkyCoord:
-    """Return a position on the sky as a scalar SkyCoord.
+    """Return a position on the sky (SkyCoord, (ra, dec) or text) as a scalar SkyCoord.
 
-    Parameters
-    ----------
-    position : SkyCoord, (ra, dec) or str
-        Plain numbers are degrees, texts such as ``"05h35m17.3s -05d23m28s"``; both ICRS.
+    Plain numbers are degrees, texts such as ``"05h35m17.3s -05d23m28s"``; both ICRS.
     """
     from astropy.coordinates import SkyCoord
 

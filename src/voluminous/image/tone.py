@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import operator
 from collections.abc import Callable, Collection, Iterable
 from copy import copy
@@ -54,31 +53,17 @@ def _power(gamma: float) -> Curve:
     return Curve(lambda v: v ** (1 / gamma), lambda w: w**gamma)
 
 
-def _asinh(softening: float) -> Curve:
-    top = np.arcsinh(1 / softening).item()
-    return Curve(lambda v: np.arcsinh(v / softening) / top, lambda w: softening * np.sinh(w * top))
-
-
-def _log(softening: float) -> Curve:
-    top = np.log1p(1 / softening).item()
-    return Curve(lambda v: np.log1p(v / softening) / top, lambda w: softening * np.expm1(w * top))
-
-
 LINEAR = Curve(lambda v: v, lambda w: w)
 _FIXED = {"linear": LINEAR, "sqrt": Curve(np.sqrt, np.square), "gamma": _power(GAMMA)}
-_SOFT = {"asinh": (_asinh, 0.1), "log": (_log, 0.01)}
+# A function of v / softening, its inverse, and the default softening.
+_SOFT = {"asinh": (np.arcsinh, np.sinh, 0.1), "log": (np.log1p, np.expm1, 0.01)}
 STRETCHES = (*_FIXED, *_SOFT)
 
 
 def curve(stretch: str | float, softening: float | None = None) -> Curve:
     """Return the curve of a named stretch, or v**(1/g) for a number g.
 
-    Parameters
-    ----------
-    stretch : {"linear", "sqrt", "gamma", "asinh", "log"} or float
-        Name of the curve, or g.
-    softening : float, optional
-        For "asinh" and "log": end of the linear part, in units of white.
+    `softening` is the end of the linear part of "asinh" and "log", in units of white.
     """
     if softening is not None and stretch not in tuple(_SOFT):
         raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
@@ -87,8 +72,10 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
     check_name("stretch", stretch, STRETCHES)
     if stretch in _FIXED:
         return _FIXED[stretch]
-    make, default = _SOFT[stretch]
-    return make(default if softening is None else positive(softening, "softening"))
+    bend, straighten, default = _SOFT[stretch]
+    soft = default if softening is None else positive(softening, "softening")
+    top = bend(1 / soft).item()
+    return Curve(lambda v: bend(v / soft) / top, lambda w: soft * straighten(w * top))
 
 
 def positive(value: Any, what: str) -> float:
@@ -122,18 +109,10 @@ def _top(exposure: Any, vmax: Any) -> float | None:
 def scale(
     values: NDArray[Any], bend: Curve, norm: Any, exposure: Any, vmin: Any, vmax: Any
 ) -> Normalize:
-    """Return the matplotlib norm that maps intensities to 0 … 1.
+    """Return the matplotlib norm that maps the intensities of one channel to 0 … 1.
 
-    Parameters
-    ----------
-    values : array
-        One channel; its finite values set the limits that are None.
-    bend : Curve
-        The stretch, used if `norm` is None.
-    norm : {"linear", "log"}, Normalize or None
-        Replaces the stretch.
-    exposure, vmin, vmax : float or None
-        Limits; `exposure` means vmax = 1 / exposure.
+    `norm` replaces the stretch `bend`; `exposure` means vmax = 1 / exposure; the finite values set
+    the limits that are None.
     """
     from matplotlib.colors import FuncNorm, LogNorm, Normalize
 
@@ -173,24 +152,18 @@ def scale(
     return FuncNorm((forward, inverse), low, high)
 
 
+_NAMES = "exposure stretch gamut channels mix colormap norm vmin vmax background softening"
+OPTIONS = frozenset(_NAMES.split())
+
+
 def display(
-    intensity: NDArray[Any],
-    transparency: NDArray[Any] | None = None,
-    *,
-    exposure: float | None = None,
-    stretch: str | float = "linear",
-    gamut: str = "hue",
-    channels: Any = None,
-    mix: Any = None,
-    colormap: Any = None,
-    norm: Any = None,
-    vmin: float | None = None,
-    vmax: float | None = None,
-    background: Any = None,
-    softening: float | None = None,
+    intensity: NDArray[Any], transparency: NDArray[Any] | None, options: dict[str, Any]
 ) -> Pixels:
     """Return display values from 0 to 1, shape (ny, nx, 3); see `Image.to_rgb`."""
-    bend = curve(stretch, softening)
+    get = options.get
+    exposure, vmin, vmax, norm = get("exposure"), get("vmin"), get("vmax"), get("norm")
+    channels, mix, background = get("channels"), get("mix"), get("background")
+    bend, colormap = curve(get("stretch", "linear"), get("softening")), get("colormap")
     if colormap is None:
         if norm is not None:
             raise InputError(
@@ -201,7 +174,8 @@ def display(
         black = 0.0 if vmin is None else finite(vmin, "vmin")
         mixed -= black
         mixed /= white_level(brightest, exposure, black, vmax) - black
-        rgb = _in_gamut(np.clip(mixed, 0.0, _HUGE).astype(np.float32), bend, gamut)
+        linear = np.clip(mixed, 0.0, _HUGE).astype(np.float32)
+        rgb = _in_gamut(linear, bend, get("gamut", "hue"))
     else:
         if mix is not None:
             raise InputError("a colormap shows one channel, so it cannot be used together with mix")
@@ -219,9 +193,6 @@ def display(
     through = np.nan_to_num(transparency.mean(axis=-1, keepdims=True, dtype=np.float64))
     in_front: Pixels = np.minimum(rgb + through.astype(np.float32) * color, 1)
     return in_front
-
-
-OPTIONS = frozenset(inspect.signature(display).parameters) - {"intensity", "transparency"}
 
 
 def mixed_channels(
@@ -256,15 +227,10 @@ def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any)
 
 
 def automatic_exposure(brightest: NDArray[Any]) -> float:
-    """Return 1 / w, where w is the 99.9 % percentile of the pixels above zero.
+    """Return 1 / w, where w is the 99.9 % percentile of the pixels above zero; 1 if there are none.
 
     Black pixels do not count, so that a small object in front of black is exposed like a large
     one; 0.1 % may be overexposed, so that a star does not darken the rest.
-
-    Parameters
-    ----------
-    brightest : array
-        Maximum over the colours of each pixel, finite; if all are black the result is 1.
     """
     lit = brightest[brightest > 0]
     if lit.size == 0:

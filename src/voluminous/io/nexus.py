@@ -21,9 +21,6 @@ from .labelled.convert import LabelledReader
 if TYPE_CHECKING:
     import xarray
 
-# Names of arrays that would scale the signal.
-_SCALED = ("scaling_factor", "offset")
-
 
 class NeXusReader(LabelledReader):
     """Signals of three or more dimensions in one NXdata group; axes are cell centres, or edges."""
@@ -95,8 +92,6 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
     shape = inside[signal].shape
     names = _axes(group, signal)
     letters = [re.sub(r"[^a-z]", "", name.lower())[-1:] for name in names]
-    if sorted(letters[-3:]) == ["h", "k", "l"]:  # of reciprocal space
-        letters = ["xyz"["hkl".find(letter)] for letter in letters]
     is_xyz = sorted(letters[-3:]) == ["x", "y", "z"]
     coords: dict[str, Any] = {"group": group.name}
     variables: dict[str, Any] = {}
@@ -113,7 +108,9 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
         coords[name] = (name, values, attributes)
     for name, item in inside.items():
         if getattr(item, "shape", None) == shape and item.dtype.kind in "fiub":
-            _check(path, group, name, item)
+            if item.file.filename != group.file.filename:
+                raise FileFormatError(f"the values of {name} are in another file")
+            check_place(path, item)
             attributes = {"units": text(item.attrs.get("units"))}
             attributes["ancillary_variables"] = f"errors {name}_errors"
             variables[name] = (names, _lazy(xarray, item), attributes)
@@ -122,30 +119,11 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
 
 def _axes(group: Any, signal: str) -> list[str]:
     """Return the axis names of the signal; missing names are made up."""
-    count = group[signal].ndim
     names = [text(name) for name in np.ravel(group.attrs.get("axes", ()))]
-    if not names:  # older files: attributes of the signal, or of the axes
+    if not names:  # older files: an attribute of the signal
         names = [n for n in re.split(r"[\s,:\[\]]+", text(group[signal].attrs.get("axes"))) if n]
-    names += ["."] * (count - len(names))
-    for name, item in _members(group):
-        for key, holder in ((f"{name}_indices", group), ("axis", item)):
-            at = np.ravel(holder.attrs.get(key, ()))
-            place = int(at[0]) - (key == "axis") if at.size == 1 and at.dtype.kind in "iu" else -1
-            if getattr(item, "ndim", 0) == 1 and 0 <= place < count and names[place] == ".":
-                names[place] = name
-    return [name if name != "." else f"axis_{k}" for k, name in enumerate(names[:count])]
-
-
-def _check(path: Path, group: Any, name: str, item: Any) -> None:
-    if item.file.filename != group.file.filename:
-        raise FileFormatError(f"the values of {name} are in another file; copy them into one")
-    check_place(path, item)
-    scaled = [n for s in _SCALED for n in (s, f"{name}_{s}") if n in group]
-    if scaled:
-        raise FileFormatError(
-            f"{name} is scaled by {' and '.join(scaled)}, which is not applied; open its numbers "
-            f"as they are with format='hdf5', fields={{'{name}': '{item.name}'}}"
-        )
+    names += ["."] * (group[signal].ndim - len(names))
+    return [name if name != "." else f"axis_{k}" for k, name in enumerate(names)]
 
 
 def _lazy(xarray: Any, item: Any) -> Any:

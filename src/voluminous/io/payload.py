@@ -24,7 +24,6 @@ _PACKED: dict[bytes, Callable[[Path], Any]] = {
 }
 # Magic bytes of ZIP files, with content or empty.
 ZIP = (b"PK\x03\x04", b"PK\x05\x06")
-_PIECE = 1 << 24
 _LARGEST = 2**62
 
 
@@ -75,16 +74,13 @@ def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data"
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     size = math.prod(shape) * dtype.itemsize
     check_memory(size, f"reading {what}", "read a coarser copy, or fewer fields")
-    pieces = bytearray()
-    while len(pieces) < size:  # grows with the data: the size in a header may be wrong
-        piece = file.read(min(_PIECE, size - len(pieces)))
-        if not piece:
-            raise FileFormatError(
-                f"{what} end after {len(pieces)} bytes, expected {size} for {_times(shape)} values "
-                f"of {dtype}"
-            )
-        pieces += piece
-    return np.frombuffer(pieces, dtype).reshape(shape)
+    content = file.read(size)
+    if len(content) < size:
+        raise FileFormatError(
+            f"{what} end after {len(content)} bytes, expected {size} for {_times(shape)} values "
+            f"of {dtype}"
+        )
+    return np.frombuffer(content, dtype).reshape(shape)
 
 
 def inside(directory: Path, name: str) -> Path:

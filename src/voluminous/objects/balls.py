@@ -95,13 +95,9 @@ class Ellipses:
 def disc_in_polygon(corners: np.ndarray) -> np.ndarray:
     """Return the area of the unit disc within polygons, positive if corners run anticlockwise.
 
-    Each side makes a triangle with the centre; the disc is a triangle between two sectors of it.
-    Places on a side count from the foot of the perpendicular from the centre.
-
-    Parameters
-    ----------
-    corners : complex array, shape (k, n)
-        One polygon per column.
+    The corners (k, n) of a polygon are in a column. Each side makes a triangle with the centre; the
+    disc is a triangle between two sectors of it. Places on a side count from the foot of the
+    perpendicular from the centre.
     """
     side = np.roll(corners, -1, axis=0) - corners
     length = np.abs(side)

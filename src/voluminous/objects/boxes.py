@@ -39,22 +39,10 @@ _POINT = 1e-12
 class BlockLattice:
     """Blocks of one size that fill a part of a grid, and the boxes that it is made of.
 
-    Attributes
-    ----------
-    own : callable
-        Whole numbers, (3, n), → the grid's own coordinates.
-    block : int array, shape (n, 3)
-        Places of the blocks, in units of their size.
-    size : int array, shape (3,)
-        Size of a block in the whole numbers of `own`.
-    boxes : pair of int arrays, shape (m, 3), optional
-        Corners of the boxes, in the same; None where there is but the domain.
-    system : tuple of str
-        Names of the own coordinates.
-    period : list of three int
-        After how many blocks an axis closes upon itself; 0 if it does not.
-    seams : list of three int arrays
-        Blocks before which there is a line on surfaces that go on.
+    `own` leads from whole numbers (3, n) to the grid's own coordinates, named in `system`; `block`
+    (n, 3) are places of the blocks in units of their `size`, and `boxes` the corners (m, 3) of the
+    boxes, None where there is but the domain. After `period` blocks an axis closes upon itself; 0
+    if it does not. Before the blocks `seams` there is a line on surfaces that go on.
     """
 
     own: Callable[[np.ndarray], np.ndarray]
@@ -160,18 +148,9 @@ def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> BlockLattic
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges along the axes of a lattice.
+    """Edges along the axes of a lattice, from `start` (n, 3) to `stop` (n,) along `axis` (n,).
 
-    Attributes
-    ----------
-    axis : int array, shape (n,)
-        Which axis each is along.
-    start : int array, shape (n, 3)
-        Where it starts.
-    stop : int array, shape (n,)
-        Where it stops along its axis.
-    seam : bool array, shape (n,)
-        True for lines drawn on a face that goes on, to show how it curves.
+    A `seam` is a line drawn on a face that goes on, to show how it curves.
     """
 
     axis: np.ndarray
@@ -211,16 +190,9 @@ def every_edge(low: np.ndarray, high: np.ndarray) -> Edges:
 def creases(
     block: np.ndarray, period: Sequence[int] = (0, 0, 0), seams: Sequence[Any] = ((), (), ())
 ) -> Edges:
-    """Return where the surface of the body that equal blocks make has an edge.
+    """Return where the surface of the body that equal blocks (n, 3) make has an edge.
 
-    Parameters
-    ----------
-    block : int array, shape (n, 3)
-        Places of different blocks, in units of their size.
-    period : three int
-        After so many blocks an axis closes upon itself; 0 if it does not.
-    seams : three sequences of int
-        Places along each axis where faces that go on have a line, too.
+    `period` and `seams` are those of a `BlockLattice`.
     """
     parts = []
     for axis, (first, second) in enumerate(_OTHERS):
@@ -271,13 +243,7 @@ def same_rows(rows: np.ndarray, *then: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
-    """Return polylines around what is refined `level` times: arrays of shape (lines, n, 3).
-
-    Returns
-    -------
-    list of arrays
-        One for each number of points n.
-    """
+    """Return polylines around what is refined `level` times: (lines, n, 3) for each n."""
     lattice = lattice_of(grid, level)
     if merged or lattice.boxes is None:
         edges = creases(lattice.block, lattice.period, lattice.seams)

@@ -35,16 +35,9 @@ _STEP = 1e-4
 class Layers(NamedTuple):
     """Pairs (b, θ) that lie across the rays of pixels, each at its depth.
 
-    Attributes
-    ----------
-    pixel : int array, shape (n,)
-        Flat numbers of pixels, row by row.
-    depth : float64 array, shape (n,)
-        Distance along the pixel's ray from its origin, in the volume's unit.
-    emission : float64 array, shape (n, channel)
-        b: what it adds to a pixel's intensity, if nothing is in front.
-    opacity : float64 array, shape (n,)
-        1 - θ: the part of a pixel in which it hides what is behind.
+    `pixel` (n,) are flat numbers of pixels, row by row; `depth` (n,) distances along the pixel's
+    ray in the volume's unit; `emission` (n, channel) b, what a layer adds to a pixel's intensity if
+    nothing is in front; `opacity` (n,) 1 - θ, the part of a pixel in which it hides what is behind.
     """
 
     pixel: np.ndarray
@@ -69,16 +62,9 @@ class Layers(NamedTuple):
 class PointLights(NamedTuple):
     """Points of light: too small to hide anything.
 
-    Attributes
-    ----------
-    x, y : float64 arrays, shape (n,)
-        In pixels; the middle of the first one is at 0.
-    depth : float64 array, shape (n,)
-        As of `Layers`.
-    flux : float64 array, shape (n, channel)
-        What they add to the sum of all pixels, if nothing is in front.
-    sigma : float64 array, shape (2,)
-        Widths of the Gaussian that they are spread over, along x and y, in pixels.
+    `x` and `y` (n,) are in pixels, the middle of the first one is at 0; `depth` (n,) is as of
+    `Layers`; `flux` (n, channel) is what they add to the sum of all pixels, if nothing is in front;
+    `sigma` (2,) are the widths in pixels of the Gaussian that they are spread over, along x and y.
     """
 
     x: np.ndarray
@@ -129,14 +115,9 @@ class SceneObject(Value):
     def intensities(
         self, colors: Any, count: int, view: View, unit: u.UnitBase | None
     ) -> np.ndarray:
-        """Return the intensities of `count` things in all channels of a picture, (count, all).
+        """Return the intensities of `count` things in all channels, shape (count, all), in `unit`.
 
-        Parameters
-        ----------
-        colors : str, float, Quantity or array_like
-            A name, a number, one per channel; or a list of `count` of them.
-        unit : astropy unit or None
-            What they are to be expressed in.
+        Colours are a name, a number, one per channel; or a list of `count` of them.
         """
         own = view.channels if self.channel is None else 1
         if is_named(colors):
@@ -187,16 +168,7 @@ class SceneObject(Value):
 class View:
     """What objects need to know of a picture.
 
-    Attributes
-    ----------
-    camera, grid, frame, backend : object
-    channels : int
-        Those of the medium, which come first.
-    all_channels : int
-        Those of the picture.
-    intensity_unit : astropy unit or None
-    picture : callable
-        Gives the brightest pixel without objects.
+    The medium's channels come first in it; `picture` gives its brightest pixel without objects.
     """
 
     camera: Camera
@@ -304,14 +276,10 @@ def numbered(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def window_pixels(
     x: np.ndarray, y: np.ndarray, pixels: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which thing, x and y of all pixels that touch windows, shape (k,) each.
+    """Return which thing, x and y of all pixels of a picture that touch windows, shape (k,) each.
 
-    Parameters
-    ----------
-    x, y : float arrays, shape (2, n)
-        Edges in pixels; the middle of the first pixel is at 0. Where one is NaN there is none.
-    pixels : (int, int)
-        Size of the picture: what is outside is left out.
+    `x` and `y` (2, n) are the edges of windows in pixels; the middle of the first pixel is at 0.
+    Where one is NaN there is no window.
     """
     first, size = [], []
     for edges, count in zip((x, y), pixels, strict=True):

@@ -116,15 +116,10 @@ def short_pieces(pieces: Pieces, pixels: tuple[int, int]) -> Pieces:
 
 
 def strip_coverage(distance: np.ndarray, normal: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return the parts of pixels of side 1 that lie in strips.
+    """Return the parts of pixels of side 1 that lie in strips of some width (n,).
 
-    Parameters
-    ----------
-    distance : array, shape (n,)
-        From the pixel's centre to the middle of the strip.
-    normal : array, shape (n, 2)
-        Unit vectors across the strips.
-    width : array, shape (n,)
+    `distance` (n,) is that from the pixel's centre to the middle of the strip, along `normal` (n,
+    2).
     """
     large = np.max(np.abs(normal), axis=1)
     small = np.maximum(np.min(np.abs(normal), axis=1), _UPRIGHT)

@@ -20,24 +20,11 @@ class _UnfitError(Exception):
 
 @dataclass(frozen=True)
 class Kind:
-    """Expected type of a value.
+    """Expected type of a value: `expected` in words, `types` accepted as they are.
 
-    Attributes
-    ----------
-    expected : str
-        What is expected, for messages.
-    types : tuple of type
-        Accepted as they are; true and false are no numbers.
-    quantity : bool
-        Texts are quantities such as "0.1 pc".
-    listed : bool
-        Lists of such values, of any depth, are accepted too.
-    words : mapping
-        Texts with a meaning, and what it is.
-    table : tuple of type
-        Types of the values in a table, if a table is accepted.
-    make : callable, optional
-        Converts an accepted table.
+    With `quantity`, texts are quantities such as "0.1 pc"; with `listed`, lists of such values are
+    accepted, of any depth; `words` are texts with a meaning, and what it is; `table` are the types
+    of the values in a table, which `make` converts.
     """
 
     expected: str
@@ -132,14 +119,8 @@ def arguments(
 ) -> dict[str, Any]:
     """Return a section's values as keyword arguments of the function that it describes.
 
-    Parameters
-    ----------
-    function : callable
-        Its parameters are the allowed keys; those without a default are required.
-    section : mapping
-        The values, as in the file.
-    kinds : mapping of Kind
-        Kind of each key; by default it follows from the parameter's annotation.
+    The parameters of the function are the allowed keys; those without a default are required. The
+    kind of a key, if it is not in `kinds`, follows from the annotation of its parameter.
     """
     parameters = {
         name: parameter

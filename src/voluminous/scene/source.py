@@ -34,18 +34,10 @@ _OWN: dict[str, Kind] = {
 
 @dataclass
 class VolumeSource:
-    """Source of a volume: a file or a model.
+    """Source of a volume: a file (as in `io.open`) or the name of a function of `models`.
 
-    Attributes
-    ----------
-    path, format, fields
-        A file, as in `io.open`.
-    model : str or None
-        Alternatively the name of a function of `voluminous.models`.
-    derived, units : dict
-        Fields to add (name → expression), and units of plain fields (name → unit).
-    options : dict
-        Options of the reader, or arguments of the model.
+    `derived` are fields to add (name → expression), `units` those of plain fields, `options` those
+    of the reader, or the arguments of the model.
     """
 
     path: str | None = None

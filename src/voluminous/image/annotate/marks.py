@@ -166,13 +166,7 @@ def scale_bar_of(
 ) -> tuple[float, str] | None:
     """Return the bar's length in the image's unit, and its text; None if no bar would be correct.
 
-    Parameters
-    ----------
-    image : Image
-    wanted : bool, Quantity, str or float
-        True: a round length that fits. Otherwise the length itself, such as ``"100 au"``.
-    shown : (float, str), optional
-        The unit of a round length; see `bar_length`.
+    `wanted` is True for a round length, in the unit `shown` (see `bar_length`), or the length.
     """
     left, right, _, _ = image.extent
     across = abs(right - left)
@@ -224,14 +218,7 @@ def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None
 
 
 def time_text(time: Any, volume: Volume | None) -> str:
-    """Return the time stamp; the empty string if there is no time.
-
-    Parameters
-    ----------
-    time : bool, str, float or Quantity
-        True: the time in ``volume.meta``.
-    volume : Volume or None
-    """
+    """Return the time stamp; the empty string if there is none. True: that in ``volume.meta``."""
     if isinstance(time, str):
         return time
     if time is None or time is False:
@@ -274,12 +261,7 @@ def draw_title(sheet: Sheet, words: str) -> None:
     look = {"fontsize": _TITLE * sheet.em, "ha": "center", "va": "bottom", "gid": "title"}
     up = sheet.height + sheet.overhang()[3] + 0.5 * sheet.em
     text = sheet.text(0.5 * sheet.width, up, words, **look)
-    renderer = sheet.canvas.get_renderer()
-    try:
-        wide = text.get_window_extent(renderer).width
-    except ValueError:  # dollar signs that are not a valid formula
-        text.set_parse_math(False)
-        wide = text.get_window_extent(renderer).width
+    wide = text.get_window_extent(sheet.canvas.get_renderer()).width
     if wide > sheet.width:
         text.set_fontsize(_TITLE * sheet.em * sheet.width / wide)
 

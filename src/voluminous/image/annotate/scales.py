@@ -54,20 +54,10 @@ _PERCENTILES = (0.1, 99.9)
 
 @dataclass
 class Scale:
-    """A colour bar.
+    """A colour bar: values → positions (`norm`) → colours (`colormap`).
 
-    Attributes
-    ----------
-    label : str
-        Name of the quantity, with its unit.
-    norm : matplotlib.colors.Normalize
-        Maps values to positions along the bar, 0 to 1.
-    colormap : matplotlib.colors.Colormap
-        Maps positions to colours.
-    expr : str or None
-        Expression whose histogram is drawn beside the bar; None for the picture's intensities.
-    unit : str
-        Unit of the values.
+    `expr` is the expression whose histogram is drawn beside the bar, None for the picture's
+    intensities; `unit` is that of the values.
     """
 
     label: str
@@ -92,15 +82,7 @@ def scales_of(
 ) -> list[Scale]:
     """Return the colour bar of the single channel shown, or else those of the medium.
 
-    Parameters
-    ----------
-    image : Image
-    options : dict
-        Of `Image.to_rgb`.
-    described : dict, optional
-        ``medium.describe()``; by default from the image's provenance.
-    fields : FieldValues, optional
-        For ranges and units.
+    `described` is ``medium.describe()``, by default that in the image's provenance.
     """
     how = image.provenance or {}
     if shows_one_channel(image, options):
@@ -150,16 +132,9 @@ def _with_units(scale: Scale, units: Mapping[str, str]) -> str:
 def of_medium(
     described: dict[str, Any], options: dict[str, Any], spans: Spans | None = None
 ) -> list[Scale]:
-    """Return the colour bars of a medium; none unless it is a function of a scalar.
+    """Return the colour bars of a described medium; none unless it is a function of a scalar.
 
-    Parameters
-    ----------
-    described : dict
-        ``medium.describe()``.
-    options : dict
-        Display options of `Image.to_rgb`; they set the colour of each channel.
-    spans : callable, optional
-        ``spans(expr, unit)`` gives the range of an expression's values, or None.
+    ``spans(expr, unit)`` gives the range of an expression's values, or None.
     """
     parts = described.get("parts", [described])
     shells: dict[str, list[dict[str, Any]]] = {}
@@ -205,8 +180,8 @@ def _norm_of(low: float, high: float, logarithmic: bool) -> Normalize:
 
 def _displayed(rows: Any, options: dict[str, Any], exposure: float) -> np.ndarray:
     """Return the display colours of n rows of channel intensities, shape (n, 3)."""
-    chosen = {name: options[name] for name in ("channels", "mix") if options.get(name) is not None}
-    shown: np.ndarray = display(np.asarray(rows, float)[None], exposure=exposure, **chosen)[0]
+    look = {"channels": options.get("channels"), "mix": options.get("mix"), "exposure": exposure}
+    shown: np.ndarray = display(np.asarray(rows, float)[None], None, look)[0]
     return shown
 
 
@@ -299,17 +274,7 @@ def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
 
 
 def draw_color_bar(sheet: Sheet, scale: Scale, histogram: np.ndarray | None, start: float) -> float:
-    """Draw a bar of the picture's height; return the position of its right end in pixels.
-
-    Parameters
-    ----------
-    sheet : Sheet
-    scale : Scale
-    histogram : array or None
-        See `counts`.
-    start : float
-        Right end of the annotations to its left, in pixels.
-    """
+    """Draw a bar as high as the picture, with a histogram, from x = `start`; return its end."""
     em, ink, height = sheet.em, sheet.ink, float(sheet.height)
     x = start + _GAP * em
     if histogram is not None:

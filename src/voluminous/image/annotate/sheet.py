@@ -42,18 +42,10 @@ SUFFIXES = (".png", ".pdf", ".svg")
 
 
 class Sheet:
-    """A figure with a picture at a place in it.
+    """A figure with a picture (uint8, (ny, nx, 4), row 0 at the bottom) at a place in it.
 
-    Parameters
-    ----------
-    pixels : uint8 array, shape (ny, nx, 4)
-        The picture; row 0 at the bottom.
-    margins : (int, int, int, int)
-        Pixels around it: left, right, bottom, top.
-    letters : float
-        Height of letters in pixels.
-    paper : (float, float, float) or None
-        Colour of the margins; None is transparent.
+    Margins are pixels at the left, right, bottom and top, `letters` the height of letters in
+    pixels, `paper` the colour of the margins; None is transparent.
     """
 
     canvas: Any
@@ -180,16 +172,7 @@ class Sheet:
 
 
 class AxesSheet(Sheet):
-    """The part of a figure inside axes that show a picture, in points.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    pixels : uint8 array, shape (ny, nx, 4)
-        The picture; row 0 at the bottom.
-    letters : float or None
-        Height of letters in points; None for matplotlib's.
-    """
+    """The part of a figure inside axes that show a picture, in points, as are `letters`."""
 
     def __init__(self, axes: Axes, pixels: Pixels, letters: float | None) -> None:
         import matplotlib

@@ -21,20 +21,11 @@ if TYPE_CHECKING:
 class Format:
     """A file format for images. To add one, add it to `FORMATS`.
 
-    Parameters
-    ----------
-    name : str
-        For messages, with an article: "a PNG image".
-    suffixes : tuple of str
-        Lower case, with the dot.
-    magic : tuple of bytes
-        Possible first bytes of a file of this format.
-    write : callable
-        ``write(image, path, *, options)``; `path` is a new file, removed again after an error.
-        ``**display`` takes the options of `Image.to_rgb`.
-    read : callable
-        ``read(path)`` returns the keyword arguments of `Image`. It need not catch exceptions: the
-        caller converts any of them to a `FileFormatError` that names the file.
+    `name` is for messages, with an article; `suffixes` are lower case, with the dot; `magic` are
+    the possible first bytes of a file. ``write(image, path, *, options)`` writes a new file, which
+    is removed again after an error; ``**display`` takes the options of `Image.to_rgb`.
+    ``read(path)`` returns the keyword arguments of `Image`. It need not catch exceptions: the
+    caller converts any of them to a `FileFormatError` that names the file.
     """
 
     name: str

@@ -6,6 +6,7 @@ third edition), sections 5 (chunks) and 9 (filters); for 8 bits it is faster tha
 
 from __future__ import annotations
 
+import functools
 import struct
 import zlib
 from pathlib import Path
@@ -40,21 +41,11 @@ def encode(
     annotate: bool | dict[str, Any] = False,
     **display: Any,
 ) -> bytes:
-    """Return a PNG file of the display values.
+    """Return a PNG file of the display values, of 8 or 16 bits per colour.
 
-    Parameters
-    ----------
-    image : Image
-        What to show.
-    bits : {8, 16}
-        Bits per colour.
-    transparent : bool
-        Add alpha = 1 − mean transparency, raised where the colours need it: alpha 0 cannot
-        represent emission from a fully transparent region.
-    annotate : bool or dict
-        Add the annotations of `Image.annotate`; a dict holds its options.
-    **display
-        Options of `Image.to_rgb`.
+    `transparent` adds alpha = 1 − mean transparency, raised where the colours need it: alpha 0
+    cannot represent emission from a fully transparent region. `annotate` adds the annotations of
+    `Image.annotate`; a dict holds its options. The others are those of `Image.to_rgb`.
     """
     if bits not in (8, 16):
         raise InputError(f"bits must be 8 or 16, got {bits!r}")
@@ -73,18 +64,10 @@ def _annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Annotate
     return result
 
 
-def write(
-    image: Image,
-    path: Path,
-    *,
-    bits: int = 8,
-    transparent: bool = False,
-    annotate: bool | dict[str, Any] = False,
-    **display: Any,
-) -> None:
+@functools.wraps(encode)
+def write(image: Image, path: Path, **options: Any) -> None:
     """Write the display values; see `encode`."""
-    options: dict[str, Any] = {"bits": bits, "transparent": transparent, "annotate": annotate}
-    path.write_bytes(encode(image, **options, **display))
+    path.write_bytes(encode(image, **options))
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -154,15 +137,7 @@ def read_page(path: Path) -> dict[str, Any]:
 
 
 def encode_pixels(pixels: NDArray[np.uint8] | NDArray[np.uint16], texts: dict[str, str]) -> bytes:
-    """Return a PNG file.
-
-    Parameters
-    ----------
-    pixels : array of uint8 or uint16, shape (rows from the top, columns, samples)
-        1 to 4 samples: grey, grey and alpha, RGB, RGBA.
-    texts : dict
-        Latin-1 texts by keyword.
-    """
+    """Return a PNG file of pixels (rows from the top, columns, samples) and Latin-1 texts."""
     rows, columns, samples = pixels.shape
     bits = 8 * pixels.dtype.itemsize
     raw = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(rows, -1).view(np.uint8)

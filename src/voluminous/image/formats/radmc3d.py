@@ -83,13 +83,8 @@ def read(path: Path) -> dict[str, Any]:
 def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
     """Write the intensities unchanged; the format has no place for other metadata.
 
-    Parameters
-    ----------
-    image : Image
-        Its plane has a unit of length or angle; without a unit cm is assumed.
-    path : Path
-    wavelengths : float, array_like or Quantity, optional
-        Of the channels, in micron. Default: from the provenance of an image read from such a file.
+    `wavelengths` (micron) are those of the channels, by default those in the provenance of an image
+    read from such a file. A plane without a unit is in cm.
     """
     provenance = image.provenance or {}
     if wavelengths is None and _WAVELENGTHS not in provenance:

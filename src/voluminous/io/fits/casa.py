@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,26 +36,19 @@ class CASAReader(Reader):
         return b"Type = Image" in text
 
     def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
-        exported = _exported(path)
-        volume = FITSReader().read(Path(exported.name) / "image.fits", fields, **options)
-        volume.load()  # the file is temporary
-        return volume
+        with _exported(path) as file:
+            return FITSReader().read(file, fields, **options).load()  # the file is temporary
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        return FITSReader().info(Path(_exported(path).name) / "image.fits", **options)
+        with _exported(path) as file:
+            return FITSReader().info(file, **options)
 
 
-def _exported(path: Path) -> Any:
-    """Return a temporary directory with the image as FITS; it is deleted with the object."""
+@contextmanager
+def _exported(path: Path) -> Iterator[Path]:
     images = require(
         "casacore.images", "casa", "reading a CASA image (its exportfits makes it a FITS file)"
     )
-    changed = max(part.stat().st_mtime_ns for part in path.rglob("*"))
-    return _export(images, str(path.resolve()), changed)
-
-
-@functools.lru_cache(maxsize=1)
-def _export(images: Any, path: str, changed: int) -> Any:
-    folder = tempfile.TemporaryDirectory(prefix="voluminous-")
-    images.image(path).tofits(f"{folder.name}/image.fits", velocity=False)
-    return folder
+    with tempfile.TemporaryDirectory(prefix="voluminous-") as folder:
+        images.image(str(path.resolve())).tofits(f"{folder}/image.fits", velocity=False)
+        yield Path(folder, "image.fits")

@@ -28,48 +28,38 @@ def write(volume: Volume, path: Path) -> None:
     """Write one HDU per field, the first one as the primary HDU."""
     from astropy.io import fits
 
-    cards = _world_cards(volume)
-    names = _written(volume)
-    hdus = []
-    for number, name in enumerate(names):
-        header = fits.Header(cards)
-        for key, value in _meta_cards(volume).items():
-            header[key] = value
+    wcs = volume.wcs
+    has_axis = wcs is not None and not is_place(wcs)
+    third = axis_name(wcs) if has_axis else None
+    names = [name for name in volume.fields if name != third] or list(volume.fields)
+    if not names or not all(map(_fits_card, names)):
+        raise InputError(
+            f"no fields can be written: a FITS header holds names of up to {_LONGEST} ASCII "
+            f"characters, got {names}; rename them, or write .h5"
+        )
+    cards = _world_cards(volume, has_axis)
+    for key, value in volume.meta.items():
+        if key not in _OF_WCS and len(key) <= 8 and _fits_card(value):
+            cards[key.upper()] = value
+    hdus: list[Any] = []
+    for name in names:
+        header, values = fits.Header(cards), volume.array(name)
         header["EXTNAME"], header["BTYPE"] = name, name
         header["BUNIT"] = fits_name(volume.field_unit(name))
-        kind = fits.ImageHDU if number else fits.PrimaryHDU
-        hdus.append(kind(_storable(volume.array(name)).T, header=header))
-    if volume.wcs is not None:
-        hdus += table_hdus(tables_of(volume.wcs))
-    fits.HDUList(hdus).writeto(path, output_verify="fix+ignore")
+        kind = fits.ImageHDU if hdus else fits.PrimaryHDU
+        hdus.append(kind((values.view(np.uint8) if values.dtype == bool else values).T, header))
+    tables = [] if wcs is None else table_hdus(tables_of(wcs))
+    fits.HDUList([*hdus, *tables]).writeto(path, output_verify="fix+ignore")
 
 
-def _written(volume: Volume) -> list[str]:
-    told = axis_name(volume.wcs) if _has_axis(volume) else None
-    names = [name for name in volume.fields if name != told] or list(volume.fields)
-    if not names:
-        raise InputError("the volume has no fields to be written")
-    for name in names:
-        if not _fits_card(name):
-            raise InputError(
-                f"a FITS header holds names of up to {_LONGEST} ASCII characters, not the field's "
-                f"{name!r}; rename it, or write .h5"
-            )
-    return names
-
-
-def _has_axis(volume: Volume) -> bool:
-    return volume.wcs is not None and not is_place(volume.wcs)
-
-
-def _world_cards(volume: Volume) -> Header:
+def _world_cards(volume: Volume, has_axis: bool) -> Header:
     """Return the cards with the cell positions."""
     from astropy.io import fits
 
     grid = cartesian(volume)
     if volume.wcs is not None and tuple(volume.wcs.pixel_shape or ()) == grid.shape:
         header = volume.wcs.to_header(relax=True)
-        if _has_axis(volume):
+        if has_axis:
             header[UNIT] = (fits_name(grid.unit), "unit of the grid")
             header[DEPTH] = (float(np.ptp(grid.edges[2])), "depth of the grid in it")
         return header
@@ -87,19 +77,7 @@ def _world_cards(volume: Volume) -> Header:
     return header
 
 
-def _meta_cards(volume: Volume) -> dict[str, Any]:
-    return {
-        key.upper(): value
-        for key, value in volume.meta.items()
-        if key not in _OF_WCS and len(key) <= 8 and _fits_card(value)
-    }
-
-
 def _fits_card(value: Any) -> bool:
     if isinstance(value, str):
         return value.isascii() and value.isprintable() and len(value) <= _LONGEST
     return isinstance(value, (bool, int, float)) and bool(np.isfinite(value))
-
-
-def _storable(values: np.ndarray) -> np.ndarray:
-    return values.view(np.uint8) if values.dtype == bool else values

@@ -162,15 +162,10 @@ def _volume(
     for key, coordinate in data.coords.items():
         single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)
         if single and coordinate.dtype.kind in "fiubMmUSO":
-            volume.meta[str(key)] = _plain(coordinate.values.reshape(-1)[0])
+            value = coordinate.values.reshape(-1)[0]
+            volume.meta[str(key)] = str(value) if value.dtype.kind in "mM" else value.item()
     volume.meta["axes"] = {a: line.described() for a, line in zip("xyz", layout.lines, strict=True)}
     return volume
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic) and not isinstance(value, (np.datetime64, np.timedelta64)):
-        return value.item()
-    return str(value)
 
 
 def _name(variable: str) -> str:

@@ -112,23 +112,10 @@ def selected(data: xarray.Dataset, options: Mapping[str, Any]) -> xarray.Dataset
             try:
                 data = data.isel({dim: entry}) if kind == "isel" else data.sel({dim: entry})
             except (IndexError, KeyError, TypeError, ValueError) as error:
-                count = data.sizes[dim]
-                numbers = f"{count} entries, 0 … {count - 1}"
-                expected = numbers if kind == "isel" else _nearest(data, dim, entry)
-                raise InputError(f"no {dim} = {entry!r}: it has {expected}") from error
+                values = data[dim].values
+                ends = (0, len(values) - 1) if kind == "isel" else (values[0], values[-1])
+                raise InputError(f"no {dim} = {entry!r}: expected {ends[0]} … {ends[1]}") from error
     return data
-
-
-def _nearest(data: xarray.Dataset, dim: str, entry: Any) -> str:
-    """Return text on a coordinate: its end values and the value nearest to a missing `entry`."""
-    if dim not in data.coords:
-        return "no coordinate; choose by number with isel"
-    values = data[dim].values
-    ends = f"values {values[0]} … {values[-1]}"
-    try:
-        return f"{ends}; the nearest is {data[dim].sel({dim: entry}, method='nearest').values}"
-    except (KeyError, TypeError, ValueError, NotImplementedError):
-        return ends
 
 
 def axis_in(data: xarray.Dataset, dim: str) -> str:

@@ -14,7 +14,7 @@ from ..guard import by_library
 from ..hdf5 import data_set, holds, opened, read
 from ..payload import checked_shape
 from .placement import LPS, Placement, length_unit
-from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
+from .voxels import TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
     import h5py
@@ -30,8 +30,7 @@ class ImarisReader(VoxelReader):
     description = "an Imaris image (.ims)"
     suffixes = (".ims",)
     options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
-        "time": "number of the time step, from 0, of a file with several",
+        **TIMED,
         "level": "resolution, from 0, the finest",
     }
 

@@ -17,7 +17,7 @@ from ..guard import by_library
 from ..payload import checked_shape
 from .placement import LPS, Placement, lattice, single_field, slabs
 from .stored import StoredNumbers, data_files, header_lines
-from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
+from .voxels import TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -49,10 +49,7 @@ class MetaImageReader(VoxelReader):
     name = "metaimage"
     description = "a MetaImage (.mhd, .mha)"
     suffixes = (".mhd", ".mha")
-    options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
-        "time": "number of the time step, from 0, of a file with four dimensions",
-    }
+    options = TIMED
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
@@ -108,8 +105,9 @@ class MetaImageReader(VoxelReader):
         )
 
     def write(self, volume: Volume, path: Path) -> None:
-        name, placed = single_field(volume, "a MetaImage"), lattice(volume, "mm")
-        values = volume.array(name)
+        values = volume.array(single_field(volume, "a MetaImage"))
+        origin, steps = lattice(volume, "mm")
+        widths = np.linalg.norm(steps, axis=1)
         types = {np.dtype(code): key for key, code in reversed(_TYPES.items())}
         patient = volume.meta.get("orientation") == LPS
         header = {
@@ -119,9 +117,9 @@ class MetaImageReader(VoxelReader):
             "BinaryDataByteOrderMSB": "False",
             "CompressedData": "False",
             **({"AnatomicalOrientation": "RAI"} if patient else {}),
-            "TransformMatrix": _line(placed.units),
-            "Offset": _line(placed.origin),
-            "ElementSpacing": _line(placed.widths),
+            "TransformMatrix": _line(steps / widths[:, None]),
+            "Offset": _line(origin),
+            "ElementSpacing": _line(widths),
             "DimSize": " ".join(map(str, values.shape)),
             "ElementType": types[np.dtype(np.uint8 if values.dtype == np.bool_ else values.dtype)],
             _DATA: "LOCAL",

@@ -13,7 +13,7 @@ from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape
 from .placement import Placement
-from .voxels import VoxelReader, Voxels, time_step, times_meta
+from .voxels import TIMED, VoxelReader, Voxels, time_step, times_meta
 
 _MAP = slice(208, 211)
 _HEAD, _VOLUME_STACKS = 1024, range(401, 631)
@@ -29,10 +29,7 @@ class MRCReader(VoxelReader):
     suffixes = (".mrc", ".map", ".ccp4", ".rec")
     packages = ("mrcfile",)
     extra = "medical"
-    options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
-        "time": "number of the volume, from 0, of a stack of volumes",
-    }
+    options = TIMED
 
     def matches(self, path: Path, head: bytes) -> bool:
         return len(head) >= _HEAD and head[_MAP] == b"MAP"

@@ -18,7 +18,16 @@ from ..guard import by_library
 from ..hdf5 import holds
 from ..payload import checked_shape
 from .placement import Placement, lattice, single_field
-from .voxels import COLORS, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
+from .voxels import (
+    COLORS,
+    TIMED,
+    VECTOR,
+    VoxelReader,
+    Voxels,
+    component_names,
+    time_step,
+    times_meta,
+)
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -38,10 +47,7 @@ class NibabelReader(VoxelReader):
 
     packages = ("nibabel",)
     extra = "medical"
-    options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
-        "time": "number of the time step or sub-volume, from 0, of a file with several",
-    }
+    options = TIMED
     kind = ""  # nibabel's class
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
@@ -164,9 +170,9 @@ class NIfTIReader(NibabelReader):
                 f"NIfTI-1 holds up to {_LARGEST_SIZE} voxels along an axis, got {values.shape}"
             )
         nibabel = require("nibabel", "medical", "writing NIfTI")
-        placed = lattice(volume, "mm")
+        origin, steps = lattice(volume, "mm")
         affine = np.eye(4)
-        affine[:3] = np.column_stack([placed.steps.T, placed.origin])
+        affine[:3] = np.column_stack([steps.T, origin])
         values = values.view(np.uint8) if values.dtype == np.bool_ else values
         image = nibabel.Nifti1Image(values, np.diag([-1, -1, 1, 1]) @ affine, dtype=values.dtype)
         image.set_sform(image.affine, code="scanner")

@@ -16,7 +16,7 @@ from ..payload import checked_shape
 from ..unit_texts import known_unit
 from .placement import LPS, Placement, conversion, lattice, length_unit, single_field, slabs
 from .stored import data_files, header_lines
-from .voxels import COLORS, VECTOR, VoxelReader, Voxels, component_names, time_step
+from .voxels import COLORS, TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -51,10 +51,7 @@ class NRRDReader(VoxelReader):
     suffixes = (".nrrd", ".nhdr")
     packages = ("nrrd",)
     extra = "medical"
-    options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
-        "time": "number of the time step, from 0, of a file with an axis of time",
-    }
+    options = TIMED
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
@@ -89,7 +86,7 @@ class NRRDReader(VoxelReader):
 
     def write(self, volume: Volume, path: Path) -> None:
         name = single_field(volume, "an NRRD file")
-        values, placed = volume.array(name), lattice(volume)
+        values, (origin, steps) = volume.array(name), lattice(volume)
         unit = volume.grid.describe()["unit"]
         dtype = np.dtype(np.uint8 if values.dtype == np.bool_ else values.dtype)
         patient = volume.meta.get("orientation") == LPS
@@ -99,11 +96,11 @@ class NRRDReader(VoxelReader):
             "dimension: 3",
             "space: left-posterior-superior" if patient else "space dimension: 3",
             "sizes: " + " ".join(map(str, values.shape)),
-            "space directions: " + " ".join(_written(step) for step in placed.steps),
+            "space directions: " + " ".join(_written(step) for step in steps),
             "kinds: domain domain domain",
             "endian: little",
             "encoding: raw",
-            f"space origin: {_written(placed.origin)}",
+            f"space origin: {_written(origin)}",
         ]
         lines += [f'space units: "{unit}" "{unit}" "{unit}"'] if unit else []
         lines += [f"sample units: {volume.units[name]}"] if volume.units[name] else []

@@ -147,24 +147,10 @@ def conversion(unit: str, to: str) -> float:
     return float(parse_unit(unit).to(parse_unit(to)))
 
 
-@dataclass(frozen=True)
-class VoxelLattice:
-    """Where the voxels of a volume are, axes x, y, z."""
+def lattice(volume: Volume, unit: str = "") -> tuple[np.ndarray, np.ndarray]:
+    """Return the centre of the first cell of a uniform Cartesian volume, and the steps along axes.
 
-    origin: np.ndarray  # centre of the first
-    widths: np.ndarray
-    units: np.ndarray  # row a is the direction of axis a
-
-    @property
-    def steps(self) -> np.ndarray:
-        """What leads from a voxel to the next, a row per axis."""
-        return self.units * self.widths[:, None]
-
-
-def lattice(volume: Volume, unit: str = "") -> VoxelLattice:
-    """Return where the cells of a uniform Cartesian volume are, turned as they truly are.
-
-    In a unit if one is given and the volume's lengths have one.
+    Both turned as they truly are; in a unit if one is given and the volume's lengths have one.
     """
     grid = cartesian(volume)
     if not grid.is_uniform:
@@ -181,7 +167,7 @@ def lattice(volume: Volume, unit: str = "") -> VoxelLattice:
     first = bounds[:, 0] + widths / 2
     if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
         first = middle + direction @ (first - middle)
-    return VoxelLattice(first, widths, direction.T)
+    return first, direction.T * widths[:, None]
 
 
 def direction_of(volume: Volume) -> np.ndarray:

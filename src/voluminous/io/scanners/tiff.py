@@ -24,7 +24,7 @@ from ..channels import Y_DOWN, Channel, channel, of_samples
 from ..guard import by_library, reading
 from ..payload import mapped
 from .placement import conversion, equal_voxels, length_unit
-from .voxels import COLORS, VoxelReader, Voxels, component_names, time_step, times_meta
+from .voxels import COLORS, TIMED, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
     import tifffile
@@ -79,9 +79,8 @@ class TIFFReader(VoxelReader):
     description = "a TIFF stack (.tif with several pictures)"
     suffixes = _TIFF
     options = {  # noqa: RUF012 - as in Reader
-        **VoxelReader.options,
+        **TIMED,
         **_OPTIONS,
-        "time": "number of the time step, from 0, of a file with several",
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
@@ -232,7 +231,10 @@ def _channels(file: Any, number: int, count: int) -> list[Channel]:
     """Return the entries of so many channels of a series, empty where the file gives nothing."""
     listed: list[Channel] = []
     if file.is_ome and file.ome_metadata:
-        listed = [_ome_channel(e.attrib) for e in _pixels(file, number) if _tag(e) == "Channel"]
+        for element in _pixels(file, number).findall("{*}Channel"):
+            code = int(element.get("Color") or -1) % 2**32
+            color = list(code.to_bytes(4, "big")[:3]) if element.get("Color") else None
+            listed.append(channel(element.get("Name") or element.get("Fluor"), color))
     elif file.is_imagej and file.imagej_metadata:
         listed = _imagej_channels(file.imagej_metadata, count)
     return (listed + [{}] * count)[:count]
@@ -240,21 +242,8 @@ def _channels(file: Any, number: int, count: int) -> list[Channel]:
 
 def _pixels(file: Any, number: int) -> ElementTree.Element:
     """Return OME's description of a series, which are in the order of the images."""
-    root = ElementTree.fromstring(file.ome_metadata)
-    found = [e for e in root.iter() if _tag(e) == "Pixels"]
+    found = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
     return found[number] if number < len(found) else ElementTree.Element("Pixels")
-
-
-def _tag(element: ElementTree.Element) -> str:
-    return element.tag.rsplit("}", 1)[-1]
-
-
-def _ome_channel(attributes: Mapping[str, str]) -> Channel:
-    try:
-        color = list((int(attributes["Color"]) % 2**32).to_bytes(4, "big")[:3])
-    except (KeyError, ValueError):
-        color = None
-    return channel(attributes.get("Name") or attributes.get("Fluor"), color)
 
 
 def _imagej_channels(notes: Mapping[str, Any], count: int) -> list[Channel]:

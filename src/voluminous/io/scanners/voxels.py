@@ -60,28 +60,33 @@ class VoxelReader(Reader):
         from ...volume import Volume
 
         voxels = self.voxels(path, **options)
-        arrangement = arranged(voxels.shape, voxels.placement)
-        known = _components(path, name, voxels, arrangement)
+        arrangement, known = _arranged(path, name, voxels)
         volume = Volume(arrangement.grid)
         volume.meta |= dict(voxels.meta) | ({"orientation": LPS} if voxels.placement.space else {})
         if arrangement.direction is not None:
             volume.meta["direction"] = arrangement.direction.tolist()
         entries = []
         for field_, place in chosen_fields({place: place for place in known}, fields).items():
-            number, sign = known[place]
-            load = functools.partial(_load, voxels, arrangement, number, sign)
-            volume[field_] = Deferred(load, _dtype(voxels, sign), voxels.unit)
+            number, sign, dtype = known[place]
+            load = functools.partial(_load, voxels, arrangement, number, sign, dtype)
+            volume[field_] = Deferred(load, dtype, voxels.unit)
             entries.append((field_, voxels.channels[number] if voxels.channels else {}))
         volume.meta |= channel_meta(entries)
         return volume
 
     def info(self, path: Path, *, name: str | None = None, **options: Any) -> tuple[FieldInfo, ...]:
         voxels = self.voxels(path, **options)
-        known = _components(path, name, voxels, arranged(voxels.shape, voxels.placement))
         return tuple(
-            FieldInfo(place, place, voxels.shape, str(_dtype(voxels, sign)), voxels.unit)
-            for place, (_, sign) in known.items()
+            FieldInfo(place, place, voxels.shape, str(dtype), voxels.unit)
+            for place, (*_, dtype) in _arranged(path, name, voxels)[1].items()
         )
+
+
+# Options of a format with time steps.
+TIMED = {
+    **VoxelReader.options,
+    "time": "number of the time step or volume, from 0, of a file with several",
+}
 
 
 def stem(path: Path) -> str:
@@ -114,26 +119,26 @@ def times_meta(count: int, step: int) -> dict[str, Any]:
     return {} if count == 1 else {"times": count, "time_step": step}
 
 
-def _components(
-    path: Path, name: str | None, voxels: Voxels, arrangement: Arrangement
-) -> dict[str, tuple[int, float]]:
-    """Return, by name, the numbers of the components, and the signs they are multiplied with."""
+def _arranged(
+    path: Path, name: str | None, voxels: Voxels
+) -> tuple[Arrangement, dict[str, tuple[int, float, np.dtype[Any]]]]:
+    """Return, by name, number, sign and type of the components: a sign changed needs room."""
+    arrangement = arranged(voxels.shape, voxels.placement)
     base = name or field_name(voxels.name or stem(path))
     endings, signs = voxels.components, (1.0,) * len(voxels.components)
     if endings == VECTOR:
         signs = SIGNS[voxels.placement.space]
         # Along the coordinates, not along the grid's axes: x, y and z would promise too much.
         endings = component_names(3) if arrangement.direction is not None else endings
-    names = [base + end for end in endings]
-    names = channel_fields(() if name else voxels.channels, names)
-    return {n: (k, s) for k, (n, s) in enumerate(zip(names, signs, strict=True))}
+    names = channel_fields(() if name else voxels.channels, [base + end for end in endings])
+    signed = np.result_type(voxels.dtype, np.float32)
+    types = [voxels.dtype if sign > 0 else signed for sign in signs]
+    numbered = zip(names, range(len(names)), signs, types, strict=True)
+    return arrangement, {n: (k, sign, dtype) for n, k, sign, dtype in numbered}
 
 
-def _dtype(voxels: Voxels, sign: float) -> np.dtype[Any]:
-    """Return the type of a component: one with its sign changed needs room for it."""
-    return voxels.dtype if sign > 0 else np.result_type(voxels.dtype, np.float32)
-
-
-def _load(voxels: Voxels, arrangement: Arrangement, number: int, sign: float) -> np.ndarray:
+def _load(
+    voxels: Voxels, arrangement: Arrangement, number: int, sign: float, dtype: np.dtype[Any]
+) -> np.ndarray:
     values = arrangement.put(voxels.load(number))
-    return values if sign > 0 else np.negative(values, dtype=_dtype(voxels, sign))
+    return values if sign > 0 else np.negative(values, dtype=dtype)

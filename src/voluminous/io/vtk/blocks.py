@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import InputError
 from ...memory import check_memory
-from ..scanners.placement import Arrangement
 from .dataset import (
     CELL,
     UPRIGHT,
@@ -27,7 +25,6 @@ from .dataset import (
 )
 
 if TYPE_CHECKING:
-    from ...grids import PatchGrid
     from ...volume import Volume
 
 # Tolerance of block corners, as a fraction of a cell: files round them.
@@ -35,25 +32,18 @@ _TOLERANCE = 1e-3
 _LISTED = 8
 
 
-@dataclass(frozen=True)
-class Block:
-    """A file that another file refers to, and its name there."""
-
-    name: str
-    path: Path
-
-    def __str__(self) -> str:
-        """Return the name and the path, which a user can open."""
-        return f"{self.name} ({self.path})" if self.name else str(self.path)
+# Data by name and path of the file, which a user can open.
+Blocks = dict[str, Dataset]
 
 
-def listed(items: Sequence[object]) -> str:
+def listed(items: Collection[str]) -> str:
     """Return one line per item, for the first `_LISTED` items."""
+    items = list(items)
     more = [f"  … and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
     return "\n".join([f"  {item}" for item in items[:_LISTED]] + more)
 
 
-def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
+def joined(blocks: Blocks) -> Dataset | None:
     """Merge blocks of image data that fill a box; return None if they do not."""
     parts = list(blocks.values())
     if len(parts) == 1:
@@ -116,13 +106,13 @@ def _shared(datasets: Sequence[Dataset]) -> set[tuple[Any, ...]]:
     return set.intersection(*({_kind(array) for array in part.arrays} for part in datasets))
 
 
-def alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
+def alike(blocks: Blocks) -> list[Dataset]:
     """Return the data of blocks, as far as all have them."""
     datasets = list(blocks.values())
     shared = _shared(datasets)
     if not shared:
         raise InputError(
-            f"its blocks have no arrays in common; open one of them:\n{listed(list(blocks))}"
+            f"its blocks have no arrays in common; open one of them:\n{listed(blocks)}"
         )
     return [
         replace(dataset, arrays=[a for a in dataset.arrays if _kind(a) in shared])
@@ -130,8 +120,9 @@ def alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
     ]
 
 
-def patches(blocks: dict[Block, Dataset], fields: Any, unit: Any) -> Volume:
+def patches(blocks: Blocks, fields: Any, unit: Any) -> Volume:
     """Return the volume of blocks that fill no box: patches, of which the finest counts."""
+    from ...grids import PatchGrid
     from ...volume import Volume
 
     datasets = alike(blocks)
@@ -139,7 +130,18 @@ def patches(blocks: dict[Block, Dataset], fields: Any, unit: Any) -> Volume:
     at = common_place(chosen[0])
     unit = unit or datasets[0].meta.get("length_unit")
     placed = [dataset.arrange(at, unit) for dataset in datasets]
-    volume = Volume(_patch_grid(list(blocks), placed, unit))
+    try:
+        grids = [arrangement.grid for arrangement in placed]
+        if any(a.direction is not None for a in placed) or not all(g.is_uniform for g in grids):
+            raise InputError("expected equal cells along x, y and z in each")
+        if len({(g.bounds.tobytes(), g.shape) for g in grids}) < len(grids):
+            raise InputError("two of them are at the same place")
+        low, high = (np.array([g.bounds[:, k] for g in grids]) for k in (0, 1))
+        volume = Volume(PatchGrid(low, high, [g.shape for g in grids], unit=unit))
+    except InputError as error:
+        raise InputError(
+            f"its blocks are no parts of one volume ({error}); open one of them:\n{listed(blocks)}"
+        ) from error
     volume.meta |= {name: v for name, v in datasets[0].meta.items() if name != "length_unit"}
     parts = [ArrangedArrays(*each) for each in zip(datasets, chosen, placed, strict=True)]
     for name, (array, _) in chosen[0].items():
@@ -149,20 +151,3 @@ def patches(blocks: dict[Block, Dataset], fields: Any, unit: Any) -> Volume:
 
 def _loaded(parts: list[ArrangedArrays], name: str) -> list[np.ndarray]:
     return [part.load(name) for part in parts]
-
-
-def _patch_grid(blocks: list[Block], placed: list[Arrangement], unit: Any) -> PatchGrid:
-    from ...grids import PatchGrid
-
-    try:
-        grids = [arrangement.grid for arrangement in placed]
-        if any(a.direction is not None for a in placed) or not all(g.is_uniform for g in grids):
-            raise InputError("expected equal cells along x, y and z in each")
-        if len({(g.bounds.tobytes(), g.shape) for g in grids}) < len(grids):
-            raise InputError("two of them are at the same place")
-        low, high = (np.array([g.bounds[:, k] for g in grids]) for k in (0, 1))
-        return PatchGrid(low, high, [g.shape for g in grids], unit=unit)
-    except InputError as error:
-        raise InputError(
-            f"its blocks are no parts of one volume ({error}); open one of them:\n{listed(blocks)}"
-        ) from error

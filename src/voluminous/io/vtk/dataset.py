@@ -34,8 +34,6 @@ OPTIONS = {
     "unit": "unit of length",
     "resolution": "resample to equal cells: how many along the longest side, or three numbers",
 }
-# Of single precision, as a fraction of the coordinates.
-_ROUNDING = 1e-6
 # Bytes that walls take while they are made, and walks through them.
 _PER_POINT = 64
 # Bits of ``vtkGhostType`` (vtkDataSetAttributes.h) of points and cells that are not to be shown.
@@ -103,20 +101,6 @@ def _edges(line: np.ndarray, at: str, width: float) -> np.ndarray:
     return np.linspace(line[0], line[-1], len(line)) if is_even(line) else line
 
 
-def aligned(points: np.ndarray) -> Uneven:
-    """Return where a structured grid (nz, ny, nx, 3) is whose points lie on planes of x, y, z."""
-    lines = (points[0, 0, :, 0], points[0, :, 0, 1], points[:, 0, 0, 2])
-    for k, line in enumerate(lines):
-        planes = line.reshape([-1 if axis == 2 - k else 1 for axis in range(3)])
-        rounding = _ROUNDING * float(np.max(np.abs(line)))
-        if not np.all(np.abs(points[..., k] - planes) <= rounding):
-            raise InputError(
-                f"a structured grid whose points do not lie on planes of constant {'xyz'[k]} is "
-                f"curved or oblique{ADVICE}"
-            )
-    return Uneven(lines)
-
-
 def cell_counts(points: Any, at: str) -> tuple[int, ...]:
     """Return the number of cells around points, or between them."""
     return tuple(max(int(n) - 1, 1) if at == CELL else int(n) for n in points)
@@ -169,7 +153,6 @@ class Dataset:
     arrays: Sequence[DataArray]
     active: Mapping[str, str] = field(default_factory=dict)  # scalars to show, by `POINT`, `CELL`
     meta: dict[str, Any] = field(default_factory=dict)
-    low: tuple[int, ...] = (0, 0, 0)  # index of the first point, where this is a piece
 
     def shape(self, at: str) -> tuple[int, ...]:
         """Return the number of cells along each index."""

@@ -26,7 +26,6 @@ from .dataset import (
     Dataset,
     Even,
     Uneven,
-    aligned,
     cell_counts,
 )
 from .library import heard, vtk
@@ -54,9 +53,8 @@ def from_pyvista(
     Parameters
     ----------
     dataset : pyvista.ImageData, pyvista.RectilinearGrid, or VTK's own
-        Also a `StructuredGrid` whose points lie on planes of constant x, y and z. Values at points
-        become cells around these; arrays of three components become three fields ``name_x``,
-        ``name_y``, ``name_z``.
+        Values at points become cells around these; arrays of three components become three fields
+        ``name_x``, ``name_y``, ``name_z``.
     fields : None, str, sequence of str or dict, optional
         Which arrays, as for `voluminous.open`; by default all at points, or all in cells, whichever
         the active scalars are, or most. ``{"density": "cell/rho"}`` is one in cells by another
@@ -91,9 +89,8 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
         raise InputError(f"expected an object of PyVista or VTK, got {type(dataset).__name__}")
     if resolution is not None:
         dataset = _resampled(dataset, resolution)
-    kinds = ("vtkImageData", "vtkRectilinearGrid", "vtkStructuredGrid")
-    kind = next((kind for kind in kinds if dataset.IsA(kind)), None)
-    if kind is None:
+    is_image = dataset.IsA("vtkImageData")
+    if not is_image and not dataset.IsA("vtkRectilinearGrid"):
         raise InputError(
             f"expected image data or a rectilinear grid, got {type(dataset).__name__}{ADVICE}"
         )
@@ -102,21 +99,19 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
         raise InputError(f"the {type(dataset).__name__} is empty: it has {points} points")
     low = dataset.GetExtent()[::2]
     place: Even | Uneven
-    if kind == kinds[0]:
+    if is_image:
         matrix = dataset.GetDirectionMatrix()
         direction = tuple(matrix.GetElement(i, j) for i in range(3) for j in range(3))
         place = Even(dataset.GetOrigin(), dataset.GetSpacing(), direction or UPRIGHT, low, points)
-    elif kind == kinds[1]:
+    else:
         lines = (_numpy(getattr(dataset, f"Get{axis}Coordinates")()) for axis in "XYZ")
         place = Uneven(tuple(lines))
-    else:
-        place = aligned(_numpy(dataset.GetPoints().GetData()).reshape(*points[::-1], 3))
     active = {
         at: data.GetScalars().GetName()
         for at, data in _attributes(dataset)
         if data.GetScalars() is not None and data.GetScalars().GetName()
     }
-    return Dataset(points, place, list(arrays_of(dataset)), active, _meta(dataset, title), low)
+    return Dataset(points, place, list(arrays_of(dataset)), active, _meta(dataset, title))
 
 
 def _reader(module: str, kind: str, path: Path) -> Any:

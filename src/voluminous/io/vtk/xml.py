@@ -15,7 +15,7 @@ from ...errors import FileFormatError, InputError
 from ..contract import FieldInfo, Reader
 from ..guard import placed
 from ..payload import inside
-from .blocks import Block, alike, joined, listed, patches
+from .blocks import Blocks, alike, joined, listed, patches
 from .dataset import ADVICE, OPTIONS, Dataset
 from .library import check_arrays, children, tree
 from .objects import dataset_of, lazy_dataset, updated
@@ -29,7 +29,7 @@ _FIRST_TAG = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*(?:<\?[^>]*>\s*|<!--(?:(?!-->).)*-->\s*)*<VTKFile\b([^>]*)", re.DOTALL
 )
 _TYPE = re.compile(rb"""\btype\s*=\s*["'](\w+)["']""")
-_GRIDS = ("ImageData", "RectilinearGrid", "StructuredGrid")
+_GRIDS = ("ImageData", "RectilinearGrid")
 # Each of these types contains <DataSet> elements, at any depth, that name files.
 _SERIES = "Collection"
 _BLOCKS = (
@@ -105,7 +105,7 @@ class VTRReader(VTKXMLReader):
         write_rectilinear(volume, path)
 
 
-def _opened(path: Path, resolution: Any) -> Dataset | dict[Block, Dataset]:
+def _opened(path: Path, resolution: Any) -> Dataset | Blocks:
     """Return what is in a file, as one, or as blocks that fill no box together."""
     root = tree(path)  # VTK does not notice that a file is cut short
     kind = root.GetAttribute("type") or ""
@@ -134,7 +134,7 @@ def _dataset(path: Path, root: Any) -> Dataset:
     return lazy_dataset("IOXML", f"XML{kind}Reader", path)
 
 
-def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> dict[Block, Dataset]:
+def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> Blocks:
     """Return the blocks on regular grids; a warning names those that are none."""
     times = {e.GetAttribute("timestep") or "0": e.GetAttribute("file") for _, e in elements}
     if kind == _SERIES and len(times) > 1:
@@ -142,17 +142,19 @@ def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> dict[Bloc
         raise InputError(
             f"it is a series of {len(times)} times; open one of them:\n{listed(steps)}"
         )
-    found, others, why = {}, [], ""
+    found: Blocks = {}
+    others, why = [], ""
     for name, element in elements:
         inside(path.parent, element.GetAttribute("file"))
-        block = Block(name, path.parent / element.GetAttribute("file"))
+        file = path.parent / element.GetAttribute("file")
+        label = f"{name} ({file})" if name else str(file)
         try:
-            with placed(block.path.name):
-                found[block] = _dataset(block.path, tree(block.path))
+            with placed(file.name):
+                found[label] = _dataset(file, tree(file))
         except FileFormatError:
             raise
         except InputError as error:
-            others.append(block)
+            others.append(label)
             why = str(error)
     if not elements:
         raise FileFormatError("it names no files of data")

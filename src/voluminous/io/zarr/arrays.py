@@ -47,13 +47,13 @@ class ZarrReader(NamedArraysReader):
             arrays = arrays_in(root, "" if lone or only is None else only)
             if not arrays:
                 raise FileFormatError("there is no array in this Zarr store")
-            yield {place or stem: _entry(array) for place, array in arrays.items()}
-
-
-def _entry(array: zarr.Array) -> Entry:
-    unit = known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
-    shape = tuple(int(n) for n in array.shape)
-    return Entry(shape, np.dtype(array.dtype), unit, functools.partial(_values, array))
+            found = {}
+            for place, array in arrays.items():
+                unit = known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
+                shape = tuple(int(n) for n in array.shape)
+                load = functools.partial(_values, array)
+                found[place or stem] = Entry(shape, np.dtype(array.dtype), unit, load)
+            yield found
 
 
 def _values(array: zarr.Array, index: Any = ...) -> np.ndarray:
