@@ -76,7 +76,7 @@ class Stars(Spheres):
         self.luminosities = as_given(luminosities, "luminosities")
         self.psf = psf = as_given(psf, "psf")
         if luminosities is not None:
-            self._check_positive(self.luminosities, "luminosities")
+            self._checked(self.luminosities, "luminosities", np.inf)
         if psf is not None:
             array = np.asarray(plain(psf, unit_of(psf), "psf"))
             if array.shape not in ((), (2,)) or not np.all((array > 0.0) & np.isfinite(array)):

@@ -180,8 +180,8 @@ def _norm_of(low: float, high: float, logarithmic: bool) -> Normalize:
 
 def _displayed(rows: Any, options: dict[str, Any], exposure: float) -> np.ndarray:
     """Return the display colours of n rows of channel intensities, shape (n, 3)."""
-    chosen = {name: options[name] for name in ("channels", "mix") if options.get(name) is not None}
-    shown: np.ndarray = display(np.asarray(rows, float)[None], exposure=exposure, **chosen)[0]
+    look = {"channels": options.get("channels"), "mix": options.get("mix"), "exposure": exposure}
+    shown: np.ndarray = display(np.asarray(rows, float)[None], None, look)[0]
     return shown
 
 
