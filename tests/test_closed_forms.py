@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from contracts import Bundle, SchemeContract, chords
+from contracts import SchemeContract, chords
 from contracts.camera import rays_of
 from voluminous.schemes import SCHEMES
 
@@ -141,22 +141,3 @@ def test_cube_seen_along_every_symmetry(view, precision):
     # A pixel belongs to the silhouette if its centre does: right to half a pixel along the sides.
     sides = 6 * 1.0 * image.pixel_size[0]
     assert np.count_nonzero(depth) * image.pixel_area == pytest.approx(area, abs=0.5 * sides)
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("cells", [1, 7])
-def test_one_column_of_cells_is_its_own_chord(cells, precision):
-    edges = np.linspace(0, 3, cells + 1)
-    for axis in range(3):
-        box = [[0.0, 1.0]] * 3
-        box[axis] = edges
-        grid = vm.CartesianGrid(*box)
-        volume = vm.Volume(grid, a=np.ones(grid.shape))
-        direction = np.eye(3)[axis]
-        ways = np.array([direction, -direction])
-        rays = Bundle(0.5 - 5 * ways, ways)
-        image = vm.render(
-            volume, vm.Coefficients("0", "a"), rays, scheme="first-order", precision=precision
-        )
-        depth = rays.flat(image.optical_depth)
-        np.testing.assert_allclose(depth, 3.0, rtol=4 * ROUNDING[precision])

@@ -114,19 +114,6 @@ def test_samples_converge_to_the_mean_over_a_pixel():
     assert errors[-1] < 2e-3 * fine.max()
 
 
-def test_samples_are_the_mean_of_a_finer_picture():
-    volume, medium = volume_of(5), vm.Coefficients(["j", "2*j"], "a")
-    coarse, fine = (
-        vm.Orthographic(50, 20, width=(2.0, 1.0), resolution=pixels) for pixels in ((4, 3), (12, 9))
-    )
-    options = {"scheme": "second-order", "precision": "double", "cutoff": 0, "background": 2.0}
-    once = vm.render(volume, medium, coarse, samples=3, **options)
-    many = vm.render(volume, medium, fine, **options)
-    for name in ("intensity", "transparency", "optical_depth"):
-        parts = getattr(many, name).reshape(3, 3, 4, 3, 2).mean(axis=(1, 3))
-        np.testing.assert_allclose(getattr(once, name), parts, rtol=1e-13)
-
-
 def test_flux_conserving_is_as_many_samples_as_cells_need():
     volume, medium = volume_of(8), vm.Coefficients("j", "a")
     for pixels, samples in ((8, 1), (7, 2), (4, 2), (3, 4), (1, 8)):

@@ -6,15 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from astropy import units as u
 
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
 from voluminous.backend import dr
-from voluminous.rendering.sources import table as tabulated
 from voluminous.schemes import SCHEMES
 
-PARSEC = 3.0856775814913674e18
 EDGES = [np.array(e) for e in ([-1.0, -0.3, 0.1, 0.8, 2.0], [0.0, 0.5, 0.75, 3.0], [-2.0, -1, 1])]
 OBLIQUE = vm.Orthographic(57, 213, 31, width=4.0, resolution=(15, 12))
 INSIDE = vm.Perspective((0.2, 0.9, -0.4), (1, 2, 0.3), 100, resolution=12, projection="spherical")
@@ -42,43 +39,6 @@ def test_splitting_cells_changes_nothing(camera):
     options = {"scheme": "first-order", "background": 1.0, **DOUBLE}
     # Twice the segments, the same medium along each ray.
     assert_same(*(vm.render(v, coloured(), camera, **options) for v in (volume, finer)))
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("scheme", sorted(SCHEMES))
-def test_units_of_length_change_nothing(scheme, precision):
-    options = {"scheme": scheme, "precision": precision, "cutoff": 0}
-    rng = np.random.default_rng(1)
-    shape = (4, 3, 2)
-    field = rng.uniform(size=shape)
-
-    def picture(length, path, width):
-        grid = vm.CartesianGrid(*(e * length for e in EDGES))
-        medium = vm.Gaussian("f", 0.5, 0.2, (0.3, 0.7), 2.0, path)
-        camera = vm.Orthographic(57, 213, 31, width=width, resolution=(15, 12))
-        return vm.render(vm.Volume(grid, f=field), medium, camera, **options)
-
-    plain = picture(1.0, 1.5, 4.0)
-    parsecs = picture(1.0 * u.pc, 1.5 * u.pc, 4.0 * u.pc)
-    mixed = picture(1.0 * u.pc, (1.5 * u.pc).to(u.cm), (4.0 * u.pc).to(u.lyr))
-    centimetres = picture(PARSEC, 1.5 * PARSEC, 4.0 * PARSEC)
-    # In single precision, a last place of a coordinate moves a wall's crossing by as much.
-    rounding = 1e-5 if precision == "single" else 1e-12
-    if scheme == "olson-kunasz" and precision == "double":
-        rounding = 1e-9  # it shows the last bits of path lengths: see test_radmc3d
-    for other in (parsecs, mixed, centimetres):
-        assert_same(plain, other, rounding)
-
-
-def test_units_of_data_change_nothing():
-    grid = vm.CartesianGrid(*EDGES, unit="pc")
-    kappa = np.random.default_rng(2).uniform(size=grid.shape)
-    camera = vm.Orthographic(57, 213, 31, width=4.0, resolution=(15, 12))
-    plain = vm.render(vm.Volume(grid, k=kappa), vm.Coefficients("1", "k"), camera, **DOUBLE)
-    fields = {"1 / pc": kappa, "1 / cm": kappa / PARSEC, "1 / kpc": 1e3 * kappa}
-    for unit, values in fields.items():
-        volume = vm.Volume(grid, k=values * u.Unit(unit))
-        assert_same(plain, vm.render(volume, vm.Coefficients("1", "k"), camera, **DOUBLE), 1e-12)
 
 
 # The rotations of a cube: axis i of the new volume is axis order[i] of the old, flipped or not.
@@ -166,25 +126,3 @@ def test_number_of_threads_changes_no_bit(scheme, precision, threads):
         pictures.append((image.intensity, image.optical_depth))
     for picture in pictures[1:]:
         np.testing.assert_array_equal(picture, pictures[0])
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("size", [1e-6, 1e-12, 1e-24, 1e-31, 1e15])
-@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
-def test_faint_coefficients_make_the_same_picture_only_fainter(
-    scheme, size, precision, monkeypatch
-):
-    grid = vm.CartesianGrid.uniform(12, (-1, 1))
-    camera = vm.Orthographic(40, 20, resolution=16)
-
-    def picture(factor):
-        volume = vm.Volume(grid)
-        volume["a"] = volume.evaluate("exp(-4 * r**2)") * factor
-        medium = vm.Coefficients("a", f"a / {factor!r}")
-        image = vm.render(volume, medium, camera, scheme=scheme, precision=precision)
-        return image.intensity / factor
-
-    for on_ray in (False, True):
-        monkeypatch.setattr(tabulated, "_crowded", lambda *a, on_ray=on_ray: on_ray)
-        # Rays stop at 1e-4 of what they have gathered; numbers are scaled by a power of two.
-        np.testing.assert_allclose(picture(size), picture(1.0), rtol=3e-4)

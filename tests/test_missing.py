@@ -70,23 +70,6 @@ def test_an_even_medium_has_holes_where_cells_are_missing(kind, scheme, toleranc
         np.testing.assert_allclose(image.optical_depth, truth.optical_depth, atol=exact)
 
 
-@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
-def test_rays_that_meet_no_hole_nor_its_neighbours_see_nothing_of_it(scheme):
-    rng = np.random.default_rng(1)
-    values = rng.random((8, 8, 8)) + 0.5
-    holed = values.copy()
-    holed[2, 5, 3] = np.nan
-    camera = vm.Orthographic(width=8, resolution=8)
-    whole, image = (
-        vm.render(vm.Volume(GRIDS["cartesian"], a=f), vm.Coefficients("a", "a"), camera, scheme=s)
-        for f, s in ((values, scheme), (holed, scheme))
-    )
-    untouched = np.ones((8, 8), bool)
-    untouched[4:7, 1:4] = False  # interpolation reaches as far as the next centres
-    np.testing.assert_allclose(image.intensity[untouched], whole.intensity[untouched], rtol=1e-6)
-    assert np.all(image.transparency[5, 2] > whole.transparency[5, 2])
-
-
 def test_a_linear_field_goes_on_evenly_around_a_hole():
     # The mean of what lies around is the value itself, so that neighbours see no difference.
     grid = GRIDS["cartesian"]

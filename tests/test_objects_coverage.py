@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.objects.balls import disc_in_polygon
 
-pytestmark = pytest.mark.exhaustive
-
 GRID = vm.CartesianGrid.uniform(4, (-1, 1))
 VOLUME = vm.Volume(GRID, a=np.zeros(GRID.shape))
 DARK = vm.Coefficients("a", "a")
@@ -38,13 +36,6 @@ def test_the_disc_in_all_pixels_is_the_whole_disc(x, y, radius, aspect):
     if radius < reach:
         # Rounding of 900 areas, each a difference of sectors of the disc.
         assert area.sum() == pytest.approx(np.pi * radius**2, rel=1e-12, abs=1e-12)
-
-
-@pytest.mark.parametrize("radius", [0.003, 0.02, 0.3])
-def test_areas_of_spheres_from_afar(radius):
-    camera = vm.Orthographic(40, 60, 20, width=(2, 3), resolution=(40, 30))
-    image, seen = shown(camera, vm.Spheres([[0.1, 0.2, 0.0]], radius), precision="double")
-    assert seen.sum() * image.pixel_area == pytest.approx(np.pi * radius**2, rel=1e-12)
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0), (0.3, 1.2, 0.9), (1.5, -0.4, 0.3)])

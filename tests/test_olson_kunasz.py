@@ -49,19 +49,6 @@ def test_every_branch_is_radmcs(alpha):
     np.testing.assert_allclose(image.optical_depth.item(), alpha, rtol=1e-15)
 
 
-def test_emission_is_capped_by_the_thin_trapezoid():
-    # From an opaque dark cell to a clear bright one S runs from 0 to 1e9: linear in tau it
-    # would emit far more than is there.
-    edges = ([0.0, 1.0], [0.0, 1.0], [0.0, 1.0, 2.0])
-    j, a = np.array([[[0.0, 1.0]]]), np.array([[[1.0, 1e-9]]])
-    volume = vm.Volume(vm.CartesianGrid(*edges), j=j, a=a)
-    camera = vm.Orthographic(resolution=1, width=0.5)
-    medium = vm.Coefficients(["j"], ["a"])
-    image = vm.render(volume, medium, camera, scheme="olson-kunasz", precision="double")
-    # Vertices along z hold (0, 1/2, 1): segments of 1/4 (attenuated in front) and 3/4.
-    assert 0.5 < image.intensity.item() <= 0.75 + 0.25
-
-
 @pytest.mark.parametrize("order", ["front-to-back", "back-to-front"])
 @pytest.mark.parametrize("cutoff", [None, 0.5])
 def test_neither_order_nor_cutoff_matter_in_double_precision(order, cutoff):

@@ -38,24 +38,6 @@ def test_what_is_in_front_in_a_narrow_table(first, opacity, precision):
     assert told <= 2e-3
 
 
-KINKED = {
-    "interp(f, [0, {0}, 1], [1, 2, 1])": lambda f, x: np.interp(f, [0, x, 1], [1, 2, 1]),
-    "1 + max(f, {0})": lambda f, x: 1 + np.maximum(f, x),
-    "1 + abs(f - {0})": lambda f, x: 1 + np.abs(f - x),
-}
-
-
-@pytest.mark.parametrize("precision", ["single"])
-@pytest.mark.parametrize("place", [0.01, 0.03, 0.05, 0.08, 0.5, 0.92, 0.95, 0.97, 0.99])
-@pytest.mark.parametrize("text", KINKED)
-def test_a_kink_beside_an_end(text, place, precision):
-    """No place at which a panel and its halves are looked at is beyond it."""
-    medium = vm.Coefficients(text.format(place), 0.1)
-    wrong, told = off(medium, KINKED[text](FIELD, place), 0.1, precision)
-    assert wrong <= told + 1e-6
-    assert told <= 2e-3
-
-
 @pytest.mark.parametrize("precision", ["single"])
 @pytest.mark.parametrize("place", [0.02, 0.1, 0.5, 0.9, 0.98])
 @pytest.mark.parametrize("sigma", [1.0, 4.0, 14.0])
@@ -68,26 +50,6 @@ def test_a_kink_in_a_wide_shell(kink, sigma, place, precision):
     wrong, told = off(shell, j, 0.1 * j, precision)
     assert wrong <= told + 1e-6
     assert told <= 2e-3
-
-
-ROOTS = {
-    "log10(f + 0.05)": (lambda f: np.log10(f + 0.05), lambda f: 1 / np.log(10) / (f + 0.05)),
-    "sqrt(f + 0.01)": (lambda f: np.sqrt(f + 0.01), lambda f: 0.5 / np.sqrt(f + 0.01)),
-}
-
-
-@pytest.mark.parametrize("place", [0.2, 0.35, 0.5, 0.65, 0.8, 0.95])
-@pytest.mark.parametrize("text", ROOTS)
-def test_a_sheet_of_what_bends_along_the_ray(text, place):
-    """Its slope is that of the expression where the ray crosses it."""
-    x, slope = ROOTS[text]
-    sheet = vm.Isosurface(text, x(place), [1.0], 0.1, density="gradient")
-    image = vm.render(VOLUME, sheet, ALONG, precision="double")
-    # By differences between two centres the gradient is the same everywhere.
-    exact = 1 - 0.9 ** max((x(1.0) - x(0.0)) / slope(place), 1.0)
-    wrong = abs(image.intensity.item() / exact - 1)
-    assert wrong <= image.error.item() / exact
-    assert wrong <= 1e-7  # of a line through both ends or a parabola it is up to 2e-5
 
 
 @pytest.mark.parametrize(("precision", "tolerance"), [("single", 1e-3), ("double", 1e-6)])

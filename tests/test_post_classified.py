@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import real_data
 import voluminous as vm
 from contracts.bundle import Bundle, box_limits, on_a_sphere
-from post_classified_scenes import MEDIA, RAYS, Scene, make_rays, make_scene
+from post_classified_scenes import MEDIA, RAYS, Scene, make_scene
 from twin import post_classified as twin
 from voluminous.models import PARSEC
 
@@ -151,48 +151,6 @@ def one_field(values, edges=None):
     return vm.Volume(vm.CartesianGrid(*edges), a=values), {"a": values}
 
 
-def shells_scene(volume, fields, width, depth, kind="gaussian", seed=3):
-    """Return a shell of a width and a depth (of what a cell is thick at the peak), many rays."""
-    color, make = (1.0, 0.4), {"gaussian": vm.Gaussian, "rectangle": vm.Rectangle}[kind]
-    gain = max(1.0, 1.0 / width)
-    medium = make("a", 0.437, width, [gain * c for c in color], gain * depth, 1.0)
-    shell = twin.Shell(
-        lambda f: f["a"], 0.437, width, [gain * c for c in color], [gain * depth], kind
-    )
-    rays = make_rays(volume.grid, seed)
-    return Scene(volume, medium, [shell], *rays, fields=fields)
-
-
-FIELDS = {
-    "linear": lambda x, y, z: 0.1 + 0.11 * x + 0.07 * y - 0.05 * z,
-    "quadratic": lambda x, y, z: 0.2 + 0.05 * x * y - 0.04 * y * z,
-    "random": lambda x, y, z: np.random.default_rng(5).uniform(0, 1, x.shape),
-}
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    ("kind", "precision", "order"), [("gaussian", *WAYS[0]), ("rectangle", *WAYS[1])]
-)
-@pytest.mark.parametrize("form", sorted(FIELDS))
-def test_shells_of_all_widths_and_depths(form, kind, precision, order):
-    values = FIELDS[form](*(np.indices((4, 3, 5)) + 0.5))
-    volume, fields = one_field(values)
-    tolerance = 1e-3 if precision == "single" else 1e-5
-    for width in (1e-5, 1e-4, 1e-2, 0.3, 10.0):
-        for depth in (1e-8, 1e-2, 1.0, 1e2, 1e4):
-            scene = shells_scene(volume, fields, width, depth, kind)
-            options = {"precision": precision, "order": order, "tolerance": tolerance}
-            found, tau, _ = scene.render(**options)
-            exact = scene.exact()
-            # Rounding of a field moves thin shells by 1e-7 of a cell (1e-16 in double): their
-            # edges within a thick one, and so how much of one stands before the other.
-            slack = 10 * tolerance + ROUNDING[precision]
-            close(found, exact["intensity"], slack)
-            lost = -np.expm1(-exact["optical_depth"])
-            close(-np.expm1(-tau), lost, slack)
-
-
 def close(found, exact, slack):
     wrong = float(np.abs(found - exact).max())
     assert wrong <= slack * float(np.abs(exact).max())
@@ -260,21 +218,6 @@ def test_an_isosurface_has_one_colour():
         expected = color * (1 - 0.7**2)
         assert np.ptp(twice, axis=0).max() <= 1e-3
         np.testing.assert_allclose(twice.mean(axis=0), expected, rtol=1e-3)
-
-
-def test_a_gaussian_has_the_brighter_limb_of_its_closed_form():
-    """A thin transparent shell of width Δr is 2 Δr √(2π) / cos bright, cos² = 1 - (b/R)²."""
-    volume = vm.models.prestellar_core(100)
-    radius, sigma = 0.08, 1e-3
-    medium = vm.Gaussian("log10(density)", np.log10(28 / radius**2), sigma, [1.0], 0.0, PARSEC)
-    impact = np.linspace(0, 0.9, 32) * radius
-    scene = Scene(volume, medium, [], *core_rays(impact))
-    found, _, _ = scene.render()
-    width = sigma * np.log(10) / 2 * radius * np.sqrt(2 * np.pi)
-    expected = 2 * width / np.sqrt(1 - (impact / radius) ** 2)
-    # Slopes of interpolated densities: |h² n'' / n| is 6e-3 here, and |h n''/2n'| 5e-2.
-    np.testing.assert_allclose(found[:, 0], expected, rtol=0.05)
-    assert abs(np.mean(found[:, 0] / expected) - 1) < 0.005
 
 
 # ---- convergence

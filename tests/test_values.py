@@ -126,14 +126,3 @@ def test_values_are_equal_if_their_arguments_are(name):
     assert hash(value.replace()) == hash(value)
     assert copy.deepcopy(value) == value
     assert value.replace(**changes) != value
-
-
-def test_ranges_that_were_measured_stay_where_others_are_replaced():
-    volume = vm.models.prestellar_core(16)
-    painted = vm.Gaussian("log10(density)", 4, 0.1, vm.ColorBy("density", "viridis"), 0.3)
-    measured = painted.calibrated(volume)
-    assert "vmin=" in repr(measured)
-    other = measured.replace(opacity=1.0)
-    assert other.modulation.color == measured.modulation.color
-    colormap = vm.Colormap("density", "viridis", opacity=lambda p: p).calibrated(volume)
-    assert colormap.replace(path_length=1.0).range.describe() == colormap.range.describe()

@@ -91,10 +91,8 @@ class Volume(Evaluation):
                 "quantities, or volume.set_unit(name, unit)"
             )
         if fields is not None and not isinstance(fields, Mapping):
-            raise InputError(
-                "fields must be a mapping of names and arrays, such as {'density': array}, got "
-                + shown(fields)
-            )
+            wanted = "a mapping of names and arrays, such as {'density': array}"
+            raise InputError(f"fields must be {wanted}, got {shown(fields)}")
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value
 
@@ -193,7 +191,7 @@ class Volume(Evaluation):
         return None if is_angle(name) else self.unit
 
     def array(self, name: str) -> np.ndarray:
-        """Return a field as a plain, read-only view, in its own unit.
+        """Return a field as a plain, read-only view, in its unit.
 
         Parameters
         ----------
@@ -295,13 +293,7 @@ class Volume(Evaluation):
         self._fields.defer(name, load, value)
 
     def load(self, *names: str) -> Volume:
-        """Read deferred fields now, by default all; return this volume.
-
-        Raises
-        ------
-        MemoryNeededError
-            If they do not fit into the available memory.
-        """
+        """Read deferred fields now, by default all; return this volume."""
         for name in names or self.fields:
             self.array(name)
         return self
@@ -313,7 +305,7 @@ class Volume(Evaluation):
 
     @property
     def bytes_waiting(self) -> int:
-        """Memory that `load` would take, in bytes."""
+        """Bytes that `load` would take."""
         return self._fields.bytes_waiting(self.grid.size)
 
     def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
@@ -423,9 +415,8 @@ class Volume(Evaluation):
         fields : iterable of str, optional
             Which fields; all by default.
         fill : float
-            The value outside this volume. With 0 the integral of a field over the volume is
-            conserved (as far as it is inside the new grid), so densities conserve mass. With NaN,
-            cells that are not entirely inside are NaN.
+            The value outside this volume. With 0 the integral of a field is conserved, as far as
+            it is inside the new grid. With NaN, cells that are not entirely inside are NaN.
         samples : int
             Points per axis and cell where cells are not boxes.
         progress
@@ -479,15 +470,13 @@ class Volume(Evaluation):
         Raises
         ------
         InputError
-            If the grid is refined, the cells do not go all around, or vectors are given along x
-            and y in such cells.
+            If the grid is refined, cells do not go all around, or have vectors along x and y.
         MemoryNeededError
             If there is not enough memory.
 
         Examples
         --------
         >>> import numpy as np
-        >>> import voluminous as vm
         >>> grid = vm.CylindricalGrid([1, 2, 3], [0, 2 * np.pi], [-1, 1])
         >>> disc = vm.Volume(grid, v_R="0", v_phi="1 / sqrt(R)", v_z="0")
         >>> disc.unfolded(phi=64).grid.shape
@@ -516,12 +505,11 @@ class Volume(Evaluation):
         normal : {"x", "y", "z"} or three floats
             The normal of the plane: an axis, or a vector of any length.
         position : float or Quantity, optional
-            Distance of the plane from the origin along its normal. By default the plane passes
-            through `center`.
+            Distance from the origin along the normal; by default the plane contains `center`.
         width : float, Quantity or pair of them, optional
             Width and height; all of the volume by default.
         center : three floats or Quantity, optional
-            Centre of the picture, projected onto the plane; by default the volume's centre.
+            Centre of the picture, projected onto the plane; the volume's by default.
         up : three floats, optional
             Upward direction. By default z; for a normal along x, y is to the right and z up, and
             so on, cyclically.
@@ -545,7 +533,6 @@ class Volume(Evaluation):
 
         Examples
         --------
-        >>> import voluminous as vm
         >>> core = vm.models.prestellar_core(32)
         >>> cut = core.slice("log10(density)", "x", resolution=64)
         >>> cut.values.shape

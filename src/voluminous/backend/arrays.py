@@ -20,9 +20,8 @@ def from_host(kind: Any, values: ArrayLike) -> Any:
     """Return numbers as a device array.
 
     Dr.Jit uses NumPy's memory in place, and compiles into a kernel whether vectors in it are
-    aligned. For most arrays alignment is random: each case then compiled a separate kernel, 100 to
-    2000 ms (of the 4 kernels of a first picture, a second run reused 2 from the cache on disk, now
-    all), and adjacent numbers were gathered together only if they happened to be aligned.
+    aligned. For most arrays this is random: each case compiled a separate kernel, in 100 to
+    2000 ms, and adjacent numbers were gathered together only if they happened to be aligned.
     """
     dtype = np.dtype(dr.type_v(kind).name.lower())
     return kind(aligned(np.ascontiguousarray(values, dtype)))

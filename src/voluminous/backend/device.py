@@ -29,16 +29,10 @@ DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}
 
 @dataclass(frozen=True)
 class Backend:
-    """The array types of one device in one precision.
-
-    It is part of the key of everything that is cached for a device.
+    """The array types of one device in one precision; part of the keys of caches.
 
     Attributes
     ----------
-    device : str
-        ``"cpu"``, ``"cuda"`` or ``"metal"``.
-    precision : str
-        ``"single"`` or ``"double"``.
     Float, Int, UInt, Bool : type
         Dr.Jit arrays that kernels compute with.
     Wide : type
@@ -74,10 +68,8 @@ class Backend:
 
     def packet(self, width: int) -> Any:
         """Return the type of `width` neighbouring values gathered at once (1, 2 or 4)."""
-        if width == 1:
-            return self.Float
         suffix = "f" if self.precision == "single" else "f64"
-        return getattr(self.module, f"Array{width}{suffix}")
+        return self.Float if width == 1 else getattr(self.module, f"Array{width}{suffix}")
 
     def quotient(self, numerator: Any, denominator: Any) -> Any:
         """Return numerator // denominator of non-negative 32-bit integers.
@@ -103,19 +95,14 @@ def get_backend(
 ) -> Backend:
     """Return the backend for a device and a precision.
 
-    Parameters
-    ----------
-    device : {"auto", "cpu", "cuda", "metal"}
-        ``"auto"`` takes a GPU where there is one that has the precision, else the CPU.
-    precision : {"single", "double"}
-        Floating-point precision of the kernels.
-    derivatives : bool
-        Use Dr.Jit's array types that can be differentiated.
+    ``"auto"`` is a GPU where there is one that has the precision, else the CPU.
     """
     check_name("precision", precision, PRECISIONS)
     check_name("device", device, ("auto", *DEVICES))
     if device == "auto":
-        device = _best_device(precision)
+        gpu = "cuda" if _has("cuda") else "metal"
+        usable = _has(gpu) and (gpu == "cuda" or precision == "single")
+        device = gpu if usable else "cpu"
     return _backend(device, precision, derivatives)
 
 
@@ -174,11 +161,3 @@ def available_devices() -> tuple[str, ...]:
 def _has(device: str) -> bool:
     kind = getattr(dr.JitBackend, DEVICES[device].upper(), None)
     return kind is not None and bool(dr.has_backend(kind))
-
-
-def _best_device(precision: str) -> str:
-    if _has("cuda"):
-        return "cuda"
-    if _has("metal") and precision == "single":
-        return "metal"
-    return "cpu"

@@ -22,9 +22,8 @@ THIN = 0.3466
 def attenuation(tau: Float) -> tuple[Float, Float]:
     """Return ``exp(-tau)`` and ``(1 - exp(-tau))/tau`` without cancellation.
 
-    The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both are
-    computed from one polynomial. Where all lanes are thin a branch skips the rest, since the
-    division alone takes as long as the polynomial (first order: 29 instead of 34 ms).
+    The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Where all
+    lanes are thin a branch skips all but one polynomial (first order: 29 instead of 34 ms).
     """
     size: Float = dr.abs(tau)
     return dr.if_stmt((tau,), size <= THIN, thin_attenuation, any_attenuation)
@@ -97,8 +96,8 @@ def unit_interval(f: Float) -> Float:
 def first_true(count: int, UInt: Any, holds: Callable[[Int], Mask]) -> Int:
     """Return the first of `count` indices at which a monotonic condition holds; `count` if none.
 
-    It is a loop, with a run-time count, so that grids of all sizes share a kernel. An unrolled loop
-    on a spherical grid took 2.5 times as long to compile (1.2 s), and no less to run.
+    In a loop with a run-time count, so that grids of all sizes share a kernel; unrolled it took 2.5
+    times as long to compile on a spherical grid (1.2 s).
     """
     lanes = dr.width(holds(UInt(0)))
 

@@ -1,8 +1,7 @@
 """Type names for the arguments and results of traced functions.
 
-Dr.Jit's types depend on device, precision and derivatives, and the same function may get NumPy
-arrays or plain numbers. Type checkers therefore treat these names as Any; they tell a reader which
-kind of number is expected.
+Type checkers treat them as Any: Dr.Jit's types depend on device, precision and derivatives, and the
+same function may get NumPy arrays or plain numbers.
 """
 
 from __future__ import annotations

@@ -93,15 +93,8 @@ class Camera(Value):
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         """Return unit vectors from the observer to points, and beyond; zero at the observer.
 
-        Parameters
-        ----------
-        points : float64 array, shape (3, n)
-            In the unit of the grid; the result has the same shape.
-
-        Raises
-        ------
-        InputError
-            If the camera has no such method: expressions with ``los(...)`` need it.
+        Points are in the unit of the grid, shape (3, n), as the result. Expressions with
+        ``los(...)`` need this method; by default it raises an InputError.
         """
         raise InputError(
             f"{type(self).__name__} does not tell its lines of sight, which los(...) needs; give "
@@ -111,21 +104,14 @@ class Camera(Value):
     def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return where points are seen on the image plane, and how far away: the inverse of `rays`.
 
-        Parameters
-        ----------
-        points : float64 array, shape (3, n)
-            In the unit of the grid.
+        Points are in the unit of the grid, shape (3, n). Pictures with objects need this method; by
+        default it raises an InputError.
 
         Returns
         -------
         u, v, depth : float64 arrays, shape (n,)
             Image-plane coordinates, and the distance along the ray through them from its origin;
             NaN where a point is on no ray, such as behind the observer.
-
-        Raises
-        ------
-        InputError
-            If the camera has no such method: pictures with stars and lines need it.
         """
         raise InputError(
             f"{type(self).__name__} does not tell where points are seen, which objects in pictures "
@@ -169,11 +155,8 @@ def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, f
         raise InputError(
             f"{what} must be a positive number or a pair (w, h) of them, got {width!r}"
         )
-    if size.shape == (2,):
-        return float(size[0]), float(size[1])
-    nx, ny = pixels
-    longest = max(nx, ny)
-    return float(size[0]) * nx / longest, float(size[0]) * ny / longest
+    first, *rest = size.tolist()
+    return (first, *rest) if rest else tuple(first * n / max(pixels) for n in pixels)
 
 
 def vector(value: Any, what: str, *unit: Unit, length: int = 3) -> np.ndarray:

@@ -130,12 +130,11 @@ class Orthographic(Camera):
         incl, phi, resolution
             As for `Orthographic`; see `view` for the default angles.
         view : str, optional
-            In place of angles: ``"anterior"``, ``"posterior"``, ``"left"``, ``"right"``,
-            ``"superior"`` or ``"inferior"`` for a patient from the front, the back, his left, his
-            right, above and below, upright (from above and below with the front at the top), as
-            ``volume.meta["orientation"]`` says; ``"stack"`` for pictures above each other as ImageJ
-            shows them, where there is ``volume.meta["y_down"]``. By default ``"anterior"`` or
-            ``"stack"`` where the volume says so, else obliquely from above.
+            In place of angles: a patient seen from ``"anterior"``, ``"posterior"``, ``"left"``,
+            ``"right"``, ``"superior"`` or ``"inferior"``, with the head or the front at the top, by
+            ``volume.meta["orientation"]``; ``"stack"`` for pictures above each other as ImageJ
+            shows them, if ``volume.meta["y_down"]``. By default ``"anterior"`` or ``"stack"`` where
+            the volume says so, else obliquely from above.
 
         Returns
         -------

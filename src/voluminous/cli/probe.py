@@ -56,12 +56,12 @@ def run(args: argparse.Namespace) -> int:
     if args.at is not None:
         options["at"] = QUANTITIES("--at", [part.strip() for part in args.at.split(",")])
     with progress_bar(False if args.quiet else None, args.scene.name) as progress:
-        found = probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
-    say(args.quiet, found.text(None if args.all else 20))
+        result = probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
+    say(args.quiet, result.text(None if args.all else 20))
     say(args.quiet, *(f"not in it, but in the picture: {what}" for what in _left_out(scene)))
     for path in args.output:
-        found.save(path)
-        say(args.quiet, f"{path}: {len(found)} segments")
+        result.save(path)
+        say(args.quiet, f"{path}: {len(result)} segments")
     return 0
 
 

@@ -319,7 +319,8 @@ class Image:
         """Read an image written by `save` or by another program.
 
         NPZ and FITS restore everything bit for bit, TIFF and EXR the intensities in float32
-        (EXR also optical depth and transparency). A PNG gives its display values, from 0 to 1.
+        (EXR also optical depth and transparency). A PNG gives its display values, from 0 to 1;
+        with 16 bits per colour it needs the package imagecodecs (``voluminous[tiff]``).
 
         Raises
         ------

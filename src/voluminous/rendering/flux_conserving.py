@@ -166,23 +166,9 @@ _LEAST_ANGLE, _MOST_ANGLE = 0.05, 0.3
 _OF_CAVITY = 0.05
 
 
-@dataclass
-class RaySight:
-    """Geometry of rays relative to the centre.
-
-    Attributes
-    ----------
-    closest : array
-        Distance of closest approach.
-    arrive : array
-        Distance from the closest point at which they enter the outermost sphere: negative.
-    polar : array
-        Absolute z component of the direction.
-    """
-
-    closest: Float
-    arrive: Float
-    polar: Float
+# Of rays: the distance of closest approach, the (negative) distance from that point at which they
+# enter the outermost sphere, and the absolute z component of the direction.
+RaySight = tuple[Float, Float, Float]
 
 
 class SphericalCellWidth(MinCellWidth):
@@ -230,11 +216,11 @@ class SphericalCellWidth(MinCellWidth):
         square = sum(n * n for n in nearest)
         arrive = -dr.sqrt(dr.maximum(self.outer * self.outer - square, 0.0))
         real = self.backend.Float
-        return RaySight(real(dr.sqrt(square)), real(arrive), real(dr.abs(ray.direction[2])))
+        return real(dr.sqrt(square)), real(arrive), real(dr.abs(ray.direction[2]))
 
     def initial(self, sight: RaySight, count: int) -> Float:
-        inner = self.backend.Float(self.inner)
-        return dr.select(sight.closest <= inner, _OF_CAVITY * inner, np.inf)
+        inner, (closest, *_) = self.backend.Float(self.inner), sight
+        return dr.select(closest <= inner, _OF_CAVITY * inner, np.inf)
 
     def width(self, segment: Segment, sight: RaySight) -> Float:
         number = self.backend.quotient(segment.cell, self.alike)
@@ -242,10 +228,10 @@ class SphericalCellWidth(MinCellWidth):
             self.backend.packet(4), self.widths, number, segment.active
         )
         across, around = radius * along_theta, radius * along_phi
-        way = segment.begin + sight.arrive
-        distance = dr.sqrt(dr.fma(way, way, sight.closest * sight.closest))
-        upright = dr.abs(way) / distance
-        tilted = dr.lerp(around, across, sight.polar) * upright
+        closest, arrive, polar = sight
+        way = segment.begin + arrive
+        upright = dr.abs(way) / dr.sqrt(dr.fma(way, way, closest * closest))
+        tilted = dr.lerp(around, across, polar) * upright
         width = dr.minimum(dr.minimum(across, around), tilted)
         return dr.maximum(depth, width)
 

@@ -22,14 +22,13 @@ class Cutoff:
     ``behind = 1`` and no weights it stops at transparency `least`.
     """
 
-    behind: Any
-    weights: list[Any]
-    least: Any
+    behind: Float
+    weights: list[Float]
+    least: Float
 
-    def reached(self, path: Path) -> Any:
+    def reached(self, path: Path) -> Mask:
         """Return the lanes that may stop."""
-        brightest = most(path.transparency)
-        enough = self.least
+        brightest, enough = most(path.transparency), self.least
         for weight, b in zip(self.weights, path.emission, strict=False):
             enough = dr.fma(weight, b, enough)
         return brightest * self.behind < enough
@@ -41,14 +40,11 @@ class RayState:
 
     Attributes
     ----------
-    path : Path
-        Emission and transparency so far.
     carried : list of arrays or None
         The scheme's state, carried from segment to segment; None before the first piece.
-    begun : array of Bool or None
-        Lanes that have entered a piece; the scheme starts the others where they enter.
-    over : array of Bool or None
-        Lanes that have reached the cut-off; None if there are none.
+    begun, over : array of Bool or None
+        Lanes that have entered a piece (the scheme starts the others where they enter), and that
+        have reached the cut-off; None if there are none.
     """
 
     path: Path
@@ -87,7 +83,7 @@ def march(
         carried = dr.select(before.begun, before.carried, carried)
     state = MarchState(cursor, carried, before.path, never if before.over is None else before.over)
 
-    def going_on(state: MarchState) -> Any:
+    def going_on(state: MarchState) -> Mask:
         return state.cursor.inside & ~state.over
 
     def step(state: MarchState) -> tuple[MarchState]:
@@ -106,18 +102,14 @@ def march(
 
     def visit(state: MarchState) -> tuple[MarchState]:
         """Skip empty space, then cross the block, or the cells up to a gap, that may be visible."""
-        found: Landing
-        if way is not None:
-            found = leap(way, state.cursor)
-        else:
-            found = walk.cross(track, state.cursor)
-        here = Position(walk, track, found.cursor)
-        carried = scheme.after_skip(here, source, state.carried, found.moved)
+        skipped: Landing = leap(way, state.cursor) if way else walk.cross(track, state.cursor)
+        here = Position(walk, track, skipped.cursor)
+        carried = scheme.after_skip(here, source, state.carried, skipped.moved)
 
-        def within(state: MarchState) -> Any:
-            return going_on(state) & found.holds(state.cursor)
+        def within(state: MarchState) -> Mask:
+            return going_on(state) & skipped.holds(state.cursor)
 
-        entered = MarchState(found.cursor, carried, state.path, state.over)
+        entered = MarchState(skipped.cursor, carried, state.path, state.over)
         if leaps and source.blocks.coarse:
             # One step crosses most blocks: a loop over their cells takes longer than returning to
             # the outer loop (core, 100³: 20 ms with it, 17 ms without).

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import numbers
 from collections.abc import Iterable
@@ -34,17 +33,6 @@ _MOST_PIXELS = 1 << 31
 _OTHER_PLANES = 6
 # Tolerance for skipping faint places where none is requested.
 _CARELESS = 0.1
-# Pictures that take less than this many seconds log no warning.
-_LONG = 5.0
-# Measured on two shells of 100³ cells, 300² pixels, relative to the defaults.
-_SLOW = {
-    "adaptive": "antialias='adaptive' takes up to 256 rays per pixel, about 100 times as long as "
-    "one ray; samples=4 takes 16 rays",
-    "bounds": "bounds=True takes about 60 times as long; image.error is an estimate without it",
-    "tolerance": "a tolerance below 1e-5 takes double precision, 5 to 20 times as long as 1e-3",
-    "double": "precision='double' takes 2 to 5 times as long as 'single'",
-}
-_named: set[str] = set()
 
 
 def check_pixels(pixels: tuple[int, int], channels: int, backend: Backend) -> None:
@@ -127,13 +115,13 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
     """Return n for n × n rays per pixel.
 
     RADMC-3D quarters a pixel while its longer side exceeds the width of the narrowest cell on its
-    ray. Where all cells count as equally wide, every ray decides alike, and the result is a regular
-    division into 2^k × 2^k. Otherwise n is 1, and `antialias.FluxConserving` divides the pixels.
+    ray: 2^k × 2^k regular parts, where all cells count as equally wide. Otherwise n is 1, and
+    `flux_conserving` divides the pixels.
     """
     if antialias != "radmc3d" or not grid.is_rectilinear:
         return int(samples)
     ratio = max(frame.pixel) / grid.first_cell_width()
-    count = 2 ** max(0, math.ceil(math.log2(ratio))) if ratio > 1 else 1
+    count = 2 ** math.ceil(math.log2(max(ratio, 1.0)))
     if count > _MOST_SAMPLES:
         raise InputError(
             f"flux conservation needs {count} x {count} rays per pixel here (a pixel is "
@@ -155,10 +143,7 @@ def check_walk(scheme: Scheme, grid: Grid) -> None:
 
 
 def check_coordinates(scheme: Scheme, grid: Grid, names: Iterable[str]) -> None:
-    """Refuse coordinates that vary within cells, for schemes that treat cells as wholes.
-
-    A disc of cells all around the axis cannot be cut open by ``x > 0`` cell by cell.
-    """
+    """Refuse coordinates that vary within cells, for schemes that treat cells as wholes."""
     for name in names if scheme.coefficients_at != "field" else ():
         if name in many_valued(grid):
             mirrored = grid.mirror and name == "z"
@@ -195,12 +180,3 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
     if not np.all(np.isfinite(array)):
         raise InputError("background must be finite")
     return array[..., None] if array.shape == (ny, nx) else array
-
-
-def name_slow_choices(seconds: float, **chosen: bool) -> None:
-    """Log a warning, once per process and choice, if a picture took long."""
-    slow = [name for name in _SLOW if chosen.get(name) and name not in _named]
-    if seconds > _LONG and slow:
-        _named.update(slow)
-        advice = "; ".join(_SLOW[name] for name in slow)
-        logging.getLogger("voluminous").warning("%.0f s for a picture: %s", seconds, advice)

@@ -57,8 +57,13 @@ def _of_slit(
 
     if not wcs.has_celestial and wcs.wcs.spec < 0:
         return None
-    third, scale = _third(grid, wcs, first[2])
-    # Kind, unit, value at the first pixel and step of each side of the picture.
+    single, walls = wcs.sub([3]), grid.edges[2]
+    low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
+    scale = float((high - low) / np.ptp(walls))
+    # The type in which z is linear, not the one in which channels are equidistant.
+    kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]
+    third = kind, single.wcs.cunit[0], float(low + scale * (first[2] - walls[0]))
+    # Type, unit, value at the first pixel and step of each side of the picture.
     sides = [
         (*third, scale * float(steps[k, 2]))
         if alone[k]
@@ -68,24 +73,10 @@ def _of_slit(
     new = WCS(naxis=2)
     new.wcs.crpix = [1.0, 1.0]
     new.wcs.ctype, units, new.wcs.crval, new.wcs.cdelt = (list(s) for s in zip(*sides, strict=True))
-    new.wcs.cunit = [_unit(unit) for unit in units]
+    parsed = map(parse_unit, units)
+    new.wcs.cunit = ["" if unit is None else str(unit.to_string("fits")) for unit in parsed]
     for name in ("restfrq", "restwav", "specsys"):
         setattr(new.wcs, name, getattr(wcs.wcs, name))
     new.pixel_shape = [int(n) for n in frame.pixels]
     new.wcs.set()
     return new
-
-
-def _third(grid: Grid, wcs: Any, z: float) -> tuple[tuple[str, Any, float], float]:
-    """Return type, unit and value of the third coordinate at z, and its slope along z."""
-    single = wcs.sub([3])
-    low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
-    scale = float((high - low) / np.ptp(grid.edges[2]))
-    # The type in which z is linear, not the one in which channels are equidistant.
-    kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]
-    return (kind, single.wcs.cunit[0], float(low + scale * (z - grid.edges[2][0]))), scale
-
-
-def _unit(unit: Any) -> str:
-    parsed = parse_unit(unit)
-    return "" if parsed is None else str(parsed.to_string("fits"))

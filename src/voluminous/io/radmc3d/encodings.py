@@ -156,8 +156,8 @@ class RecordFile(BinaryFile):
             if int(np.frombuffer(record[length:], self.order + "u4")[0]) != length:
                 raise FileFormatError(f"{what}: a record does not end with its length")
             self.left += record[:length]
-        found, self.left = self.left[:size], self.left[size:]
-        return found
+        content, self.left = self.left[:size], self.left[size:]
+        return content
 
     def flags(self, what: str) -> Flags:
         content = self.file.read()
