@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import immutable
+from ..errors import InputError, immutable
 from ..packages import room
 from . import arguments, tone
 from .arguments import Array, json_value
@@ -372,7 +372,7 @@ class Image:
         return axes
 
     def to_hdu(
-        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0
+        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0, **old: Any
     ) -> PrimaryHDU:
         """Return the intensities as an astropy HDU with units, world coordinates and the camera.
 
@@ -388,10 +388,13 @@ class Image:
             Shape (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")``
             also writes the other arrays and metadata.
         """
+        _refuse(old)
         hdu: PrimaryHDU = room("image.hdu").to_hdu(self, distance, position, posang)
         return hdu
 
-    def on_sky(self, *, distance: Any = None, position: Any, posang: Any = 0.0) -> Image:
+    def on_sky(
+        self, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
+    ) -> Image:
         """Return the image with celestial world coordinates.
 
         Parameters
@@ -414,6 +417,7 @@ class Image:
         East is on the left where north is up. A plane at a distance is a gnomonic projection (TAN)
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
+        _refuse(old)
         image: Image = room("image.sky").on_sky(self, distance, position, posang)
         return image
 
@@ -580,6 +584,12 @@ immutable(
     Image,
     "image.to(unit) converts it, image.plot(unit=) shows it so; Image(...) makes a new one",
 )
+
+
+def _refuse(old: dict[str, Any]) -> None:
+    for name in old:
+        hint = "; it is now posang, as that of cameras" if name == "position_angle" else ""
+        raise InputError(f"there is no argument {name}{hint}")
 
 
 def _read_only(values: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator
 from typing import Any, TypeAlias
 
@@ -21,7 +22,7 @@ from .framing import first_camera, first_medium, framed
 from .job import RenderJob
 from .layers import with_channels
 from .objects import channel_count, check_objects, wide_background, with_objects
-from .options import background_array, refuse_unusable
+from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .prepare import prepare
 from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
@@ -146,6 +147,7 @@ def in_steps(
     samples: int = 1,
     antialias: str | None = None,
     order: str = "front-to-back",
+    precision: str = "single",
     bounds: bool = False,
     max_panels: int = 1024,
     objects: Any = (),
@@ -187,6 +189,7 @@ def in_steps(
         medium,
         camera,
         order=order,
+        precision=precision,
         samples=samples,
         antialias=antialias,
         **options,
@@ -194,6 +197,7 @@ def in_steps(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     guaranteed = room("bounds.guaranteed")
     budget = guaranteed.check_bounds(bounds, max_panels, job)
+    start = time.monotonic()
     planes = yield from run_in_batches(job, float(np.max(np.abs(behind))), seconds, focus)
     if not planes.finite:
         refuse_unusable(job.backend.precision)
@@ -214,7 +218,7 @@ def in_steps(
     lower, upper = guaranteed.bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     volume, context = job.volume, RangeContext(job.volume.unit, job.volume.expression_unit)
-    return Image(
+    image = Image(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
@@ -230,6 +234,10 @@ def in_steps(
         camera=job.camera.describe(),
         provenance={**job.provenance(), **provenance},
     )
+    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
+    slow["tolerance"] = job.scheme.controlled and job.tolerance < FINEST_SINGLE
+    name_slow_choices(time.monotonic() - start, **slow)
+    return image
 
 
 def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:
