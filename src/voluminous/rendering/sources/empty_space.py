@@ -34,22 +34,15 @@ _NOTHING = 1e-300
 
 @dataclass(frozen=True)
 class Window:
-    """The cells that affect a block of 2^bits steps of a walk, along each axis.
+    """The cells that affect a block of 2^bits steps of a walk, along each axis."""
 
-    Attributes
-    ----------
-    before, after : int
-        Number of cells before the first and after the last of the block itself.
-    extra : int
-        Maximum number of steps of a walk minus the number of cells.
-    worthwhile : float
-        Fraction of filled blocks above which skipping does not pay: it costs as much as crossing
-        some cells (first and second order: no gain at a third, 3 times as fast at 1/20).
-    """
-
+    # Number of cells before the first and after the last of the block itself.
     before: int
     after: int
+    # Maximum number of steps of a walk minus the number of cells.
     extra: int
+    # Fraction of filled blocks above which skipping does not pay: it costs as much as crossing some
+    # cells (first and second order: no gain at a third, 3 times as fast at 1/20).
     worthwhile: float
 
     def shape(self, cells: Any) -> tuple[int, ...]:
