@@ -213,7 +213,6 @@ def test_measurements_do_not_depend_on_units(length, size):
     values, plain = np.abs(VOLUME.array("a")), vm.Orthographic(37, 61, 20, 2.4, 5, center=(0, 0, 0))
     large = vm.Volume(vm.CartesianGrid.uniform(8, (-length, length)), a=size * values)
     usual = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), a=values)
-    exact = {"rtol": 1e-5, "atol": 1e-5}
 
     def measured(volume, camera, size, length):
         found = vm.project(volume, "a", camera, depth=True)
@@ -227,11 +226,9 @@ def test_measurements_do_not_depend_on_units(length, size):
             surface = vm.tau_surface(volume, medium, camera, 0.3, precision=precision)
             yield surface.depth.intensity / length
 
-    pairs = zip(
-        measured(large, camera, size, length), measured(usual, plain, 1.0, 1.0), strict=True
-    )
-    for found, expected in pairs:
-        np.testing.assert_allclose(found, expected, **exact)
+    scaled, expected = measured(large, camera, size, length), measured(usual, plain, 1.0, 1.0)
+    for pair in zip(scaled, expected, strict=True):
+        np.testing.assert_allclose(*pair, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -104,14 +104,3 @@ def test_info_tells_levels_and_resolution():
     assert f"level 2: {levels[2]} cells of 0.0625 x 0.0625 x 0.0625" in told
     assert "effective resolution: 32 x 32 x 32" in told
     assert "x  -1 … 1" in told
-
-
-def test_info_of_curvilinear_grids():
-    grid = vm.SphericalGrid([1.0, 2.0, 4.0], [0.5, np.pi / 2], mirror=True, unit="pc")
-    told = "\n".join(describe_grid(grid))
-    assert "grid: spherical, 2 x 1 x 1 cells, mirrored at the midplane" in told
-    assert "r  1 … 4 pc" in told
-    assert "theta  0.5 … 1.5708 rad" in told
-    assert "x  -4 … 4 pc" in told
-    told = "\n".join(describe_grid(vm.CylindricalGrid([0.0, 1.0], [0.0, 1.0], [2.0, 3.0])))
-    assert told.count("z  2 … 3") == 1

@@ -65,13 +65,6 @@ def test_a_table_ends_where_the_data_end():
     np.testing.assert_allclose(length(table, ramp()), 88.5 / 3, rtol=1e-12)
 
 
-def test_no_shell_is_thicker_than_the_shortest_side():
-    constant = vm.Volume(vm.CartesianGrid([0, 1, 2], [0, 5], [0, 7]), a=np.full((2, 1, 1), 4.0))
-    assert length(vm.Gaussian("a", 4, 1, 1, 1, "auto"), constant) == 2
-    thick = vm.Gaussian("a", 40, 1e5, 1, 1, "auto")
-    assert length(thick, ramp()) == pytest.approx(30, rel=1e-15)
-
-
 def test_a_shell_that_is_nowhere_gets_the_shortest_side_and_shows_nothing():
     shell = vm.Gaussian("a", -1e3, 1, 1, 1, "auto")
     assert length(shell, ramp()) == pytest.approx(30, rel=1e-15)

@@ -12,7 +12,6 @@ import math
 import numpy as np
 import pytest
 
-import real_data
 import voluminous as vm
 from voluminous.backend import from_host, get_backend
 from voluminous.errors import InputError
@@ -145,11 +144,6 @@ def colored(f):
     return [shape * c for c in painted(f["weight"], "viridis", 0.1, 0.9)], 3.0 * shape
 
 
-def ball(f):
-    r = np.sqrt(f["x"] ** 2 + f["y"] ** 2 + f["z"] ** 2)
-    return shell(gaussian(r, 0.6, 0.1), COLOR, 3.0, 0.3)
-
-
 X = "density"
 THIN = vm.Gaussian("log10(density)", 0.2, 0.05, COLOR, 2.0, 0.3)
 MEDIA = {
@@ -186,7 +180,6 @@ MEDIA = {
         vm.Gaussian("density", 1, 0.2, vm.ColorBy("weight", "viridis", 0.1, 0.9), 3.0, 0.3),
         colored,
     ),
-    "ball": (vm.Gaussian("r", 0.6, 0.1, COLOR, 3.0, 0.3), ball),
 }
 
 
@@ -318,23 +311,3 @@ def test_functions_that_cannot_be_read_have_no_bounds():
 def test_what_cannot_be_bounded_is_refused(options, message):
     with pytest.raises(InputError, match=message):
         vm.render(volume(), MEDIA["wide"][0], camera(), **options)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", real_data.names())
-def test_real_data(name):
-    data = real_data.load(name)
-    field = next(iter(data.fields))
-    values = np.asarray(data.array(field), float)
-    low, middle, high = np.nanquantile(values, [0.5, 0.9, 0.999])
-    width = max(0.3 * (high - low), 1e-3 * np.nanmax(np.abs(values)))
-    length = 0.2 * float(np.ptp(data.grid.bounds[0]))
-    medium = vm.Gaussian(field, middle, width, COLOR, 3.0, length)
-    view = vm.Orthographic(35, 50, resolution=6)
-    image = vm.render(data, medium, view, bounds=True)
-
-    def formula(f):
-        return shell(gaussian(f[field], middle, width), COLOR, 3.0, length)
-
-    assert_inside(image, truth_of(Samples(data, view, 8000), formula))
-    assert np.max(image.upper - image.lower) <= 1.001 * TOLERANCE * image.intensity.max()

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import shutil
-
 import numpy as np
 import pytest
 from astropy import units as u
@@ -15,7 +12,6 @@ import reference
 import voluminous as vm
 from contracts import ReaderContract
 from voluminous.cli.data import is_image
-from voluminous.io import find_reader
 from voluminous.io.fits.units import lenient_unit
 
 REST = 110.2013541e9
@@ -58,24 +54,10 @@ def sky_of_cells(volume):
     return volume.wcs.wcs_pix2world(index, 0)
 
 
-# The contract, for each kind of file
-
-
 class TestPlain(ReaderContract):
     @pytest.fixture
     def sample(self):
         return lambda folder: written(folder / "cube.fits", overwrite=True)
-
-
-class TestUnpackedOnTheWay(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        def make(folder):
-            path = written(folder / "cube.fits", overwrite=True)
-            (folder / "cube.fits.gz").write_bytes(gzip.compress(path.read_bytes()))
-            return folder / "cube.fits.gz"
-
-        return make
 
 
 class TestCompressedTiles(ReaderContract):
@@ -108,9 +90,6 @@ def several(folder):
     return path
 
 
-# Values
-
-
 @pytest.mark.parametrize("dtype", ["u1", "i1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"])
 @pytest.mark.parametrize("suffix", [".fits", ".fits.gz"])
 def test_every_type_comes_back_as_it_was(tmp_path, dtype, suffix):
@@ -136,21 +115,6 @@ def test_scaled_and_blank_integers_are_what_astropy_makes_of_them(tmp_path, dtyp
     assert found.dtype.kind == "f"  # whether or not a number is missing
 
 
-@pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1"])
-@pytest.mark.parametrize("dtype", ["i2", "f4"])
-def test_compressed_images_are_what_astropy_unpacks(tmp_path, kind, dtype):
-    data = (100 * numbers((4, 8, 9))).astype(dtype)
-    if dtype == "f4":
-        data[1, 2, 3] = np.nan
-    shape = {"HCOMPRESS_1": (1, 8, 9)}.get(kind)
-    hdu = fits.CompImageHDU(data, header(SKY, VELOCITY), compression_type=kind, tile_shape=shape)
-    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "cube.fits")
-    volume = vm.open(tmp_path / "cube.fits")
-    expected = fits.getdata(tmp_path / "cube.fits", 1)
-    np.testing.assert_array_equal(volume.array("intensity"), expected.T)
-    assert volume.unit == u.arcsec
-
-
 @pytest.mark.parametrize(
     ("text", "unit"),
     [
@@ -171,9 +135,6 @@ def test_units_are_read_as_they_are_meant(text, unit):
     assert (found is None) == (unit is None)
     if unit is not None:
         assert (1 * found).to_value(unit) == pytest.approx(1, rel=1e-12)
-
-
-# Places: each cell is where astropy sees it in the file, east to the left, north up
 
 
 def turned(angle, flip=1.0):
@@ -313,19 +274,6 @@ def test_doppler_conventions_are_those_of_astropy(tmp_path, convention, rest):
     assert volume.grid.is_uniform == (convention == "radio")
 
 
-def test_a_cube_in_space_has_its_own_lengths(tmp_path):
-    cards = {f"CTYPE{k}": "LINEAR" for k in (1, 2, 3)}
-    cards |= {f"CUNIT{k}": "pc" for k in (1, 2)} | {"CUNIT3": "kpc"}
-    cards |= {"CRPIX1": 1.0, "CRVAL1": 10.0, "CDELT1": 2.0, "CRPIX2": 0.5, "CDELT2": -1.0}
-    cards |= {"CRPIX3": 0.5, "CDELT3": 0.001}
-    data = numbers((3, 4, 5))
-    volume = vm.open(written(tmp_path / "cube.fits", data, header(cards)))
-    np.testing.assert_allclose(volume.grid.bounds, [(9, 19), (-4, 0), (0, 3)])
-    assert volume.unit == u.pc
-    assert volume.fields == ("intensity",)
-    np.testing.assert_array_equal(volume.array("intensity"), data.T[:, ::-1])
-
-
 @pytest.mark.parametrize(
     "cards",
     [
@@ -343,9 +291,6 @@ def test_coordinates_that_no_grid_has_are_refused_and_can_be_left(tmp_path, card
         vm.open(path)
     assert str(path) in str(failure.value)
     assert vm.open(path, wcs=False).unit is None
-
-
-# Steps of some axes by CD cards, of others by CDELT
 
 
 STEPS = {
@@ -375,9 +320,6 @@ def test_each_axis_has_the_step_of_its_own_cards(tmp_path, sky, third):
     two = vm.open(written(tmp_path / "plain.fits", cards=header(SKY, VELOCITY)))
     np.testing.assert_allclose(sky_of_cells(one), sky_of_cells(two), rtol=1e-12)
     np.testing.assert_allclose(one.array("velocity"), two.array("velocity"), rtol=1e-6)
-
-
-# A third axis in a table
 
 
 def skirt(path, centers, unit):
@@ -467,9 +409,6 @@ def test_tables_of_the_standard(tmp_path, falling, index):
         np.testing.assert_allclose(sky_of_cells(again), sky_of_cells(volume))
 
 
-# Axes and parts
-
-
 def test_axes_of_one_pixel_are_dropped(tmp_path):
     """As CASA exports them: RA, Dec, Stokes, frequency; and as others do, frequency first."""
     data = numbers((6, 7, 8))
@@ -516,26 +455,6 @@ def test_cubes_of_one_file_are_fields(tmp_path):
         vm.open(sample, hdu="SCII")
 
 
-def test_cubes_on_different_grids_are_not_mixed(tmp_path):
-    moved = header(SKY, VELOCITY, CRVAL1=80.0)
-    hdus = [
-        fits.PrimaryHDU(numbers((6, 7, 8)), header(SKY, VELOCITY)),
-        fits.ImageHDU(numbers((6, 7, 9)), header(SKY, VELOCITY), name="WIDE"),
-        fits.ImageHDU(numbers((6, 7, 8)), header(SKY, VELOCITY, CDELT3=-250.0), name="OTHER"),
-        fits.ImageHDU(numbers((6, 7, 8)), moved, name="MOVED"),
-    ]
-    fits.HDUList(hdus).writeto(tmp_path / "cube.fits")
-    with pytest.raises(vm.InputError, match="hdu="):
-        vm.open(tmp_path / "cube.fits")
-    for other in ("other", "moved"):
-        with pytest.raises(vm.InputError, match="one grid"):
-            vm.open(tmp_path / "cube.fits", ["intensity", other])
-    assert vm.open(tmp_path / "cube.fits", "wide").grid.shape == (9, 7, 6)
-
-
-# Pictures and cubes
-
-
 def test_pictures_are_told_from_cubes_by_content(tmp_path):
     cube, picture, flat = (tmp_path / name for name in ("cube.fits", "picture.fits", "flat.fits"))
     written(cube)
@@ -551,33 +470,6 @@ def test_pictures_are_told_from_cubes_by_content(tmp_path):
     for content in (b"", b"SIMPLE  =", b"\x1f\x8b\x08 no gzip"):
         (tmp_path / "empty.fits").write_bytes(content)
         is_image(tmp_path / "empty.fits")  # does not raise
-
-
-# The sky in pictures
-
-
-def seen(path, camera, **options):
-    volume = vm.open(path, **options)
-    medium = vm.Coefficients("1 + 0 * intensity", 0)
-    return volume, vm.render(volume, medium, camera, scheme="first-order", tolerance=None)
-
-
-@pytest.mark.parametrize("posang", [0.0, 90.0, 180.0])
-@pytest.mark.parametrize("phi", [0.0, 35.0])
-@pytest.mark.parametrize("cards", [VELOCITY, {**FREQUENCY, "CDELT3": 1e9, "RESTFRQ": REST}])
-def test_a_picture_across_the_spectrum_has_positions_and_velocities(tmp_path, posang, phi, cards):
-    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), header(SKY, cards))
-    volume, image = seen(path, vm.Orthographic(90, phi, posang, resolution=9), velocity="radio")
-    across = int(posang == 90.0)  # the axis of offsets is the first, unless it was turned up
-    assert image.wcs.wcs.ctype[across] == "OFFSET"
-    assert image.wcs.wcs.ctype[1 - across] == "VRAD"
-    found = image.wcs.wcs_pix2world(np.transpose([np.arange(9), np.arange(9)]), 0)
-    np.testing.assert_allclose(found[:, across], (image.x, image.y)[across], atol=1e-9)
-    # z is along the picture's other axis, and proportional to velocity.
-    z = (image.y, -image.x)[across] if posang != 180.0 else -image.y
-    velocity, depth = volume.array("velocity")[0, 0], volume.grid.centers[2]
-    expected = np.polyval(np.polyfit(depth, velocity, 1), z)
-    np.testing.assert_allclose(found[:, 1 - across] / 1e3, expected, rtol=1e-5, atol=1e-4)
 
 
 # Writing
@@ -617,9 +509,6 @@ def test_a_volume_is_written_as_a_linear_cube(tmp_path):
         assert WCS(hdus[0].header).wcs_pix2world([[0, 0, 0]], 0).tolist() == [[-0.5, 1.0, 10.1]]
 
 
-# Damage
-
-
 @pytest.mark.parametrize(
     ("key", "old", "new"),
     [
@@ -637,9 +526,6 @@ def test_headers_that_cannot_be_true(tmp_path, key, old, new):
     with pytest.raises(vm.FileFormatError) as failure:
         vm.open(path)
     assert str(path) in str(failure.value)
-
-
-# Real data, and CASA
 
 
 @pytest.fixture
@@ -663,17 +549,3 @@ def test_l1448_cell_by_cell(l1448):
     )
     # 105 pixels of 0.006388889 degrees, which are 23 arcsec.
     np.testing.assert_allclose(volume.grid.bounds[:2], [(-1207.5, 1207.5)] * 2, atol=1e-3)
-
-
-def test_casa_images_are_read_as_what_they_export(tmp_path):
-    images = pytest.importorskip("casacore.images")
-    cards = header(SKY, FREQUENCY, RESTFRQ=REST, SPECSYS="LSRK", BUNIT="JY/BEAM", BTYPE="Intensity")
-    data = numbers((6, 7, 8))
-    data[0, 0, 0] = np.nan
-    path = written(tmp_path / "cube.fits", data, cards)
-    images.image(str(path)).saveas(str(tmp_path / "cube.image"))
-    assert find_reader(tmp_path / "cube.image").name == "casa"
-    volume, direct = vm.open(tmp_path / "cube.image"), vm.open(path)
-    np.testing.assert_array_equal(volume.array("intensity"), direct.array("intensity"))
-    np.testing.assert_allclose(sky_of_cells(volume), sky_of_cells(direct), rtol=1e-9, atol=1e-4)
-    shutil.rmtree(tmp_path / "cube.image")

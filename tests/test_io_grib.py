@@ -54,10 +54,3 @@ def test_messages_of_several_kinds_must_be_chosen(tmp_path):
     for kind in ("heightAboveGround", "isobaricInhPa"):
         volume = vm.open(path, filter_by_keys={"typeOfLevel": kind})
         assert volume.meta["axes"]["z"]["name"] == kind
-
-
-def test_a_cut_file_is_an_error(tmp_path):
-    path = grib(tmp_path / "air.grib")
-    path.write_bytes(path.read_bytes()[:600])
-    with pytest.raises(vm.FileFormatError, match="cut short"):
-        vm.open(path)

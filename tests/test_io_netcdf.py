@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 
@@ -83,15 +82,6 @@ def test_what_is_cut_short_is_no_zeros(tmp_path, kind, part):
     path.write_bytes(content[: int((min(part, 0.5) if "data" in kind else part) * len(content))])
     with pytest.raises(vm.FileFormatError, match=r"a\.nc.*cut short"):
         vm.open(path, "T", isel={"time": 1})
-
-
-def test_plain_hdf5_is_no_netcdf(tmp_path):
-    path = tmp_path / "a.nc"  # whatever it is called
-    with h5py.File(path, "w") as file:
-        file["rho"] = np.zeros((2, 3, 4))
-        file["z"] = np.arange(2.0)
-        file["z"].make_scale("z")
-    assert find_reader(path).name == "hdf5"
 
 
 def test_groups(tmp_path):

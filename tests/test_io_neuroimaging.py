@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from scanner_files import check_places
 from voluminous.io import find_reader
 
 nibabel = pytest.importorskip("nibabel")
@@ -57,33 +56,3 @@ def test_voxels_are_where_nibabel_says(name, time):
             for edges, x in zip(volume.grid.edges, inside, strict=True)
         )
         assert got[cell] == pytest.approx(values[index], rel=1e-6)
-
-
-def write_minc2(path: Path) -> Path:
-    """Stored numbers 0 … 100 that stand for -1 … 3, slices of z, in steps of 2, 3 and -4 mm."""
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        dimensions = file.create_group("minc-2.0/dimensions")
-        for name, start, step in (("xspace", 5, 2), ("yspace", 6, 3), ("zspace", 7, -4)):
-            item = dimensions.create_dataset(name, data=0)
-            item.attrs["start"], item.attrs["step"] = float(start), float(step)
-            item.attrs["direction_cosines"] = [float(name[0] == axis) for axis in "xyz"]
-        image = file.create_group("minc-2.0/image/0")
-        stored = np.arange(24, dtype=np.int16).reshape(2, 3, 4) * 4
-        item = image.create_dataset("image", data=stored)
-        item.attrs["dimorder"] = np.bytes_("zspace,yspace,xspace")
-        item.attrs["valid_range"] = [0.0, 100.0]
-        image.create_dataset("image-min", data=-1.0)
-        image.create_dataset("image-max", data=3.0)
-    return path
-
-
-def test_minc_in_hdf5_has_axes_widths_and_true_values(tmp_path):
-    path = write_minc2(tmp_path / "head.h5")  # its content tells, not its name
-    volume = vm.open(path)
-    values = -1 + 4 * np.arange(24).reshape(2, 3, 4) / 25
-    # World coordinates are RAS: x and y change sign. The second slice lies below the first.
-    steps = np.array([[0, 0, -4.0], [0, -3.0, 0], [-2.0, 0, 0]])
-    check_places(volume, values.astype(np.float32), np.array([-5.0, -6.0, 7.0]), steps)
-    assert volume.grid.shape == (4, 3, 2)

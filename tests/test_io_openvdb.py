@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.io import find_reader
 from voluminous.io.openvdb import _MAGIC as MAGIC
 
 VALUES = np.random.default_rng(0).random((5, 4, 3), dtype=np.float32)
@@ -121,20 +120,6 @@ def test_grids_share_the_box_of_all(either):
     np.testing.assert_array_equal(volume.array("wind_y"), expected)
     assert vm.open(either, "wind").grid.shape == (3, 2, 2)
     assert vm.open(either, "mask").array("mask").dtype == bool
-
-
-def test_what_is_told_without_reading(either):
-    told = {field.name: field for field in find_reader(either).info(either)}
-    assert set(told) == {"density", "wind_x", "wind_y", "wind_z", "mask"}
-    assert told["wind_x"].shape == (3, 2, 2)
-    assert told["density"].dtype == "float32"
-
-
-def test_grids_of_other_voxels_are_not_mixed(either):
-    with pytest.raises(vm.InputError, match=r"different sizes.*mask \[1. 1. 1.\].*choose"):
-        vm.open(either)
-    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'"):
-        vm.open(either, "densty")
 
 
 def test_files_cut_short_are_refused(real):

@@ -143,18 +143,6 @@ def test_a_directory_of_numbered_pictures(tmp_path, ending, dtype):
     np.testing.assert_array_equal(volume.grid.bounds, [[0, 15], [0, 10], [0, 2.5]])
 
 
-def test_a_chain_of_pictures_that_bites_its_tail(tmp_path):
-    path = tiff(tmp_path / "a.tif", VALUES.astype(np.uint8), metadata=None)
-    content = bytearray(path.read_bytes())
-    first = int.from_bytes(content[4:8], "little")
-    count = int.from_bytes(content[first : first + 2], "little")
-    at = first + 2 + 12 * count
-    content[at : at + 4] = content[4:8]
-    path.write_bytes(content)
-    with pytest.raises(vm.FileFormatError, match="circular"):
-        vm.open(path)
-
-
 class TestTIFF(ReaderContract):
     @pytest.fixture
     def sample(self):

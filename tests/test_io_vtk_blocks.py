@@ -106,26 +106,6 @@ def test_what_is_no_regular_grid_is_left_out_or_named(tmp_path):
         vm.open(saved(tmp_path / "c.vtm", ball=pv.Sphere(), cube=pv.Cube()))
 
 
-def test_a_series_names_its_times(tmp_path):
-    block((0, 0, 0)).save(tmp_path / "a.vti")
-    block((0, 0, 0), first=1.0).save(tmp_path / "b.vti")
-
-    def series(*sets):
-        text = "".join(f'<DataSet timestep="{t}" part="0" file="{f}"/>' for t, f in sets)
-        (tmp_path / "a.pvd").write_text(
-            f'<VTKFile type="Collection"><Collection>{text}</Collection></VTKFile>'
-        )
-        return tmp_path / "a.pvd"
-
-    assert vm.open(series((0.5, "b.vti"))).array("c")[0, 0, 0] == 106.5
-    with pytest.raises(vm.InputError, match=r"series of 2 times(.|\n)*b\.vti \(time 1\.5\)"):
-        vm.open(series((0.5, "a.vti"), (1.5, "b.vti")))
-    with pytest.raises(vm.FileFormatError, match="outside of its directory"):
-        vm.open(series((0.5, "../a.vti")))
-    with pytest.raises(vm.FileFormatError, match="names no files"):
-        vm.open(series())
-
-
 class TestBlocks(ReaderContract):
     @pytest.fixture(params=["joined", "patches"])
     def sample(self, request):

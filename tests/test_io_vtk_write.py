@@ -104,9 +104,6 @@ def test_vectors_truths_and_remarks(tmp_path):
     np.testing.assert_array_equal(ours.array("truth"), volume.array("truth"))
 
 
-# Objects
-
-
 def test_objects_of_pyvista():
     pv = pytest.importorskip("pyvista")
     mesh = pv.ImageData(dimensions=POINTS, spacing=(1, 2, 3), origin=(1, 1, 1))

@@ -55,25 +55,6 @@ def cube(dims=("z", "y", "x"), **options):
     return xr.DataArray(values, dims=dims, name="rho", **options)
 
 
-def test_without_coordinates_cells_are_counted():
-    volume = vm.Volume.from_xarray(cube())
-    assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
-    np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
-    assert volume.meta["axes"]["x"]["name"] == "x"
-
-
-# Coordinates
-
-
-def test_bounds_of_cells_go_before_midpoints():
-    data = cube(coords={"z": ("z", [1.0, 5.0], {"bounds": "z_bnds"})}).to_dataset()
-    data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [2.0, 8.0]])
-    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
-    # Those that do not join up are no edges.
-    data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [3.0, 8.0]])
-    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
-
-
 def test_depth_grows_downwards():
     coords = {"z": ("z", [10.0, 20.0], {"units": "m", "positive": "down"})}
     coords |= {a: (a, np.arange(float(N[a])), {"units": "m"}) for a in "xy"}
@@ -113,9 +94,6 @@ def test_angles_and_pressures_are_no_lengths_and_a_warning_says_so():
     assert volume.meta["time"] == "2001-02-01T00:00:00.000000000"
 
 
-# Which part, which fields
-
-
 def test_other_dimensions_are_chosen():
     with pytest.raises(vm.InputError, match=r"\(time: 2, plev: 3, lat: 6, lon: 12\); choose one of "
                        r"time with isel=\{'time': 0\}"):  # fmt: skip
@@ -126,22 +104,6 @@ def test_other_dimensions_are_chosen():
     np.testing.assert_array_equal(by_value.array("u"), by_number.array("u"))
     part = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
     np.testing.assert_array_equal(part.array("u"), by_number.array("u")[2:5])
-
-
-def test_fields_that_lie_elsewhere_are_left_out_and_named():
-    options = {"isel": {"time": 0}, "aspect": (1, 1, 1)}
-    data = atmosphere()
-    data["w"] = (("plev", "lat", "lon2"), np.zeros((3, 6, 13)))
-    with pytest.warns(UserWarning, match=r"left out.*than u: w \(plev: 3, lat: 6, lon2: 13\)"):
-        assert vm.Volume.from_xarray(data, **options).fields == ("u", "v")
-    with pytest.raises(vm.InputError, match=r"same three dimensions, got u .* and w"):
-        vm.Volume.from_xarray(data, ["u", "w"], **options)
-    assert vm.Volume.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown variable 'q'"):
-        vm.Volume.from_xarray(data, "q", **options)
-
-
-# Values
 
 
 def test_pieces_are_computed_when_they_are_used(monkeypatch):
@@ -162,9 +124,6 @@ def test_pieces_are_computed_when_they_are_used(monkeypatch):
         np.testing.assert_array_equal(volume.array("b"), 2 * cube().values.T)
     assert len(computed) == 2
     assert volume.waiting == ("a",)
-
-
-# The accessor
 
 
 def test_the_accessor_comes_with_voluminous_xarray_alone():
@@ -199,9 +158,6 @@ def test_a_picture_is_that_of_the_volume(ball):
         by_field.provenance["medium"]
         == vm.suggest_medium(vm.Volume.from_xarray(ball), "rho**2").describe()
     )
-
-
-# Variables that describe others, quantities, packed numbers
 
 
 def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import shutil
 import threading
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -104,9 +103,6 @@ def test_names_of_dimensions(tmp_path, version):
             np.testing.assert_allclose(volume.grid.bounds[2], [0, 4000])
 
 
-# Over the network
-
-
 @pytest.fixture
 def served(tmp_path):
     """Give the address of a local server of the files in the directory."""
@@ -143,9 +139,6 @@ def test_over_http(tmp_path, served, capsys):
         vm.open(f"{served}/none.zarr")
 
 
-# Microscopes
-
-
 def test_channels_times_and_sizes(tmp_path, version):
     path = microscope(tmp_path / "a.ome.zarr", version)
     assert find_reader(path).name == "ome-zarr"
@@ -169,55 +162,6 @@ def test_channels_times_and_sizes(tmp_path, version):
     assert [f.name for f in find_reader(path).info(path)] == ["DAPI", "GFP_2", "channel_2"]
 
 
-def test_all_levels_fill_the_same_space(tmp_path, version):
-    path = microscope(tmp_path / "a.zarr", version)
-    fine, coarse = (vm.open(path, "DAPI", time=0, level=k) for k in range(2))
-    np.testing.assert_allclose(fine.grid.bounds, coarse.grid.bounds)
-    np.testing.assert_array_equal(coarse.array("DAPI"), CELLS[0, 0, ::2, ::2, ::2].T)
-    assert (fine.meta["level"], coarse.meta["level"]) == (0, 1)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "there are 2 times; choose one with time=0"),
-        ({"time": 2}, "time must be a number from 0 to 1, got 2"),
-        ({"time": 0, "level": 2}, "level must be a number from 0 to 1"),
-        ({"time": 0, "channel": "GFP"}, "channel must be a number from 0 to 2"),
-        ({"time": 0, "image": "x"}, "unknown image 'x'"),
-    ],
-)
-def test_a_part_that_is_not_there(tmp_path, options, message):
-    path = microscope(tmp_path / "a.zarr", 2)
-    with pytest.raises(vm.VoluminousError, match=message):
-        vm.open(path, **options)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda image: image.update(datasets=[]), "expected an image with axes"),
-        (lambda image: _scale(image, [1, 1, 0, 1, 1]), "span space"),
-        (lambda image: _scale(image, [1, 1]), "expected 5 numbers, got 2"),
-    ],
-)
-def test_what_cannot_be_told(tmp_path, change, message):
-    path = microscope(tmp_path / "a.zarr", 2)
-    told = json.loads((path / ".zattrs").read_text())
-    change(told["multiscales"][0])
-    (path / ".zattrs").write_text(json.dumps(told))
-    with pytest.raises(vm.FileFormatError, match=message):
-        vm.open(path, time=0)
-
-
-def _scale(image, numbers):
-    for data in image["datasets"]:
-        data["coordinateTransformations"] = [{"type": "scale", "scale": numbers}]
-
-
-# Damage
-
-
 class _Contract(ReaderContract):
     def victims(self, path):
         """Return what describes the store, and its pieces: a piece that is not there is zeros."""
@@ -233,12 +177,6 @@ class _Contract(ReaderContract):
                 with pytest.raises(vm.FileFormatError, match=path.name):
                     vm.open(path, **self.options)
             victim.write_bytes(content)
-
-
-class TestPlain(_Contract):
-    @pytest.fixture
-    def sample(self):
-        return lambda directory: plain(directory / "a.zarr", 3)
 
 
 class TestMicroscope(_Contract):

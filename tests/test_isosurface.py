@@ -14,7 +14,7 @@ from voluminous.scene.settings import loads
 RAYS = 256
 WAYS = [("single", "front-to-back"), ("double", "back-to-front")]
 # A crossing within this of a turning point of the field may be seen as none, in float32.
-GRAZING = {"single": 1e-4, "double": 1e-9}
+GRAZING = {"single": 1e-4, "double": 1e-6}
 
 
 def one_dual_cell(values):
@@ -24,31 +24,16 @@ def one_dual_cell(values):
     return vm.Volume(vm.CartesianGrid(*edges), a=values)
 
 
-def cubic_along(values, origin, direction):
-    """Return the power basis of a trilinear function along a line: by interpolation at 4 points."""
-    t = np.array([-1.0, 0.0, 1.0, 2.0])
-    place = origin + t[:, None] * direction
-    weights = np.stack([1 - place, place])  # side, point, axis
-    found = np.einsum("ijk,ip,jp,kp->p", values, *np.moveaxis(weights, 2, 0))
-    return np.polynomial.polynomial.polyfit(t, found, 3)
-
-
 def crossings(values, origin, direction, level):
-    """Return how often the cubic passes the level inside the cube, and how nearly it does not."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = -origin / direction, (1 - origin) / direction
-    enter, leave = np.minimum(a, b).max(), np.maximum(a, b).min()
-    if leave <= enter:
-        return 0, np.inf
-    cubic = cubic_along(values, origin, direction)
-    turns = np.roots(np.polynomial.polynomial.polyder(cubic)[::-1])
-    turns = turns[np.isreal(turns)].real
-    inside = np.sort([enter, *turns[(turns > enter) & (turns < leave)], leave])
-    at = np.polynomial.polynomial.polyval(inside, cubic) - level
-    shifted = cubic - np.array([level, 0, 0, 0])
-    roots = np.roots(shifted[::-1])
-    real = roots[np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))].real
-    return int(((real > enter) & (real < leave)).sum()), np.abs(at).min()
+    """Return how often a ray passes the level, and how near to it the field turns on the ray."""
+    t = np.linspace(-4, 4, 40001)
+    inside = np.all(np.abs(origin + t[:, None] * direction - 0.5) <= 1, axis=1)
+    place = np.clip(origin + t[inside, None] * direction, 0, 1)
+    weights = np.stack([1 - place, place])  # side, point, axis
+    at = np.einsum("ijk,ip,jp,kp->p", values, *np.moveaxis(weights, 2, 0)) - level
+    rising = np.diff(at) > 0
+    turns = np.flatnonzero(rising[1:] != rising[:-1]) + 1
+    return np.count_nonzero(np.diff(at > 0)), np.abs(at[[0, -1, *turns]]).min()
 
 
 @pytest.mark.parametrize(("precision", "order"), WAYS)
@@ -70,43 +55,13 @@ def test_crossings_are_the_roots_of_the_cubic(precision, order):
         medium = vm.Isosurface("a - 0.0", level, [1.0], opacity)
         image = vm.render(volume, medium, camera, precision=precision, order=order, cutoff=0.0)
         found = camera.flat(image.optical_depth) / -np.log1p(-opacity)
-        outside = np.array(
-            [outer(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
-        )
         exact = [crossings(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
         count, near = (np.array(column) for column in zip(*exact, strict=True))
         clear = near > GRAZING[precision]
-        np.testing.assert_allclose(found[clear], (count + outside)[clear], atol=1e-4)
+        np.testing.assert_allclose(found[clear], count[clear], atol=1e-4)
         counted.append(count[clear])
     counted = np.concatenate(counted)
     assert {0, 1, 2, 3} <= set(counted.tolist())
-
-
-def outer(values, origin, direction, level):
-    """Return the crossings of the layers around the cube, where the field is bilinear or less."""
-    edges = [np.array([-0.5, 0.0, 1.0, 1.5])] * 3
-    t = np.concatenate([(e - o) / d for e, o, d in zip(edges, origin, direction, strict=True)])
-    total = 0
-    for t0, t1 in zip(np.sort(t)[:-1], np.sort(t)[1:], strict=True):
-        middle = origin + 0.5 * (t0 + t1) * direction
-        if ((middle < -0.5) | (middle > 1.5)).any() or ((middle > 0) & (middle < 1)).all():
-            continue
-        total += _crossings_between(values, origin, direction, t0, t1, level)
-    return total
-
-
-def _crossings_between(values, origin, direction, t0, t1, level):
-    t = np.linspace(t0, t1, 4)
-    place = np.clip(origin + t[:, None] * direction, 0, 1)
-    weights = np.stack([1 - place, place])
-    at = np.einsum("ijk,ip,jp,kp->p", values, *np.moveaxis(weights, 2, 0)) - level
-    cubic = np.polynomial.polynomial.polyfit((t - t0) / (t1 - t0), at, 3)
-    if np.abs(cubic).max() < 1e-12:
-        return 0
-    cubic = cubic[: np.flatnonzero(np.abs(cubic) > 1e-9 * np.abs(cubic).max())[-1] + 1]
-    roots = np.roots(cubic[::-1])
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    return int(((real > 0) & (real < 1)).sum())
 
 
 def slope(axis_values=(0.0, 1.0, 2.0, 3.0, 4.0), gradient=1.0):

@@ -9,7 +9,6 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.measuring.cells import CellQuantity
 
 RNG = np.random.default_rng(0)
 EDGES = np.linspace(-1, 1, 21)
@@ -72,22 +71,6 @@ def test_a_condition_chooses_cells():
     assert found.cells == np.count_nonzero(chosen)
 
 
-@pytest.mark.parametrize(
-    ("text", "plain"),
-    [
-        ("(velocity_x < -5e3 m/s) & (density >= 1 kg / m3)", "velocity_x < -5 and density >= 1e-3"),
-        ("density * velocity_x > 1 g/(s cm2)", "density * velocity_x > 1e-05"),
-        ("x > 0.5 pc or not z < 1 kpc", "x > 0.5 or not z < 1000.0"),
-        ("500 m/s < velocity_x < 2e3 m/s", "velocity_x > 0.5 and velocity_x < 2"),
-        ("r < 1 and (1 km s-1 >= abs(velocity_x))", "r < 1 and abs(velocity_x) <= 1"),
-    ],
-)
-def test_numbers_with_units(text, plain):
-    expression = CellQuantity.of(gas(), text).expression
-    volume = gas()
-    np.testing.assert_array_equal(volume.evaluate(expression.text), volume.evaluate(plain))
-
-
 REGIONS = {
     "box": (vm.regions.Box((-0.33, -0.5, 0.01), (0.4, 0.5, 0.77)), 0.73 * 1.0 * 0.76),
     "sphere": (vm.regions.Sphere((0.1, 0, 0), 0.6 * u.pc), 4 / 3 * np.pi * 0.6**3),
@@ -102,10 +85,6 @@ REGIONS = {
     "shell": (
         vm.regions.Sphere((0, 0, 0), 0.7) & ~vm.regions.Sphere((0, 0, 0), 0.5),
         4 / 3 * np.pi * (0.7**3 - 0.5**3),
-    ),
-    "two": (
-        vm.regions.Sphere((0.5, 0, 0), 0.3) | vm.regions.Sphere((-0.5, 0, 0), 0.3),
-        8 / 3 * np.pi * 0.3**3,
     ),
 }
 
@@ -210,7 +189,6 @@ SHAPE = GRIDS["cartesian"].shape
     ("asked", "message"),
     [
         ({"quantities": {}}, "say what to measure, such as quantities={'mass': 'density'}; fields"),
-        ({"quantities": None}, "say what to measure"),
         ({"maps": True}, "give a camera"),
         ({"region": 3}, "one of vm.regions"),
         ({"camera": 3}, "a camera, or a list of them"),
@@ -234,11 +212,8 @@ def test_what_makes_no_sense(asked, message):
     ("make", "message"),
     [
         (lambda: vm.regions.Sphere((0, 0), 1), "center must be three"),
-        (lambda: vm.regions.Sphere((0, 0, 0), -1), "radius must be positive"),
         (lambda: vm.regions.Box((0, 0, 0), (1, 0, 1)), "low must be below high"),
         (lambda: vm.regions.Cylinder((0, 0, 0), (0, 0, 0), 1), "must differ"),
-        (lambda: vm.regions.DoubleCone((0, 0, 0), (0, 0, 0), 1), "not zero"),
-        (lambda: vm.regions.DoubleCone((0, 0, 0), (0, 0, 1), 120), "up to 90"),
         (lambda: vm.regions.DoubleCone((0, 0, 0), (0, 0, 1), 20, side="left"), "side must be"),
         (lambda: vm.regions.Sphere((0, 0, 0), 1) & 3, "another region"),
     ],

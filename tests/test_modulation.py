@@ -61,15 +61,6 @@ def test_a_gate_of_one_changes_nothing_and_one_of_zero_leaves_nothing(kind, sche
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_number_is_a_soft_gate(kind):
-    # Half of emission and extinction is a medium of twice the path length.
-    half, other = media(where="0.5 * (b == b)")[kind], media()[kind]
-    other = other.replace(path_length=2 * other.path_length)
-    exact = {"precision": "double"}
-    np.testing.assert_allclose(seen(half, **exact), seen(other, **exact), rtol=1e-12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_hard_gate_is_the_medium_restricted(kind):
     # The gate is open where the ray is in the last third: what is seen through the other two is
     # not there. Adding both halves of a cut gives the whole.

@@ -209,6 +209,8 @@ def test_tables_and_plots(tmp_path):
         assert again.colnames == found.table().colnames
         np.testing.assert_array_equal(again["b_1"], found.b[:, 1])
     assert QTable.read(tmp_path / "ray.fits")["alpha_0"].unit == u.pc**-1
+    with pytest.raises(vm.errors.UnknownNameError, match="'c'"):
+        found.plot(show=["c"])
     figure = found.plot(show=["a", "b", "r"])
     assert sum(axes.get_title(loc="left") != "" for axes in figure.axes) == 4
     found.save(tmp_path / "ray.png")
@@ -236,9 +238,6 @@ def test_what_cannot_be_asked(arguments, message):
     volume = volume_on(GRIDS["cartesian"])
     with pytest.raises(vm.VoluminousError, match=message):
         vm.probe(volume, MEDIUM, SIDE, **arguments)
-    found = vm.probe(volume, MEDIUM, SIDE, (0, 0), scheme="first-order")
-    with pytest.raises(vm.errors.UnknownNameError, match="'c'"):
-        found.plot(show=["c"])
 
 
 SCENE = """

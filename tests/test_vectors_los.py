@@ -119,21 +119,6 @@ def test_units_of_components():
         volume.evaluate("v_x")
 
 
-def test_own_coordinates_are_known_in_expressions():
-    volume = vm.Volume(SPHERICAL)
-    _, y, z = centers(SPHERICAL)
-    close = {"rtol": 1e-13, "atol": 1e-13}
-    np.testing.assert_allclose(volume.evaluate("r*cos(theta)"), z, **close)
-    np.testing.assert_allclose(volume.evaluate("r*sin(theta)*sin(phi)"), y, **close)
-    flat = vm.Volume(CYLINDRICAL)
-    np.testing.assert_allclose(flat.evaluate("R*cos(phi)"), centers(CYLINDRICAL)[0], **close)
-    assert volume.coordinates == ("x", "y", "z", "r", "theta", "phi")
-    with pytest.raises(UnknownNameError, match="theta"):
-        vm.Volume(CARTESIAN).evaluate("theta")
-    with pytest.raises(InputError, match="'phi' is reserved"):
-        vm.Volume(SPHERICAL, phi=np.ones(SPHERICAL.shape))
-
-
 def test_names_of_vectors_in_expressions():
     assert Expression("norm('v')").names == ("v_x", "v_y", "v_z")
     assert Expression("los('v') + 1").names == ('los("v")',)

@@ -47,7 +47,7 @@ def interp(x: Float, xp: Any, fp: Any) -> Float:
     InputError
         If there are fewer than two nodes, they do not increase, or there are not as many values.
     """
-    from .expressions.interpolation import interpolate
+    from .expressions.drjit_ops import interpolate
     from .expressions.parser import table
 
     if is_symbolic(x):

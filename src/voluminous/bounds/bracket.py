@@ -35,7 +35,10 @@ def solve_parts(parts: list[PartBounds]) -> tuple[list[Ends], list[Ends]]:
     count = max(len(part.extinction) for part in parts)
     parts = [part.spread(count) for part in parts]
     whole = total_bounds(parts)
-    seen = [_transparency(depth) for depth in whole.depth]
+    seen = [
+        (any_attenuation(positive(depth.hi))[0], any_attenuation(positive(depth.lo))[0])
+        for depth in whole.depth
+    ]
     emission = []
     for c in range(len(whole.emissivity)):
         bounds = _emission(whole, c)
@@ -43,10 +46,6 @@ def solve_parts(parts: list[PartBounds]) -> tuple[list[Ends], list[Ends]]:
             bounds = _met(bounds, _one_by_one(parts, c))
         emission.append(bounds)
     return emission, seen
-
-
-def _transparency(depth: TracedInterval) -> Ends:
-    return any_attenuation(positive(depth.hi))[0], any_attenuation(positive(depth.lo))[0]
 
 
 def _emission(part: PartBounds, channel: int) -> Ends:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..media.contract import Medium
 from ..rendering.job import RenderJob
 from ..rendering.pixels import BLOCK
 from ..rendering.tracer import Paths, RayTracer
@@ -58,7 +57,13 @@ def bracket(
     if not budget:
         return None, None
     for part in job.medium.components():
-        _check_known(part)
+        if not is_bounded(part):
+            raise InputError(
+                f"nothing is known of the range of {part!r}, so that there are no bounds; "
+                "functions have some if they compute with nothing but arithmetic, comparisons and "
+                "NumPy's or vm.math's exp, log10, sqrt, where, ... of single numbers (no erf, no "
+                "if)"
+            )
     backend = job.backend.with_precision("double")
     source = Bracketed(job.volume, job.medium, backend, job.tolerance)
     scheme = Bracket(budget, source.signed)
@@ -134,12 +139,3 @@ def _ends(paths: Paths, channels: int) -> tuple[_End, _End]:
 
 def _defined(values: np.ndarray, otherwise: float) -> np.ndarray:
     return np.where(np.isnan(values), otherwise, values)
-
-
-def _check_known(part: Medium) -> None:
-    if not is_bounded(part):
-        raise InputError(
-            f"nothing is known of the range of {part!r}, so that there are no bounds; functions "
-            "have some if they compute with nothing but arithmetic, comparisons and NumPy's or "
-            "vm.math's exp, log10, sqrt, where, ... of single numbers (no erf, no if)"
-        )

@@ -22,17 +22,10 @@ _VALUES = 1 << 20
 
 @dataclass
 class Histogram:
-    """Sums over cells, in bins of equal width.
+    """Volumes of cells, as parts of the domain, and areas in bins of equal width.
 
-    Attributes
-    ----------
-    edges : array, shape (n + 1,)
-        Edges of the bins, in x.
-    volume : array, shape (n,)
-        Volume of the cells in a bin, as a part of the domain.
-    area : array, shape (n,)
-        Mean area of the isosurfaces in a bin, in squares of the domain's diagonal: the sum of
-        |∇x| dV over the width of the bin (the coarea formula).
+    The mean area of the isosurfaces in a bin, in squares of the domain's diagonal, is the sum of
+    |∇x| dV over the width of the bin (the coarea formula).
     """
 
     edges: np.ndarray

@@ -13,6 +13,7 @@ from ..errors import UnitsError
 from ..evaluation import Evaluation
 from ..expressions import Expression, times, without_unit
 from ..media import Coefficients, ColorBy, Medium
+from ..media.coefficients import per_length
 from ..media.function import Formulas, Function
 from ..media.sum import with_each
 from ..units import Unit, parse_unit, unit_name
@@ -38,7 +39,7 @@ def in_plain_numbers(medium: Medium, volume: Evaluation) -> Medium:
         if own == wanted or part.emission_range() == (0.0, 0.0):
             return part
         if isinstance(part, Coefficients) and not isinstance(part, Formulas):
-            j = [_in(e, volume.expression_unit(e), wanted, "emissivity") for e in part.emissivity]
+            j = [_emission_in(e, volume.expression_unit(e), wanted) for e in part.emissivity]
             return part.replace(emissivity=j)
         raise UnitsError(
             f"the parts of this medium emit in {unit_name(wanted)} and in "
@@ -84,12 +85,8 @@ def _with_plain_arguments(thing: Value, volume: Evaluation) -> Any:
 def _plain_coefficients(medium: Coefficients, volume: Evaluation) -> Coefficients:
     emissivity = [volume.resolved(e) for e in medium.emissivity]
     wanted = next((unit for _, unit in emissivity if unit is not None), None)
-    length = _inverse_length(volume)
-    j = [_in(e, unit, wanted, "emissivity") for e, unit in emissivity]
-    alpha = [
-        e if unit is None else _in(e, unit, length, "extinction")
-        for e, unit in (volume.resolved(e) for e in medium.extinction)
-    ]
+    j = [_emission_in(e, unit, wanted) for e, unit in emissivity]
+    alpha = [_extinction_in(*volume.resolved(e), volume.unit) for e in medium.extinction]
     before = (*medium.emissivity, *medium.extinction)
     same = all(new is old for new, old in zip((*j, *alpha), before, strict=True))
     return medium if same else medium.replace(emissivity=j, extinction=alpha)
@@ -121,10 +118,7 @@ def _with_declared_units(
 ) -> Function:
     """Return a function that declares its units, as one of plain numbers, per volume's length."""
     emission, own = function.units or (None, None)
-    factor = 1.0
-    if own is not None:
-        subject = f"the extinction of {function.title}"
-        factor = _factor(own, _inverse_length(volume), subject, "extinction")
+    factor = per_length(own, volume.unit, f"the extinction of {function.title}")
     return function.replace(
         fields=[without_unit(e, unit, e.text) for e, unit in zip(inputs, units, strict=True)],
         function=_Scaled(function.function, factor),
@@ -150,38 +144,30 @@ class _Scaled:
         return j, alpha * self.factor
 
 
-def _inverse_length(volume: Evaluation) -> Unit:
-    """Return the unit of extinctions; None in a volume without a unit of length."""
-    return None if volume.unit is None else parse_unit(volume.unit**-1)
-
-
-def _in(expression: Expression, own: Unit, unit: Unit, what: str) -> Expression:
-    if own == unit or expression == Expression(0):
-        return expression
-    factor = _factor(own, unit, f"{what} {expression.text!r}", what)
+def _times(expression: Expression, factor: float, own: Unit, unit: Unit) -> Expression:
     change = parse_unit((unit or 1) / (own or 1))
     return expression if change is None else times(expression, factor, change)
 
 
-def _factor(own: Unit, unit: Unit, subject: str, what: str) -> float:
+def _emission_in(expression: Expression, own: Unit, unit: Unit) -> Expression:
+    if own == unit or expression == Expression(0):
+        return expression
     from astropy import units as u
 
     plain = u.dimensionless_unscaled
     try:
-        return float((own or plain).to(unit or plain))
+        return _times(expression, float((own or plain).to(unit or plain)), own, unit)
     except (u.UnitsError, TypeError) as error:
-        wanted = unit_name(unit) or "a plain number"
-        if what == "emissivity":
-            advice = "emissivities of all channels need units of one kind"
-        elif unit is None:
-            advice = "the grid has no unit of length; give it one: unit='cm'"
-        else:
-            advice = (
-                "multiply densities by an opacity, an area per mass or per particle, as in "
-                "'density * (0.1 cm2/g)'; for columns and totals of a field use vm.column and "
-                "vm.measure"
-            )
-            wanted = f"an inverse length such as {wanted}"
         raise UnitsError(
-            f"{subject} is in {unit_name(own) or 'plain numbers'}, expected {wanted}; {advice}"
+            f"emissivity {expression.text!r} is in {unit_name(own) or 'plain numbers'}, expected "
+            f"{unit_name(unit) or 'a plain number'}; emissivities of all channels need units of "
+            "one kind"
         ) from error
+
+
+def _extinction_in(expression: Expression, own: Unit, length: Unit) -> Expression:
+    unit = None if length is None else parse_unit(length**-1)
+    if own is None or own == unit or expression == Expression(0):
+        return expression
+    factor = per_length(own, length, f"extinction {expression.text!r}")
+    return _times(expression, factor, own, unit)

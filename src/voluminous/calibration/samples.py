@@ -31,20 +31,10 @@ _LINES, _POINTS = 32, 256
 
 @dataclass
 class Samples:
-    """A scalar in parts of space, where it is linear.
+    """A scalar in parts of space where it is linear, each perhaps on a numbered line.
 
-    Attributes
-    ----------
-    x : array
-        Its value in the middle of each part; NaN where it is not finite.
-    reach : array
-        The largest distance of its values from that.
-    slope : array
-        |∇x|.
-    volume : array
-        Volumes, of a shape that broadcasts.
-    line : int array, optional
-        The number of the line through the domain on which a part lies.
+    Its value in the middle (NaN where it is not finite), the largest distance `reach` of its values
+    from that, |∇x|, and volumes, of a shape that broadcasts.
     """
 
     x: np.ndarray

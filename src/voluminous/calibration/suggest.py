@@ -106,16 +106,8 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
     """Return the labels in a volume without the background; None if it holds no labels.
 
     Labels are 2 to 64 distinct whole numbers that fill more than half of their range. The
-    background is the most frequent label of the outermost cells.
-
-    Parameters
-    ----------
-    volume : Volume
-        If the samples may be labels, all cells are read, because some labels are rare.
-    expr : Expression
-        The scalar.
-    values : array
-        Sorted samples of the scalar.
+    background is the most frequent label of the outermost cells. If the sorted samples `values` may
+    be labels, all cells are read, because some labels are rare.
     """
     if not _may_be_labels(np.unique(values)):
         return None

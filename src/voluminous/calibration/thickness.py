@@ -25,19 +25,8 @@ _MET = 0.3
 class Profile:
     """Heights h ≥ 0 at increasing nodes, linear in between, zero outside; scaled to a peak of one.
 
-    Parameters
-    ----------
-    nodes : array, shape (n,)
-        Values of x; two equal ones make a jump.
-    heights : array, shape (n,)
-        The profile there, in any unit.
-
-    Attributes
-    ----------
-    width : float
-        Effective width ∫ h dx / max h; zero if nothing shows.
-    key : bytes
-        A hash of nodes and heights.
+    Two equal nodes make a jump. The effective `width` ∫ h dx / max h is zero if nothing shows; the
+    `key` is a hash of nodes and heights.
     """
 
     def __init__(self, nodes: np.ndarray, heights: np.ndarray) -> None:
@@ -74,17 +63,10 @@ class Profile:
 
 @dataclass
 class Thickness:
-    """Measurements of one shell.
+    """Median thickness of a shell in the volume's unit, crossings, and area in an arbitrary unit.
 
-    Attributes
-    ----------
-    length : float
-        Median thickness, in the volume's unit.
-    crossings : float
-        Mean number of thicknesses that a line along an axis sees (along y or z of Cartesian grids),
-        of those that see the shell; zero if none does.
-    area : float
-        Area of the shell in the sampled cells, in an arbitrary unit.
+    `crossings` is the mean number of thicknesses that lines along an axis (y or z of Cartesian
+    grids) see, of those that see the shell; zero if none does.
     """
 
     length: float

@@ -121,7 +121,11 @@ class _Panel:
         return x, j, alpha
 
     def draw(self, axes: Axes, medium: Medium) -> None:
-        gates = {f"where {part.where.text}": None for part in self.parts if part.where}
+        gates = {
+            f"where {part.modulation.where.text}": None
+            for part in self.parts
+            if part.modulation and part.modulation.where
+        }
         paints = [paint for part in self.parts if (paint := _paint(part))]
         titles = (*gates, *dict.fromkeys(f"color by {paint.expr.text}" for paint in paints))
         self.draw_axis(axes, "; ".join(titles))
@@ -213,7 +217,10 @@ def swatch_title(medium: Medium) -> str:
     titles = []
     for panel in panels:
         span = f"{panel.low:.4g} … {panel.high:.4g}{' (logarithmic)' * panel.log}"
-        is_open = any(_is_open(p) and scalar_of(p) == panel.expr for p in medium.components())
+        is_open = any(
+            isinstance(part, Colormap) and part.range.is_open and part.expr == panel.expr
+            for part in medium.components()
+        )
         titles.append(f"{panel.label}: {'as in a volume' if is_open else span}")
     return "; ".join(titles)
 
@@ -260,10 +267,6 @@ def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[t
             fields = [name for name in part.names if name not in volume.coordinates]
             several += [(part, name) for name in fields or part.names]
     return [_Panel(Expression(text), parts, volume) for text, parts in groups.items()], several
-
-
-def _is_open(part: Medium) -> bool:
-    return isinstance(part, Colormap) and part.range.is_open
 
 
 def _closed(part: Medium) -> Medium:

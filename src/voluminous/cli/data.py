@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import FileFormatError, InputError, VoluminousError
+from ..errors import InputError, VoluminousError
 from ..files import url_of
 from .common import add_several, settings
 
@@ -193,24 +193,11 @@ def is_image(path: Path) -> bool:
 def is_volume(path: Path, format: str | None = None) -> bool:
     """Return True for a data file; False for a scene, or an image that contains one."""
     from ..io import find_reader
-    from ..io.registry import reader_for_suffix
 
     if format is None and (path.suffix.lower() == ".toml" or is_image(path)):
         return False
-    try:
-        find_reader(path, format)
-    except FileFormatError:
-        if _is_text(path) and reader_for_suffix(path) is None:  # a scene with another suffix
-            return False
-        raise
+    find_reader(path, format)
     return True
-
-
-def _is_text(path: Path) -> bool:
-    try:
-        return bool(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError):
-        return False
 
 
 def bytes_of(path: Path) -> int:

@@ -71,12 +71,12 @@ def describe_volume(data: DataFile, *, bars: bool = True) -> Iterator[str]:
             yield f"  cannot be read: {error}"
             continue
         sizes[field.name] = array.nbytes
-        found = statistics(array)
-        yield f"  {numbers(found, volume.grid.shape)}"
-        if found.finite and bars:
-            yield f"  {histogram(array, found)}"
-        if found.varies:
-            varying.append((rank(field.name), found.size - found.finite, field, again))
+        summary = statistics(array)
+        yield f"  {numbers(summary, volume.grid.shape)}"
+        if summary.finite and bars:
+            yield f"  {histogram(array, summary)}"
+        if summary.varies:
+            varying.append((rank(field.name), summary.size - summary.finite, field, again))
         del array, volume[field.name]  # free its memory
     if sizes:
         largest = in_bytes(max(sizes.values()))

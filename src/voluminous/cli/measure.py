@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, UnitsError, unknown_name
+from ..errors import InputError, UnitsError, check_name
 from ..files import replacing
 from .common import add_quiet, add_several, assignment, check_directory, say, settings
 from .data import add_reading_options, data_file, first_field, is_volume, opened
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     if not cameras and args.aperture is not None:
         raise InputError("--aperture is a part of the image: give --angles INCL,PHI")
     parts = {"region": region, "aperture": args.aperture}
-    found: Any = measure(volume, quantities, args.where, cameras or None, **parts)
-    table = _with_units(found if cameras else _one_row(found), units, [*quantities, "volume"])
+    result: Any = measure(volume, quantities, args.where, cameras or None, **parts)
+    table = _with_units(result if cameras else _one_row(result), units, [*quantities, "volume"])
     say(args.quiet, _text(table))
     if args.output is not None:
         _write(table, args.output)
@@ -96,16 +96,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _quantities(given: list[str]) -> dict[str, str]:
     """Return name → expression; an unnamed expression is its own name."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for text in given:
         match = _NAMED.fullmatch(text)
         name, expression = (match[1], match[2].strip()) if match else (text.strip(), text.strip())
-        if name in found:
+        if name in result:
             raise InputError(f"--quantity names {name!r} twice")
         if not expression:
             raise InputError(f"--quantity expects NAME=EXPR such as mass=density, got {text!r}")
-        found[name] = expression
-    return found
+        result[name] = expression
+    return result
 
 
 def _opened(args: argparse.Namespace, quantities: dict[str, str]) -> tuple[Volume, Camera | None]:
@@ -143,14 +143,14 @@ def _cameras(args: argparse.Namespace, volume: Volume) -> list[Camera]:
     return cameras
 
 
-def _one_row(found: Any) -> QTable:
+def _one_row(result: Any) -> QTable:
     """Return a measurement as a table."""
     from astropy import units as u
     from astropy.table import QTable
 
-    values: dict[str, Any] = {**found.totals, "volume": found.volume}
+    values: dict[str, Any] = {**result.totals, "volume": result.volume}
     table = QTable({name: u.Quantity([value]) for name, value in values.items()})
-    table["cells"] = [found.cells]
+    table["cells"] = [result.cells]
     return table
 
 
@@ -159,8 +159,7 @@ def _with_units(table: QTable, units: dict[str, str], columns: list[str]) -> QTa
     from ..units import parse_unit, unit_name
 
     for name, unit in units.items():
-        if name not in columns:
-            raise unknown_name("total", name, columns)
+        check_name("total", name, columns)
         own = table[name].unit
         try:
             table[name] = table[name].to(parse_unit(unit))

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .common import add_render_options, add_several, check_directory, say
-from .render import add_data_options, scene_from
+from .common import add_several, check_directory, say
+from .render import add_scene_arguments, scene_from
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -19,8 +19,6 @@ _OPTIONS = ("scheme", "tolerance", "background", "precision", "device", "order",
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
-    help = "scene file (TOML), an image that was rendered from one, or a file with data"
-    parser.add_argument("scene", type=Path, metavar="FILE", help=help)
     where = parser.add_mutually_exclusive_group(required=True)
     help = "the ray through this pixel, counted from 0 at the lower left"
     where.add_argument("--pixel", type=int, nargs=2, metavar=("X", "Y"), help=help)
@@ -38,13 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "several times"
     )
     add_several(parser, "-o --output", "FILE", help, type=Path)
-    help = (
-        "change a value of the scene, such as camera.incl=40; for a file with data also an "
-        "option of its format, such as unit=pc"
-    )
-    add_several(parser, "--set", "KEY=VALUE", help)
-    add_data_options(parser)
-    add_render_options(parser)
+    add_scene_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,12 +56,12 @@ def run(args: argparse.Namespace) -> int:
     if args.at is not None:
         options["at"] = QUANTITIES("--at", [part.strip() for part in args.at.split(",")])
     with progress_bar(False if args.quiet else None, args.scene.name) as progress:
-        found = probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
-    say(args.quiet, found.text(None if args.all else 20))
+        result = probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
+    say(args.quiet, result.text(None if args.all else 20))
     say(args.quiet, *(f"not in it, but in the picture: {what}" for what in _left_out(scene)))
     for path in args.output:
-        found.save(path)
-        say(args.quiet, f"{path}: {len(found)} segments")
+        result.save(path)
+        say(args.quiet, f"{path}: {len(result)} segments")
     return 0
 
 

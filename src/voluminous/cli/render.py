@@ -42,6 +42,18 @@ _SHOWN = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
+    help = (
+        "image to write (.png, .tif, .exr, .fits, .npz); may be given several times; "
+        "by default the file's name with .png, in the working directory"
+    )
+    add_several(parser, "-o --output", "FILE", help, type=Path)
+    help = "add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)"
+    parser.add_argument("--annotate", action="store_true", help=help)
+    add_scene_arguments(parser)
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the file of a scene and the options that change it, or make it for a data file."""
     parser.add_argument(
         "scene",
         type=Path,
@@ -50,23 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "which a first picture is made",
     )
     help = (
-        "image to write (.png, .tif, .exr, .fits, .npz); may be given several times; "
-        "by default the file's name with .png, in the working directory"
-    )
-    add_several(parser, "-o --output", "FILE", help, type=Path)
-    help = (
         "change a value of the scene, such as camera.incl=40 or medium.2.opacity=0.3; for a "
         "file with data also an option of its format, such as unit=pc"
     )
     add_several(parser, "--set", "KEY=VALUE", help)
-    help = "add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)"
-    parser.add_argument("--annotate", action="store_true", help=help)
-    add_data_options(parser)
     add_render_options(parser)
-
-
-def add_data_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for data files; all are None unless given."""
+    # All are None unless given.
     group = parser.add_argument_group("data files", "what is chosen by itself for these")
     group.add_argument("--field", metavar="EXPR", help="field or expression to show")
     group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")
@@ -192,11 +193,11 @@ def _scene_of_data(
             camera[name] = given
     other_type = changes.get("camera.type", "orthographic") != "orthographic"
     if "camera.view_direction" not in changes and not other_type:
-        seen = framed(volume, medium, camera.get("incl"), camera.get("phi"), view=args.view)
-        camera |= {"incl": seen.incl, "phi": seen.phi}
-        camera |= {"posang": seen.posang} if seen.posang else {}
-        if seen.width is not None:
-            camera |= {"width": seen.width, "shift": list(seen.shift)}
+        view = framed(volume, medium, camera.get("incl"), camera.get("phi"), view=args.view)
+        camera |= {"incl": view.incl, "phi": view.phi}
+        camera |= {"posang": view.posang} if view.posang else {}
+        if view.width is not None:
+            camera |= {"width": view.width, "shift": list(view.shift)}
     elif args.view is not None:
         raise InputError("--view chooses the camera's angles; leave out the --set of a camera")
     path: Path = args.scene

@@ -41,27 +41,27 @@ class ValueSummary:
 
 def statistics(array: np.ndarray) -> ValueSummary:
     """Return range, mean, and numbers and first places of NaN and infinities of an array."""
-    found = ValueSummary()
+    summary = ValueSummary()
     for piece in _pieces(array):
         good = piece[np.isfinite(piece)]
         if good.size < piece.size:
             for name, test in _BAD.items():
                 places = np.flatnonzero(test(piece))
                 if places.size:
-                    count, first = found.bad.get(name, (0, found.size + int(places[0])))
-                    found.bad[name] = count + places.size, first
-        found.size += piece.size
+                    count, first = summary.bad.get(name, (0, summary.size + int(places[0])))
+                    summary.bad[name] = count + places.size, first
+        summary.size += piece.size
         if good.size:
-            found.finite += good.size
-            found.least = min(found.least, float(good.min()))
-            found.greatest = max(found.greatest, float(good.max()))
+            summary.finite += good.size
+            summary.least = min(summary.least, float(good.min()))
+            summary.greatest = max(summary.greatest, float(good.max()))
             if (above := good[good > 0]).size:
-                found.positive = min(found.positive, float(above.min()))
-            found.total += float(good.sum(dtype=np.float64))
-    return found
+                summary.positive = min(summary.positive, float(above.min()))
+            summary.total += float(good.sum(dtype=np.float64))
+    return summary
 
 
-def numbers(found: ValueSummary, shape: tuple[int, ...] | None = None) -> str:
+def numbers(summary: ValueSummary, shape: tuple[int, ...] | None = None) -> str:
     """Describe range, mean and non-finite values, with first indices in an array of `shape`.
 
     Examples
@@ -70,27 +70,28 @@ def numbers(found: ValueSummary, shape: tuple[int, ...] | None = None) -> str:
     '1 … 3, mean 2, 2 NaN (first at [1, 0])'
     """
     bad = []
-    for name, (count, first) in sorted(found.bad.items()):
+    for name, (count, first) in sorted(summary.bad.items()):
         place = "" if shape is None else [int(i) for i in np.unravel_index(first, shape)]
         bad.append(f"{count} {name}" + (f" (first at {place})" if place else ""))
-    if not found.finite:
+    if not summary.finite:
         return ", ".join(["no finite value", *bad])
-    text = f"{found.least:.6g} … {found.greatest:.6g}, mean {found.total / found.finite:.6g}"
+    mean = summary.total / summary.finite
+    text = f"{summary.least:.6g} … {summary.greatest:.6g}, mean {mean:.6g}"
     return ", ".join([text, *(bad or ["all finite"])])
 
 
-def histogram(array: np.ndarray, found: ValueSummary) -> str:
+def histogram(array: np.ndarray, summary: ValueSummary) -> str:
     """Return a histogram between minimum and maximum as text bars, and its scale.
 
     Every non-empty bin is visible. A logarithmic histogram shows the positive values.
     """
-    step = -(-found.size // _COUNTED)
+    step = -(-summary.size // _COUNTED)
     step += step > 1 and step % 2 == 0  # odd, so that it does not align with an axis
-    wide = found.greatest > _WIDE * found.positive
-    logarithmic = array.dtype.kind == "f" and found.least >= 0 and wide
-    low, high = found.least, found.greatest
+    wide = summary.greatest > _WIDE * summary.positive
+    logarithmic = array.dtype.kind == "f" and summary.least >= 0 and wide
+    low, high = summary.least, summary.greatest
     if logarithmic:
-        low, high = np.log10(found.positive), np.log10(high)
+        low, high = np.log10(summary.positive), np.log10(high)
     counts = np.zeros(_WIDTH, dtype=np.int64)
     for piece in _pieces(array, step):
         good = piece[np.isfinite(piece)].astype(np.float64)
@@ -99,7 +100,7 @@ def histogram(array: np.ndarray, found: ValueSummary) -> str:
         counts += np.histogram(np.clip(values, low, high), _WIDTH, (low, high))[0]
     heights = np.ceil(counts / max(1, counts.max()) * (len(_BARS) - 1)).astype(int)
     scale = "logarithmic" if logarithmic else "linear"
-    scale += ", of those above zero" * (logarithmic and not found.least)
+    scale += ", of those above zero" * (logarithmic and not summary.least)
     scale += f", of one value in {step}" * (step > 1)
     return f"|{''.join(_BARS[h] for h in heights)}|  {scale}"
 

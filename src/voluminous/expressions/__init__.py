@@ -9,7 +9,8 @@ names of their own (`derived_field`). Comparisons are true or false; in
 arithmetic true counts 1 and false 0, and in a logical place any number but 0 is true.
 """
 
-from .drjit_ops import DrjitOps
+from typing import TYPE_CHECKING, Any
+
 from .expression import (
     DerivedField,
     Expression,
@@ -23,6 +24,9 @@ from .ops import NumpyOps, Ops
 from .parser import CONSTANTS, FUNCTIONS
 from .tree import is_dex
 from .units import has_units, product, resolve, shifted, times, without_unit
+
+if TYPE_CHECKING:
+    from .drjit_ops import DrjitOps
 
 __all__ = [
     "CONSTANTS",
@@ -45,3 +49,11 @@ __all__ = [
     "times",
     "without_unit",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "DrjitOps":  # imported when it is used, as Dr.Jit takes long to import
+        from .drjit_ops import DrjitOps
+
+        return DrjitOps
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

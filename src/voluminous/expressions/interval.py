@@ -60,7 +60,8 @@ class Ends:
 
     def info(self, value: Array) -> np.finfo[Any]:
         """Return NumPy's description of the floating-point numbers of an array."""
-        return np.finfo(np.float64)
+        info: np.finfo[Any] = np.finfo(np.float64)
+        return info
 
     def locate(self, x: Array, nodes: np.ndarray) -> TablePosition:
         """Return where in a table a number lies."""
@@ -220,18 +221,20 @@ class Interval:
             low, high = self.smallest, self.size
             lo, _ = self.ends.limits(operator.mul, [(low, low)])
             _, hi = self.ends.limits(operator.mul, [(high, high)])
-            return type(self)(self.ends.positive(lo), hi, self.nan)
+            square: Own = type(self)(self.ends.positive(lo), hi, self.nan)
+            return square
         other = self._like(other)
         undefined = (self.contains(0) & other.infinite) | (other.contains(0) & self.infinite)
-        return self._hull(operator.mul, other, undefined)
+        product: Own = self._hull(operator.mul, other, undefined)
+        return product
 
     def __truediv__(self: Own, other: Any) -> Own:
         other = self._like(other)
         by_zero = other.contains(0)
         undefined = (by_zero & self.contains(0)) | (self.infinite & other.infinite)
-        found = self._hull(operator.truediv, other, undefined)
+        quotient = self._hull(operator.truediv, other, undefined)
         # Zeros have signs, which ends do not have: 1/0 can be either infinity.
-        return found.unknown_where(by_zero, found.nan)
+        return quotient.unknown_where(by_zero, quotient.nan)
 
     def _hull(self: Own, operation: Operation, other: Own, undefined: Array) -> Own:
         """Return the range of a product or quotient, from its corners; it has the sign of both.

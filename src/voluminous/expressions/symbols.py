@@ -13,8 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .expression import Expression
-from .parser import interpolation, power
-from .tree import Call, Constant, Earlier, Field, Literal, Node, in_steps
+from .parser import interpolation, parse, power
+from .tree import Call, Constant, Earlier, Field, Literal, Node, in_steps, replaced
 
 
 class UnreadableError(TypeError):
@@ -133,16 +133,14 @@ def _composed(name: str, values: Sequence[Any]) -> Node:
         return Call("compare", nodes, ((name,),))
     if name not in _COMPOSITIONS:
         raise UnreadableError(name)
-    return _COMPOSITIONS[name](*nodes)
+    arguments = dict(zip("xyz", nodes, strict=False))
 
+    def filled(node: Node) -> Node | None:
+        if isinstance(node, Field):
+            return arguments[node.name]
+        return Literal(node.value) if isinstance(node, Constant) else None
 
-def _of(operation: str, *parts: Node) -> Node:
-    return Call(operation, parts)
-
-
-def _half_of(x: Node, operation: str) -> Node:
-    up = _of("exp", x)
-    return _of("multiply", Literal(0.5), _of(operation, up, _of("divide", Literal(1.0), up)))
+    return replaced(parse(_COMPOSITIONS[name])[0], filled)
 
 
 _SAME = "add subtract multiply divide floor_divide remainder power negative positive abs atan2 "
@@ -157,17 +155,18 @@ _CALLS = {name: name for name in _SAME.split()} | {
     "invert": "logical_not",
 }
 _COMPARISONS = {"less", "less_equal", "greater", "greater_equal", "equal", "not_equal"}
-_COMPOSITIONS: dict[str, Callable[..., Node]] = {
-    "square": lambda x: power(x, Literal(2.0)),
-    "reciprocal": lambda x: _of("divide", Literal(1.0), x),
-    "log2": lambda x: _of("multiply", _of("log", x), Literal(1 / math.log(2.0))),
-    "cosh": lambda x: _half_of(x, "add"),
+# Other functions, as expressions of their arguments x, y and z.
+_COMPOSITIONS = {
+    "square": "x**2",
+    "reciprocal": "1 / x",
+    "log2": f"log(x) * {1 / math.log(2.0)!r}",
+    "cosh": "0.5 * (exp(x) + 1 / exp(x))",
     # tanh has the digits near zero that a difference of exponentials loses.
-    "sinh": lambda x: _of("multiply", _of("tanh", x), _half_of(x, "add")),
-    "floor": lambda x: _of("floor_divide", x, Literal(1.0)),
-    "ceil": lambda x: _of("negative", _of("floor_divide", _of("negative", x), Literal(1.0))),
-    "fma": lambda a, b, c: _of("add", _of("multiply", a, b), c),
-    "isnan": lambda x: Call("compare", (x, x), (("not_equal",),)),
-    "zeros_like": lambda x: Literal(0.0),
-    "ones_like": lambda x: Literal(1.0),
+    "sinh": "tanh(x) * (0.5 * (exp(x) + 1 / exp(x)))",
+    "floor": "x // 1",
+    "ceil": "-(-x // 1)",
+    "fma": "x * y + z",
+    "isnan": "x != x",
+    "zeros_like": "0",
+    "ones_like": "1",
 }

@@ -14,8 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..backend import Float, Int, Mask, dr, from_host
-from .drjit_ops import DrjitOps
-from .interpolation import locate
+from .drjit_ops import DrjitOps, locate
 from .interval import ROUNDING, Array, Ends, Interval, Operation, TablePosition
 from .interval_ops import IntervalOps, extreme_between
 from .ops import Ops, Value

@@ -281,21 +281,9 @@ class Image:
         of both signs, such as a map of velocities, is shown from blue through white (zero) to
         red, unless an option chooses otherwise.
         """
-        options: dict[str, Any] = {
-            "exposure": exposure,
-            "stretch": stretch,
-            "gamut": gamut,
-            "channels": channels,
-            "mix": mix,
-            "colormap": colormap,
-            "norm": norm,
-            "vmin": vmin,
-            "vmax": vmax,
-            "background": background,
-            "softening": softening,
-        }
+        options = {name: value for name, value in locals().items() if name in tone.OPTIONS}
         shown = tone.with_colormap(self, options)
-        return tone.display(self.intensity, self.transparency, **shown)
+        return tone.display(self.intensity, self.transparency, shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the image to a file; its suffix chooses the format.
@@ -331,7 +319,8 @@ class Image:
         """Read an image written by `save` or by another program.
 
         NPZ and FITS restore everything bit for bit, TIFF and EXR the intensities in float32
-        (EXR also optical depth and transparency). A PNG gives its display values, from 0 to 1.
+        (EXR also optical depth and transparency). A PNG gives its display values, from 0 to 1;
+        with 16 bits per colour it needs the package imagecodecs (``voluminous[tiff]``).
 
         Raises
         ------

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ..figures import add_color_bar, new_figure
 from .lengths import labelled, pretty_unit, round_length, with_unit
 from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
-from .tone import OPTIONS, check_options, display, one_channel, shows_one_channel, with_colormap
+from .tone import OPTIONS, check_options, one_channel, shows_one_channel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,8 +48,7 @@ def plot(
             # picture would leave too little space for the bar.
             axes.set_anchor("W")
     else:
-        shown = with_colormap(image, options)
-        drawn = axes.imshow(display(image.intensity, image.transparency, **shown), **place)
+        drawn = axes.imshow(image.to_rgb(**options), **place)
     if colorbar:
         add_bars(axes, image, options, drawn, own=ax is None)
     if on_sky:

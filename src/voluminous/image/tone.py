@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import operator
 from collections.abc import Callable, Collection, Iterable
 from copy import copy
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colormaps import get_color, get_colormap, opaque_color, without_alpha
-from ..errors import InputError, check_name, unknown_name
+from ..errors import InputError, check_name
 from ..units import as_quantity, is_quantity, plain
 
 if TYPE_CHECKING:
@@ -54,19 +53,10 @@ def _power(gamma: float) -> Curve:
     return Curve(lambda v: v ** (1 / gamma), lambda w: w**gamma)
 
 
-def _asinh(softening: float) -> Curve:
-    top = np.arcsinh(1 / softening).item()
-    return Curve(lambda v: np.arcsinh(v / softening) / top, lambda w: softening * np.sinh(w * top))
-
-
-def _log(softening: float) -> Curve:
-    top = np.log1p(1 / softening).item()
-    return Curve(lambda v: np.log1p(v / softening) / top, lambda w: softening * np.expm1(w * top))
-
-
 LINEAR = Curve(lambda v: v, lambda w: w)
 _FIXED = {"linear": LINEAR, "sqrt": Curve(np.sqrt, np.square), "gamma": _power(GAMMA)}
-_SOFT = {"asinh": (_asinh, 0.1), "log": (_log, 0.01)}
+# A function of v / softening, its inverse, and the default softening.
+_SOFT = {"asinh": (np.arcsinh, np.sinh, 0.1), "log": (np.log1p, np.expm1, 0.01)}
 STRETCHES = (*_FIXED, *_SOFT)
 
 
@@ -82,8 +72,10 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
     check_name("stretch", stretch, STRETCHES)
     if stretch in _FIXED:
         return _FIXED[stretch]
-    make, default = _SOFT[stretch]
-    return make(default if softening is None else positive(softening, "softening"))
+    bend, straighten, default = _SOFT[stretch]
+    soft = default if softening is None else positive(softening, "softening")
+    top = bend(1 / soft).item()
+    return Curve(lambda v: bend(v / soft) / top, lambda w: soft * straighten(w * top))
 
 
 def positive(value: Any, what: str) -> float:
@@ -160,24 +152,18 @@ def scale(
     return FuncNorm((forward, inverse), low, high)
 
 
+_NAMES = "exposure stretch gamut channels mix colormap norm vmin vmax background softening"
+OPTIONS = frozenset(_NAMES.split())
+
+
 def display(
-    intensity: NDArray[Any],
-    transparency: NDArray[Any] | None = None,
-    *,
-    exposure: float | None = None,
-    stretch: str | float = "linear",
-    gamut: str = "hue",
-    channels: Any = None,
-    mix: Any = None,
-    colormap: Any = None,
-    norm: Any = None,
-    vmin: float | None = None,
-    vmax: float | None = None,
-    background: Any = None,
-    softening: float | None = None,
+    intensity: NDArray[Any], transparency: NDArray[Any] | None, options: dict[str, Any]
 ) -> Pixels:
     """Return display values from 0 to 1, shape (ny, nx, 3); see `Image.to_rgb`."""
-    bend = curve(stretch, softening)
+    get = options.get
+    exposure, vmin, vmax, norm = get("exposure"), get("vmin"), get("vmax"), get("norm")
+    channels, mix, background = get("channels"), get("mix"), get("background")
+    bend, colormap = curve(get("stretch", "linear"), get("softening")), get("colormap")
     if colormap is None:
         if norm is not None:
             raise InputError(
@@ -188,7 +174,8 @@ def display(
         black = 0.0 if vmin is None else finite(vmin, "vmin")
         mixed -= black
         mixed /= white_level(brightest, exposure, black, vmax) - black
-        rgb = _in_gamut(np.clip(mixed, 0.0, _HUGE).astype(np.float32), bend, gamut)
+        linear = np.clip(mixed, 0.0, _HUGE).astype(np.float32)
+        rgb = _in_gamut(linear, bend, get("gamut", "hue"))
     else:
         if mix is not None:
             raise InputError("a colormap shows one channel, so it cannot be used together with mix")
@@ -206,9 +193,6 @@ def display(
     through = np.nan_to_num(transparency.mean(axis=-1, keepdims=True, dtype=np.float64))
     in_front: Pixels = np.minimum(rgb + through.astype(np.float32) * color, 1)
     return in_front
-
-
-OPTIONS = frozenset(inspect.signature(display).parameters) - {"intensity", "transparency"}
 
 
 def mixed_channels(
@@ -311,21 +295,21 @@ def exposure_of(intensity: NDArray[Any]) -> float:
 
 def signed_exposure(values: NDArray[Any]) -> float | None:
     """Return the automatic exposure of |values|; None unless both signs are significant."""
-    known = values[np.isfinite(values)]
-    least, most = (known.min(), known.max()) if known.size else (0.0, 0.0)
+    valid = values[np.isfinite(values)]
+    least, most = (valid.min(), valid.max()) if valid.size else (0.0, 0.0)
     if most <= 0 or -least < _SHARE * most:
         return None
-    return automatic_exposure(np.abs(known))
+    return automatic_exposure(np.abs(valid))
 
 
 def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | None:
     """Return the values shown as black and white, for negative values and signed projections."""
-    known = values[np.isfinite(values)]
-    most = known.max() if known.size else 1.0
-    if (most > 0.0 and not projection) or known.min(initial=0.0) >= -_SHARE * max(most, 0.0):
+    valid = values[np.isfinite(values)]
+    most = valid.max() if valid.size else 1.0
+    if (most > 0.0 and not projection) or valid.min(initial=0.0) >= -_SHARE * max(most, 0.0):
         return None
     for ends in (_WINDOW, (0.0, 100.0)):
-        low, high = (float(v) for v in np.percentile(known, ends))
+        low, high = (float(v) for v in np.percentile(valid, ends))
         if low < high:
             return low, high
     return None
@@ -383,8 +367,7 @@ def _matrix(mix: Any, count: int) -> NDArray[np.float64]:
 def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
     """Raise for the first option whose name is not in `known`."""
     for name in given:
-        if name not in known:
-            raise unknown_name(kind, name, known)
+        check_name(kind, name, known)
 
 
 def plain_options(options: dict[str, Any], unit: str) -> dict[str, Any]:

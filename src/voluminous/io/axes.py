@@ -54,24 +54,24 @@ def axis_of(dim: str, attributes: Mapping[str, Any]) -> str:
     given = str(attributes.get("axis", "")).strip().lower()
     if given in (*AXES, "t"):
         return given
-    found = _matching(_STANDARD, attributes.get("standard_name"))
-    if not found and str(attributes.get("positive", "")).lower() in ("up", "down"):
-        found = "z"
-    return found or _matching(_UNITS, attributes.get("units")) or _matching(_NAMES, dim)
+    axis = _matching(_STANDARD, attributes.get("standard_name"))
+    if not axis and str(attributes.get("positive", "")).lower() in ("up", "down"):
+        axis = "z"
+    return axis or _matching(_UNITS, attributes.get("units")) or _matching(_NAMES, dim)
 
 
 def _matching(patterns: Mapping[str, str], text: Any) -> str:
     if not isinstance(text, str):
         return ""
     lower = text.strip().lower()
-    return next((axis for axis, found in patterns.items() if re.fullmatch(found, lower)), "")
+    return next((axis for axis, names in patterns.items() if re.fullmatch(names, lower)), "")
 
 
 def edges_of_centers(centers: np.ndarray) -> np.ndarray:
     """Return the midpoints between ascending centres, and an extrapolated edge at each end."""
     values = np.asarray(centers, np.float64)
     if len(values) == 1:
-        return values[0] + np.array([-0.5, 0.5])
+        return np.array([values[0] - 0.5, values[0] + 0.5])
     if is_even(values):
         half = 0.5 * (values[-1] - values[0]) / (len(values) - 1)
         return np.linspace(values[0] - half, values[-1] + half, len(values) + 1)

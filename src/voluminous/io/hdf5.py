@@ -119,7 +119,7 @@ def data_sets(path: Path, group: h5py.Group) -> tuple[dict[str, Any], dict[str, 
     """Return the numeric data sets in a group, and the reason for rejecting each other item."""
     import h5py
 
-    found: dict[str, Any] = {}
+    sets: dict[str, Any] = {}
     others: dict[str, str] = {}
     for name in group:
         item = group[name] if is_own(group, name) else None
@@ -130,8 +130,8 @@ def data_sets(path: Path, group: h5py.Group) -> tuple[dict[str, Any], dict[str, 
         elif item.dtype.kind not in "fiub":
             others[name] = f"values of type {item.dtype}"
         else:
-            found[name] = data_set(path, group, name)
-    return found, others
+            sets[name] = data_set(path, group, name)
+    return sets, others
 
 
 def read(item: h5py.Dataset, column: int | None = None) -> np.ndarray:

@@ -143,7 +143,7 @@ def _values(volume: Volume, expression: Expression) -> np.ndarray:
         check_finite(volume, values[first:last], expression, first)
     if np.isnan(values).all():
         raise InputError(f"{expression.text!r} has no value in any cell")
-    return values.reshape(grid.shape)
+    return np.reshape(values, grid.shape)
 
 
 def check_finite(volume: Volume, values: np.ndarray, expression: Expression, first: int) -> None:
@@ -206,7 +206,7 @@ class CellParts:
         distances = (
             region.beyond(centers * image[:, None], grid.unit) for image in mirror_images(grid)
         )
-        return np.any([np.abs(distance) < reach for distance in distances], axis=0)
+        return np.asarray(np.any([np.abs(d) < reach for d in distances], axis=0))
 
     def _fraction(
         self, region: Region, first: int, last: int, cells: np.ndarray, steps: list[np.ndarray]

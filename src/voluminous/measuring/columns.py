@@ -128,7 +128,7 @@ def exact_maps(
         amounts = np.where(unknown | (share == 0), 0.0, values) * share
         centers = np.asarray(grid.cell_centers(first, last))
         total += project_cells(screen, centers, sizes, amounts, backend)
-    return total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale
+    return np.asarray(total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale)
 
 
 def check_exact(grid: Grid, camera: Camera) -> None:

@@ -131,7 +131,8 @@ def polygon_of(text: str, unit: Unit) -> np.ndarray:
         angle = step * np.arange(_CORNERS)
         corner = size * np.sqrt(step / np.sin(step))
         around: np.ndarray = corner * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return plane(center) + around
+        around += plane(center)
+        return around
 
     def rectangle(low: Any, high: Any) -> np.ndarray:
         (x0, y0), (x1, y1) = plane(low), plane(high)

@@ -37,7 +37,10 @@ def described(thing: Value) -> dict[str, Any]:
         if given is default or (isinstance(given, (str, float, int)) and given == default):
             continue
         value: Any = given if isinstance(given, Value) else getattr(thing, name, given)
-        value = value[0] if isinstance(value, tuple) and len(value) == 1 else value
+        if name == "where":
+            value = Expression(given)
+        if isinstance(value, tuple) and len(value) == 1 and not isinstance(value[0], Value):
+            value = value[0]
         result[name] = _described(float(value) if isinstance(default, float) else value)
     return result
 
@@ -180,19 +183,24 @@ _OPAQUE = 40.0
 
 def given_levels(level: Any) -> tuple[Any, ...]:
     """Return the levels of surfaces, from one value or several."""
-    several = isinstance(level, (list, tuple)) or np.ndim(
-        level.value if is_quantity(level) else level
-    )
-    listed = list(level) if several else [level]
-    if level is None or not listed:
+    several = isinstance(level, (list, tuple)) or np.ndim(level) > 0
+    levels = list(level) if several else [level]
+    if level is None or not levels:
         raise InputError("level must be a value, or a list of at least one")
-    return tuple(scalar(value, "level") for value in listed)
+    return tuple(scalar(value, "level") for value in levels)
 
 
 def level_colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
     """Return one colour per level, from colours, their names, or the name of a colormap."""
     if isinstance(color, str) and not (count == 1 and is_color(color)):
-        return _mapped(color, count)
+        try:
+            colormap = get_colormap(color)
+        except UnknownNameError:
+            if is_color(color):
+                return (get_color(color),) * count
+            raise
+        places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
+        return tuple(tuple(map(float, row)) for row in mapped_colors(colormap, places))
     several = listed(color) and len(color) and not is_name_and_alpha(color)
     nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
     rows = [color_values(row) for row in (color if nested else [color] * count)]
@@ -204,33 +212,8 @@ def level_colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
     return tuple(rows)
 
 
-def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
-    try:
-        colormap = get_colormap(name)
-    except UnknownNameError:
-        if is_color(name):
-            return (get_color(name),) * count
-        raise
-    places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
-    return tuple(tuple(map(float, row)) for row in mapped_colors(colormap, places))
-
-
 def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[float, ...], ...]:
     """Return one row of opacities per level; of one number each if they are grey."""
-    rows = [channel_values(row, "opacity") for row in _opacity_rows(opacity, count, channels)]
-    for row in rows:
-        check_extinction(row, channels, "opacity")
-        if max(row) > 1:
-            raise InputError(
-                "opacity is the part of the light that one crossing takes away: from 0 to 1, "
-                f"got {max(row):g}"
-            )
-    if all(len(set(row)) == 1 for row in rows):
-        return tuple(row[:1] for row in rows)
-    return tuple(row if len(row) > 1 else row * channels for row in rows)
-
-
-def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
     several = listed(opacity)
     nested = several and any(np.ndim(row) for row in opacity)
     if nested and len(opacity) != count:
@@ -242,7 +225,18 @@ def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
             f"opacity must be one number, {count} (one per level) or {channels} (one per channel), "
             f"got {len(opacity)}"
         )
-    return list(opacity) if nested or (several and len(opacity) == count > 1) else [opacity] * count
+    one_each = nested or (several and len(opacity) == count > 1)
+    rows = [channel_values(row, "opacity") for row in (opacity if one_each else [opacity] * count)]
+    for row in rows:
+        check_extinction(row, channels, "opacity")
+        if max(row) > 1:
+            raise InputError(
+                "opacity is the part of the light that one crossing takes away: from 0 to 1, "
+                f"got {max(row):g}"
+            )
+    if all(len(set(row)) == 1 for row in rows):
+        return tuple(row[:1] for row in rows)
+    return tuple(row if len(row) > 1 else row * channels for row in rows)
 
 
 def depth_of(opacity: float) -> float:

@@ -15,7 +15,7 @@ from ..expressions import Expression
 from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import larger
-from ..units import parse_unit, unit_name
+from ..units import Unit, parse_unit, unit_name
 from .context import Context, Feature, MediumSample
 from .contract import Medium, Sampling
 from .edges import SENSITIVITY, Level
@@ -147,7 +147,10 @@ class Coefficients(Medium):
         return MediumSample(
             [context.evaluate(e, fields) for e in self.emissivity],
             [
-                context.number(_per_length(context, e)) * context.evaluate(e, fields)
+                context.number(
+                    per_length(context.unit_of(e), context.unit, f"extinction {e.text!r}")
+                )
+                * context.evaluate(e, fields)
                 for e in self.extinction
             ],
         )
@@ -277,24 +280,24 @@ def _restless(expr: Expression) -> bool:
     return expr.peaked or not expr.smooth
 
 
-def _per_length(context: Context, expression: Expression) -> float:
-    """Return the factor from the expression's unit to an inverse length of the volume."""
-    unit = context.unit_of(expression)
+def per_length(unit: Unit, length: Unit, subject: str) -> float:
+    """Return the factor from the unit of an extinction to an inverse length, or refuse it."""
     if unit is None:
         return 1.0
     from astropy import units as u
 
-    per_length = (context.unit if context.unit is not None else u.dimensionless_unscaled) ** -1
+    wanted = (u.dimensionless_unscaled if length is None else length) ** -1
     try:
-        return float(unit.to(per_length))
+        return float(unit.to(wanted))
     except u.UnitConversionError as error:
-        told = f"extinction {expression.text!r} is in {unit}, expected"
-        if context.unit is None:
-            raise UnitsError(
-                f"{told} a plain number, since the grid has no unit of length; give it one: "
-                "unit='cm'"
-            ) from error
-        raise UnitsError(
-            f"{told} an inverse length such as {unit_name(parse_unit(per_length))}; multiply "
-            "densities by an opacity (area per mass or per particle)"
-        ) from error
+        if length is None:
+            expected = (
+                "a plain number, since the grid has no unit of length; give it one: unit='cm'"
+            )
+        else:
+            expected = (
+                f"an inverse length such as {unit_name(parse_unit(wanted))}; multiply densities by "
+                "an opacity, an area per mass or per particle, as in 'density * (0.1 cm2/g)'; for "
+                "columns and totals of a field use vm.column and vm.measure"
+            )
+        raise UnitsError(f"{subject} is in {unit_name(unit)}, expected {expected}") from error

@@ -11,7 +11,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Ops
-from ..expressions.interpolation import interpolate
+from ..expressions.drjit_ops import interpolate
 from ..units import Unit
 
 T = TypeVar("T")

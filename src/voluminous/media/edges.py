@@ -238,18 +238,14 @@ def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]
 def first_edge(stretch: Stretch, edges: Sequence[Level]) -> Float:
     """Return the place s of the first edge crossed; 1 where there is none."""
     found = type(stretch.length)(1.0)
-    for own in _by_expression(edges):
+    groups: dict[str, list[Level]] = {}
+    for edge in edges:
+        groups.setdefault(edge.expr.text, []).append(edge)
+    for own in groups.values():
         level, passed = _first_level(stretch, own)
         place = stretch.context.narrow(passing(stretch, own[0].expr, level))
         found = dr.select(passed & (place < found), place, found)
     return found
-
-
-def _by_expression(edges: Sequence[Level]) -> list[list[Level]]:
-    found: dict[str, list[Level]] = {}
-    for edge in edges:
-        found.setdefault(edge.expr.text, []).append(edge)
-    return list(found.values())
 
 
 def _first_level(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:

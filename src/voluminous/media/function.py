@@ -153,25 +153,22 @@ class Function(Medium):
             ) from error
         return MediumSample(*(list(map(context.real, v)) for v in self._listed(result)))
 
-    def _listed(self, result: Any) -> tuple[list[Any], list[Any]]:
+    def _listed(self, result: Any) -> list[list[Any]]:
         """Return the function's result as lists of emissivities and extinctions."""
         if not isinstance(result, tuple) or len(result) != 2:
             raise InputError(
                 f"{self.title} must return (emissivity, extinction), got {type(result).__name__}"
             )
-        count = 1 if self.grey else self.channels
-        return (
-            self._counted(result[0], self.channels, "emissivity"),
-            self._counted(result[1], count, "extinction"),
-        )
-
-    def _counted(self, value: Any, count: int, what: str) -> list[Any]:
-        parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
-        if len(parts) != count:
-            raise InputError(
-                f"{self.title} returned {len(parts)} values of {what}, expected {count}"
-            )
-        return parts
+        columns = []
+        wanted = (("emissivity", self.channels), ("extinction", self.extinction_count))
+        for value, (what, count) in zip(result, wanted, strict=True):
+            parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
+            if len(parts) != count:
+                raise InputError(
+                    f"{self.title} returned {len(parts)} values of {what}, expected {count}"
+                )
+            columns.append(parts)
+        return columns
 
     @property
     def title(self) -> str:

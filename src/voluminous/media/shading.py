@@ -237,17 +237,12 @@ class Lamp:
                 way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
             else:
                 way = [context.narrow_number(d) for d in direction]
-            cosine = lambert(across, way)
+            size = dr.sqrt(_dot(across, across) * _dot(way, way))
+            cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
+            cosine = dr.select(size > 0.0, cosine, 1.0)  # where there is no normal
             one = self.lights == ((HEADLIGHT, 1.0),)
             found = cosine if one else found + context.narrow_number(weight) * cosine
         return found
-
-
-def lambert(across: list[Float], way: list[Float]) -> Float:
-    """Return the cosine between two directions, on either side; one if there is no normal."""
-    size = dr.sqrt(_dot(across, across) * _dot(way, way))
-    cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
-    return dr.select(size > 0.0, cosine, 1.0)
 
 
 def _scaled(vector: list[Any], context: Context) -> list[Float]:

@@ -10,6 +10,7 @@ picture, for schemes that estimate errors.
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -74,18 +75,13 @@ def _by_controls(stretch: Stretch, expr: Expression) -> Turning:
     low, high = without_nan(controls)
     apart = stretch.length * 0.0
     if _kind(expr, stretch.context) == Monotonicity.MONOTONIC:
-        partly = _partly([dr.isnan(b) for b in controls])
+        missing = [dr.isnan(b) for b in controls]
+        # No bound holds between values of which some, but not all, are undefined.
+        every, some = (functools.reduce(op, missing) for op in (operator.and_, operator.or_))
+        partly = some & ~every
         low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
         apart = dr.select(partly, dr.inf, apart if stretch.rough else _lopsided(stretch, expr))
     return Turning(low, high, apart, *_of_cubic(controls))
-
-
-def _partly(missing: list[Float]) -> Mask:
-    """Return where some but not all values are undefined, so that no bound holds between them."""
-    every, some = missing[0], missing[0]
-    for one in missing[1:]:
-        every, some = every & one, some | one
-    return some & ~every
 
 
 def _by_ranges(stretch: Stretch, expr: Expression) -> Turning:
@@ -277,7 +273,13 @@ class Stretch:
         """Return an expression at 0, ½ or 1; computed once."""
         key = (expr.text, s)
         if key not in self._scalars:
-            self._scalars[key] = self.context.evaluate(expr, self._fields_at_node(s))
+            if s == 0.0:
+                fields = self._complete({name: c[0] for name, c in self.cubics.items()})
+            elif s == 1.0:
+                fields = self._complete({n: sum(c[1:], c[0]) for n, c in self.cubics.items()})
+            else:
+                fields = self.fields(s)
+            self._scalars[key] = self.context.evaluate(expr, fields)
         return self._scalars[key]
 
     def nodes(self, expr: Expression) -> list[Float]:
@@ -291,12 +293,8 @@ class Stretch:
         """
         self._scalars[expr.text, s] = value
 
-    def known(self, expr: Expression) -> list[Float]:
-        """Return the values of an expression at the control points, without the middle."""
-        return self.controls(expr)
-
-    def set_known(self, expr: Expression, values: list[Float]) -> None:
-        """Restore the values that `known` returned for this stretch in another kernel scope."""
+    def set_controls(self, expr: Expression, values: list[Float]) -> None:
+        """Restore the values that `controls` returned for this stretch in another kernel scope."""
         self._scalars[expr.text, 0.0], self._scalars[expr.text, 1.0] = values[0], values[-1]
         self._controls[expr.text] = values
 
@@ -328,7 +326,11 @@ class Stretch:
     def controls(self, expr: Expression) -> list[Float]:
         """Return an expression at the four Bézier control points of the fields."""
         if expr.text not in self._controls:
-            inner = [self.context.evaluate(expr, self._control(i)) for i in (1, 2)]
+            places = (
+                self._complete({name: control_point(c, k) for name, c in self.cubics.items()})
+                for k in (1, 2)
+            )
+            inner = [self.context.evaluate(expr, place) for place in places]
             self._controls[expr.text] = [self.scalar(expr, 0.0), *inner, self.scalar(expr, 1.0)]
         return self._controls[expr.text]
 
@@ -364,18 +366,8 @@ class Stretch:
         """Return the panel between two of the places 0, ½ and 1."""
         return Panel(self, first, last)
 
-    def _fields_at_node(self, s: float) -> dict[str, Any]:
-        if s == 0.0:
-            return self._complete({name: c[0] for name, c in self.cubics.items()})
-        if s == 1.0:
-            return self._complete({name: sum(c[1:], c[0]) for name, c in self.cubics.items()})
-        return self.fields(s)
-
     def _complete(self, fields: dict[str, Any]) -> dict[str, Any]:
-        return with_coordinates(within_limits(fields, self.context), self.context)
-
-    def _control(self, number: int) -> dict[str, Any]:
-        return self._complete({n: control_point(c, number) for n, c in self.cubics.items()})
+        return completed(self.context.ops, within_limits(fields, self.context), self.context)
 
 
 class Straight(Stretch):
@@ -443,15 +435,6 @@ def within_limits(fields: dict[str, Any], context: Context) -> dict[str, Any]:
         if name in fields:
             value = dr.select(fields[name] < low, low, fields[name])
             fields[name] = dr.select(value > high, high, value)
-    return fields
-
-
-def with_coordinates(fields: dict[str, Any], context: Context) -> dict[str, Any]:
-    """Return fields with the coordinates derived from x, y and z, if these are among them."""
-    if all(axis in fields for axis in "xyz"):
-        fields["r"] = dr.sqrt(sum(fields[axis] * fields[axis] for axis in "xyz"))
-        for name, formula in context.coordinates.items():
-            fields[name] = context.evaluate(formula, fields)
     return fields
 
 

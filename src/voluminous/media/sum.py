@@ -120,11 +120,12 @@ class Sum(Medium):
         return self._total([part.largest(fields, context) for part in self.parts])
 
     def _total(self, solved: list[MediumSample]) -> MediumSample:
-        count = 1 if self.grey else self.channels
-        return MediumSample(
-            _add([c.emissivity for c in solved]),
-            _add([_spread(c.extinction, count) for c in solved]),
-        )
+        n = self.extinction_count  # a grey medium counts in all channels
+        rows = [
+            [*c.emissivity, *(c.extinction if len(c.extinction) == n else c.extinction * n)]
+            for c in solved
+        ]
+        return self.split([sum(own[1:], own[0]) for own in zip(*rows, strict=True)])
 
     def intensity_unit(self, context: Context) -> Any:
         units = (part.intensity_unit(context) for part in self.parts)
@@ -149,11 +150,3 @@ def with_each(medium: Medium, change: Callable[[Medium], Medium]) -> Medium:
     if all(new is old for new, old in zip(changed, parts, strict=True)):
         return medium
     return changed[0] if len(changed) == 1 else Sum(changed)
-
-
-def _spread(extinction: list[Float], count: int) -> list[Float]:
-    return extinction if len(extinction) == count else extinction * count
-
-
-def _add(lists: list[list[Any]]) -> list[Float]:
-    return [sum(values[1:], values[0]) for values in zip(*lists, strict=True)]

@@ -58,28 +58,24 @@ class Spheres(SceneObject):
         self.positions, self.radii = as_given(positions, "positions"), as_given(radii, "radii")
         self.colors, self.opacity, self.limb_darkening = colors, opacity, limb_darkening
         self.count = len(positions_of(self.positions, "positions", (None, 3)))
-        self._check_positive(self.radii, "radii")
-        self.opacities = self._fraction(opacity, "opacity")
-        self.darkening = self._fraction(limb_darkening, "limb_darkening")
+        self._checked(self.radii, "radii", np.inf)
+        self.opacities = self._checked(opacity, "opacity", 1.0)
+        self.darkening = self._checked(limb_darkening, "limb_darkening", 1.0)
         check_colors(colors, self.count, "colors")
 
-    def _numbers(self, value: Any, what: str) -> np.ndarray:
+    def _checked(self, value: Any, what: str, most: float) -> np.ndarray:
+        """Return a number for each; from 0 to `most`, or, if that is infinite, positive ones."""
         array = np.asarray(plain(value, unit_of(value), what))
         if array.shape not in ((), (self.count,)):
             raise InputError(
                 f"{what} must be a number or one for each of {self.count}, got shape {array.shape}"
             )
-        return array
-
-    def _check_positive(self, value: Any, what: str) -> None:
-        array = self._numbers(value, what)
-        if not np.all((array > 0.0) & np.isfinite(array)):
-            raise InputError(f"{what} must be positive and finite, got {value!r}")
-
-    def _fraction(self, value: Any, what: str) -> np.ndarray:
-        array = self._numbers(value, what)
-        if not np.all((array >= 0.0) & (array <= 1.0)):
-            raise InputError(f"{what} must be from 0 to 1, got {value!r}")
+        if most < np.inf:
+            inside, wanted = (array >= 0.0) & (array <= most), f"from 0 to {most:g}"
+        else:
+            inside, wanted = (array > 0.0) & (array < most), "positive and finite"
+        if not np.all(inside):
+            raise InputError(f"{what} must be {wanted}, got {value!r}")
         return np.asarray(np.broadcast_to(array, self.count))
 
     def layers(self, view: View) -> Layers | None:

@@ -76,7 +76,7 @@ class Stars(Spheres):
         self.luminosities = as_given(luminosities, "luminosities")
         self.psf = psf = as_given(psf, "psf")
         if luminosities is not None:
-            self._check_positive(self.luminosities, "luminosities")
+            self._checked(self.luminosities, "luminosities", np.inf)
         if psf is not None:
             array = np.asarray(plain(psf, unit_of(psf), "psf"))
             if array.shape not in ((), (2,)) or not np.all((array > 0.0) & np.isfinite(array)):
@@ -138,10 +138,10 @@ class Stars(Spheres):
             pixel = 1.0 if unit is None else np.abs(view.frame.pixel)
             sigma = np.broadcast_to(np.asarray(plain(width, unit, "psf")) / pixel, 2) / _FWHM
         (nx, ny), reach = view.frame.pixels, REACH * sigma
-        seen = (np.abs(x - 0.5 * (nx - 1)) < 0.5 * nx + reach[0]) & (
+        inside = (np.abs(x - 0.5 * (nx - 1)) < 0.5 * nx + reach[0]) & (
             np.abs(y - 0.5 * (ny - 1)) < 0.5 * ny + reach[1]
         )
-        some = np.flatnonzero(seen)  # never where x is NaN
+        some = np.flatnonzero(inside)  # never where x is NaN
         some = some[nearby(x[some], y[some], depth[some])]
         flux = self._luminosity(view)[some]
         flux = flux * view.pixels_per_area(positions[some])[:, None]

@@ -37,8 +37,8 @@ class Deposit:
 
     def density(self) -> np.ndarray:
         """Return mass per volume of each cell."""
-        masses, _ = self._sums()
-        return np.divide(masses, self.grid.cell_volumes)
+        density: np.ndarray = self._sums()[0] / self.grid.cell_volumes
+        return density
 
     def means(self, *values: np.ndarray, empty: float = 0.0) -> list[np.ndarray]:
         """Return mass-weighted means of particles' values in each cell; `empty` without mass."""

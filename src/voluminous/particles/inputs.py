@@ -45,7 +45,8 @@ class Particles(NamedTuple):
         dense = positive(density, self.density_unit, "density", count)
         if not (self.mass > 0).all():
             raise InputError("cells of a mesh need positive masses: their volume is mass / density")
-        return np.divide(self.mass, dense)
+        volumes: np.ndarray = self.mass / dense
+        return volumes
 
 
 def particles(positions: Any, masses: Any, unit: Unit) -> Particles:

@@ -79,14 +79,16 @@ class Base(NamedTuple):
     def inside(self, points: np.ndarray) -> np.ndarray:
         """Return whether points (n, 3) are within the bounds."""
         low, high = self.bounds.T
-        return np.all((points >= low) & (points <= high), axis=1)
+        within: np.ndarray = ((points >= low) & (points <= high)).all(axis=1)
+        return within
 
     def wrapped(self, points: np.ndarray) -> np.ndarray:
         """Return points, in a periodic domain mapped into it."""
         if not self.periodic:
             return points
         low, size = self.bounds[:, 0], np.ptp(self.bounds, axis=1)
-        return np.add(low, (points - low) % size)
+        wrapped: np.ndarray = low + (points - low) % size
+        return wrapped
 
 
 # The numbers of cells of the last level but one must fit into 64 bits.

@@ -91,7 +91,7 @@ class PostClassified(Scheme):
             fresh = whole.scalar(expr, 0.0)
             whole.set_scalar(expr, 0.0, dr.select(dr.isnan(before), fresh, before))
         visible, _ = source.medium.visible(whole, source.context)
-        values = [whole.known(expr) for expr in source.scalars]
+        values = [whole.controls(expr) for expr in source.scalars]
         numbers = source.numbers
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
         path = dr.if_stmt(
@@ -150,7 +150,7 @@ def _stretch(
     """Return a segment's stretch with the scalars that were computed outside of a branch."""
     whole: Stretch = source.stretch(cubics, length, rough=rough)
     for expr, own in zip(source.scalars, values, strict=True):
-        whole.set_known(expr, own)
+        whole.set_controls(expr, own)
     return whole
 
 

@@ -261,12 +261,7 @@ def draw_title(sheet: Sheet, words: str) -> None:
     look = {"fontsize": _TITLE * sheet.em, "ha": "center", "va": "bottom", "gid": "title"}
     up = sheet.height + sheet.overhang()[3] + 0.5 * sheet.em
     text = sheet.text(0.5 * sheet.width, up, words, **look)
-    renderer = sheet.canvas.get_renderer()
-    try:
-        wide = text.get_window_extent(renderer).width
-    except ValueError:  # dollar signs that are not a valid formula
-        text.set_parse_math(False)
-        wide = text.get_window_extent(renderer).width
+    wide = text.get_window_extent(sheet.canvas.get_renderer()).width
     if wide > sheet.width:
         text.set_fontsize(_TITLE * sheet.em * sheet.width / wide)
 

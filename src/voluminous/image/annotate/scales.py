@@ -180,8 +180,8 @@ def _norm_of(low: float, high: float, logarithmic: bool) -> Normalize:
 
 def _displayed(rows: Any, options: dict[str, Any], exposure: float) -> np.ndarray:
     """Return the display colours of n rows of channel intensities, shape (n, 3)."""
-    chosen = {name: options[name] for name in ("channels", "mix") if options.get(name) is not None}
-    shown: np.ndarray = display(np.asarray(rows, float)[None], exposure=exposure, **chosen)[0]
+    look = {"channels": options.get("channels"), "mix": options.get("mix"), "exposure": exposure}
+    shown: np.ndarray = display(np.asarray(rows, float)[None], None, look)[0]
     return shown
 
 
@@ -345,6 +345,6 @@ def counts(
     else:
         values = fields.values(scale.expr, scale.unit)
     places: np.ndarray = np.ma.filled(np.ma.asarray(scale.norm(values), dtype=float), np.nan)
-    found, _ = np.histogram(places, _BINS, (0.0, 1.0))
+    histogram, _ = np.histogram(places, _BINS, (0.0, 1.0))
     # Most cells fall into few bins, while the shells often lie in other bins.
-    return np.log1p(found) / np.log1p(found.max()) if found.any() else None
+    return np.log1p(histogram) / np.log1p(histogram.max()) if histogram.any() else None

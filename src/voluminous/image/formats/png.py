@@ -6,6 +6,7 @@ third edition), sections 5 (chunks) and 9 (filters); for 8 bits it is faster tha
 
 from __future__ import annotations
 
+import functools
 import struct
 import zlib
 from pathlib import Path
@@ -63,18 +64,10 @@ def _annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Annotate
     return result
 
 
-def write(
-    image: Image,
-    path: Path,
-    *,
-    bits: int = 8,
-    transparent: bool = False,
-    annotate: bool | dict[str, Any] = False,
-    **display: Any,
-) -> None:
+@functools.wraps(encode)
+def write(image: Image, path: Path, **options: Any) -> None:
     """Write the display values; see `encode`."""
-    options: dict[str, Any] = {"bits": bits, "transparent": transparent, "annotate": annotate}
-    path.write_bytes(encode(image, **options, **display))
+    path.write_bytes(encode(image, **options))
 
 
 def read(path: Path) -> dict[str, Any]:

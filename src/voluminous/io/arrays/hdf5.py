@@ -66,17 +66,17 @@ class HDF5Reader(NamedArraysReader):
         with open(path, "rb") as start:
             backwards = start.read(len(_MATLAB)) == _MATLAB
         with opened(path) as file:
-            found: dict[str, Entry] = {}
+            entries: dict[str, Entry] = {}
 
             def visit(place: str, item: Any) -> None:
                 if isinstance(item, h5py.Dataset) and item.shape is not None:
-                    found[place] = _entry(path, item, backwards)
+                    entries[place] = _entry(path, item, backwards)
 
             if only is None:
                 file.visititems(visit)  # does not follow links to other places
             else:
                 visit(only, file[only])
-            yield found
+            yield entries
 
 
 def _has(file: Any, mark: str) -> bool:

@@ -41,12 +41,12 @@ def _header(
     read = formats.read_array_header_1_0 if first else formats.read_array_header_2_0
     shape, fortran, dtype = read(file)
     expected = math.prod(shape) * dtype.itemsize
-    found = expected if size is None else size - file.tell()
+    present = expected if size is None else size - file.tell()
     # Objects are refused later, by name.
-    if not dtype.hasobject and (found < expected or (exact and found > expected)):
+    if not dtype.hasobject and (present < expected or (exact and present > expected)):
         raise FileFormatError(
-            f"{what} holds {found} bytes, but shape {shape} of {dtype} takes {expected}: it is cut "
-            "short or damaged"
+            f"{what} holds {present} bytes, but shape {shape} of {dtype} takes {expected}: it is "
+            "cut short or damaged"
         )
     return shape, fortran, dtype
 
@@ -107,9 +107,9 @@ class NPZReader(NamedArraysReader):
             if set(names) >= _IMAGE:
                 raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
             names = names if only is None else [only + _ENDING]
-            found = {n.removesuffix(_ENDING): _entry(archive, n) for n in names}
-            texts = {name: entry.text() for name, entry in found.items() if name.endswith(_UNIT)}
-            yield {n: replace(entry, unit=texts.get(n + _UNIT) or "") for n, entry in found.items()}
+            entries = {n.removesuffix(_ENDING): _entry(archive, n) for n in names}
+            texts = {name: entry.text() for name, entry in entries.items() if name.endswith(_UNIT)}
+            yield {n: replace(e, unit=texts.get(n + _UNIT) or "") for n, e in entries.items()}
 
     def write(self, volume: Volume, path: Path) -> None:
         grid = cartesian(volume)

@@ -167,7 +167,6 @@ def _is_linear(wcs: WCS, axis: int) -> bool:
 
 
 def _shown(wcs: WCS, unit: Any, header: Header) -> Any:
-    """Return the customary unit: km/s, GHz, or the header's unit for wavelengths."""
     from astropy import units as u
 
     for usual in (u.km / u.s, u.GHz):
@@ -201,7 +200,6 @@ def axis_name(wcs: WCS) -> str:
 
 
 def _plane(wcs: WCS, unit: UnitLike) -> tuple[list[np.ndarray], Any]:
-    """Return edges along x and y, and their unit."""
     from astropy import units as u
 
     if not wcs.has_celestial:
@@ -236,7 +234,6 @@ def is_place(wcs: WCS) -> bool:
 def _scale(
     third: np.ndarray, first: Any, own: Any, depth: Any, spectral_scale: Any, measure: Any
 ) -> float:
-    """Return the grid length that represents one unit of the third axis."""
     if depth is not None and spectral_scale is not None:
         raise InputError("give depth or spectral_scale, not both")
     if spectral_scale is not None:

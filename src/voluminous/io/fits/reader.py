@@ -13,7 +13,6 @@ from ...errors import FileFormatError, InputError
 from ...units import unit_name
 from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields
-from ..payload import is_packed, unpacked
 from .cubes import Cube, FITSImage, card, cubes, images
 from .layout import CubePlace, ThirdAxis, place_of
 from .write import write
@@ -51,13 +50,7 @@ class FITSReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        if not is_packed(head):
-            return head.startswith(_MAGIC)
-        try:
-            with unpacked(path) as file:
-                return file.read(len(_MAGIC)) == _MAGIC
-        except Exception:  # damaged, or of another kind
-            return False
+        return head.startswith(_MAGIC)
 
     def holds_image(self, path: Path) -> bool:
         try:
@@ -124,7 +117,6 @@ def _cubes(path: Path, options: dict[str, Any]) -> tuple[list[Cube], ThirdAxis |
 
 
 def _common(chosen: list[Cube], options: dict[str, Any]) -> CubePlace:
-    """Return the place that all cubes share."""
     first, *others = (place_of(cube, options) for cube in chosen)
     if not all(first.agrees(other) for other in others) or len({c.axes for c in chosen}) > 1:
         listed = ", ".join(f"{c.name} ({c.image}) {c.sides}" for c in chosen)

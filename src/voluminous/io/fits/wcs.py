@@ -87,7 +87,6 @@ def world(
 
 
 def _mended(image: FITSImage, rest: Any) -> Header:
-    """Return the header after correcting common misspellings."""
     from astropy import units as u
 
     header = image.header.copy()
@@ -195,7 +194,6 @@ def linear_part(wcs: WCS) -> np.ndarray:
 
 
 def _check_apart(wcs: WCS) -> None:
-    """Refuse non-orthogonal axes, except on the sky."""
     linear = np.abs(linear_part(wcs))
     if not np.all(np.isfinite(linear)) or not np.all(linear.max(axis=1) > 0):
         raise ValueError("a pixel has no size")

@@ -112,7 +112,6 @@ def from_xarray(
 
 
 def _as_dataset(data: Any) -> xarray.Dataset:
-    """Return an array as a data set with one variable."""
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())

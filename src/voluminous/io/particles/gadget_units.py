@@ -62,19 +62,10 @@ _TIME = "Unit time in cgs (U_t)"
 class GadgetHeader:
     """The header of an open file; units given by the user take precedence.
 
-    Attributes
-    ----------
-    units : dict of float or None
-        The code units of mass, length and velocity in cgs; None if the file omits them.
-    a, h : float
-        1 without cosmology.
-    box : array or None
-        Box widths in the code's unit; the box begins at 0.
-    periodic : bool
-    meta : dict
-        Time or redshift.
-    masses : array
-        Particle mass of each type, 0 if masses are stored per particle.
+    `units` are the code units of mass, length and velocity in cgs (None if the file omits them),
+    `a` and `h` are 1 without cosmology, `box` has the widths in the code's unit of a box that
+    begins at 0, `meta` the time or redshift, `masses` the particle mass of each type (0 if masses
+    are stored per particle).
     """
 
     def __init__(self, file: h5py.File, given: Mapping[str, Any]) -> None:

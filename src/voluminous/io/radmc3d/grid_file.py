@@ -32,16 +32,11 @@ class GridFile:
 
     def same_cells(self, other: GridFile) -> bool:
         """Return True if both describe the same cells."""
-        pairs = zip(
-            (*self.walls, self.flags, self.layers),
-            (*other.walls, other.flags, other.layers),
-            strict=True,
+        mine, theirs = (
+            [g.spherical, g.active, *(a if a is None else a.tobytes() for a in arrays)]
+            for g, arrays in ((g, (*g.walls, g.flags, g.layers)) for g in (self, other))
         )
-        mine, theirs = ((g.spherical, g.active) for g in (self, other))
-        return mine == theirs and all(
-            a is b is None or (a is not None and b is not None and np.array_equal(a, b))
-            for a, b in pairs
-        )
+        return mine == theirs
 
     @property
     def shape(self) -> tuple[int, ...]:

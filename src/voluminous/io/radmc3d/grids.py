@@ -215,9 +215,9 @@ def _patches(file: GridFile, grid: Any) -> GridOut:
 
         def flat(values: np.ndarray) -> np.ndarray:
             parts = grid.unpack(values)
-            seen = grid.unpack(np.ones(len(values), np.int8))  # cells under finer ones are 0
+            visible = grid.unpack(np.ones(len(values), np.int8))  # cells under finer ones are 0
             return np.concatenate(
-                [np.where(seen[k], parts[k], 0).astype(values.dtype).ravel("F") for k in order]
+                [np.where(visible[k], parts[k], 0).astype(values.dtype).ravel("F") for k in order]
             )
 
         levels = len(grid.cells_per_level) - 1

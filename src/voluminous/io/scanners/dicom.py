@@ -112,7 +112,6 @@ def _unit(name: str) -> str:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence pydicom's remarks on unusual headers."""
     logger = logging.getLogger("pydicom")
     before, logger.disabled = logger.disabled, True
     try:
@@ -142,7 +141,6 @@ def _read_header(path: Path) -> Any:
 
 
 def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
-    """Return the first header of a series, once all agree, and the slices."""
     headers = _chosen(path, series)
     first_file, first = headers[0]
     for file, header in headers:
@@ -164,7 +162,6 @@ def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
 
 
 def _chosen(path: Path, series: Any) -> _Headers:
-    """Return the files and headers of one series."""
     header = None if path.is_dir() else _read_header(path)
     if header is None or _is_contents(header):
         groups = _by_series(path, path) if header is None else _by_contents(path)
@@ -179,7 +176,6 @@ def _chosen(path: Path, series: Any) -> _Headers:
 
 
 def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
-    """Return all images of a directory by series; files are sorted by name."""
     files = []
     for file in sorted(_files(directory)):
         if _is_dicom(file):

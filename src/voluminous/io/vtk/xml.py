@@ -127,10 +127,8 @@ def _dataset(path: Path, root: Any) -> Dataset:
         if kind.startswith("P"):
             source = inside(path.parent, piece.GetAttribute("Source") or "")
             with placed(source.name):
-                inner = tree(source)
-                for element in children(inner):
-                    for part in children(element, "Piece"):
-                        check_arrays(part)
+                for part in (p for e in children(tree(source)) for p in children(e, "Piece")):
+                    check_arrays(part)
     return lazy_dataset("IOXML", f"XML{kind}Reader", path)
 
 

@@ -165,7 +165,6 @@ def _chosen_image(root: Any, asked: Any) -> _Multiscale:
 
 
 def _parsed(attributes: Mapping[str, Any], place: str) -> _Multiscale:
-    """Return the first image that attributes describe."""
     image = attributes["multiscales"][0]
     given = image.get("axes") or _OLD_AXES
     listed = [axis if isinstance(axis, Mapping) else {"name": axis} for axis in given]

@@ -13,9 +13,9 @@ from ...backend import dr
 from ...backend.types import Float
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.contract import Segment
-from ...media.context import Context
+from ...media.context import Context, completed
 from ...media.edges import Level
-from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
+from ...media.stretch import Panel, Straight, Stretch, within_limits
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, layer
 from ..cache import Cache
@@ -55,7 +55,7 @@ class FieldsAlong:
         for a in source.coordinates:
             place = chord.position[a] + chord.step[a] if s else chord.position[a]
             fields["xyz"[a]] = source.context.real(place)
-        return with_coordinates(within_limits(fields, source.context), source.context)
+        return completed(source.context.ops, within_limits(fields, source.context), source.context)
 
     def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
         """Return every field as a polynomial of s from 0 to 1.
