@@ -66,27 +66,6 @@ def test_a_scheme_that_the_grid_has_no_walk_for_is_refused():
         vm.render(flat, vm.Coefficients("a", "a"), CAMERA)
 
 
-def test_bad_coefficients_name_the_cell():
-    _, flat = both(a=VALUES)
-    with pytest.raises(vm.InputError, match=r"the first is \(0,\).*where a = "):
-        vm.render(flat, vm.Coefficients("a", "-a - 1"), CAMERA, scheme="first-order")
-
-
-def test_fields_of_another_shape_are_refused():
-    with pytest.raises(vm.InputError, match=r"shape \(3, 4, 5\), expected the grid's \(60,\)"):
-        vm.Volume(FLAT, a=VALUES)
-
-
-def test_parts_of_a_field_may_have_units():
-    class Parts(ShuffledGrid):
-        def pack(self, value):
-            return np.concatenate(value)
-
-    volume = vm.Volume(Parts(GRID), a=[np.ones(40) * u.km, np.ones(20) * u.m])
-    assert volume.units == {"a": "km"}
-    np.testing.assert_allclose(volume.array("a"), [1.0] * 40 + [1e-3] * 20, rtol=1e-15)
-
-
 @pytest.mark.parametrize("parts", [[1 * u.K, 1000], [1, 1000 * u.mK], [1 * u.K, 1000 * u.cm]])
 def test_parts_of_a_field_all_have_units_or_none(parts):
     grid = vm.PatchGrid([[0, 0, 0], [2, 0, 0]], [[2, 2, 2], [4, 2, 2]], [[2, 2, 2], [2, 2, 2]])
@@ -136,15 +115,3 @@ def test_an_octree_shows_the_grid_that_it_refines(precision):
     exact = 2e-5 if precision == "single" else 1e-12
     np.testing.assert_allclose(found.intensity, expected.intensity, atol=exact)
     assert found.intensity.max() > 0.3
-
-
-def test_flux_conserving_samples_need_a_rule():
-    _, flat = both(a=VALUES)
-    with pytest.raises(vm.InputError, match=r"use antialias='adaptive'"):
-        vm.render(
-            flat,
-            vm.Coefficients("a", "a"),
-            CAMERA,
-            scheme="first-order",
-            antialias="radmc3d",
-        )

@@ -244,3 +244,39 @@ def test_what_turns_with_an_angle_counts_where_there_is_one_cell_around(kind):
         # One-sided gradients at the surface are of first order: half a cell, 1/32 of the radius.
         np.testing.assert_allclose(found, exact, rtol=0.04)
         np.testing.assert_allclose(np.median(found), exact, rtol=2e-3)
+
+
+def refined_slab(n):
+    """Return a smooth field on n³ cells, of which an oblique layer is refined."""
+    edges = np.linspace(-1, 1, n + 1)
+    grid = vm.OctreeGrid.from_function(
+        edges, edges, edges, lambda x, y, z, s: np.abs(x + 0.3 * y) < 0.4, 1
+    )
+    volume = vm.Volume(grid)
+    volume["f"] = "sin(x)*exp(y)*cos(z)"
+    return volume
+
+
+def test_laplacians_on_a_tree_converge_at_jumps_too():
+    errors = []
+    for n in (8, 16, 32):
+        volume = refined_slab(n)
+        grid = volume.grid
+        wrong = np.abs(volume.evaluate("laplacian(f) + sin(x)*exp(y)*cos(z)"))
+        inside = (np.abs(grid.cell_centers()) < 1 - 2.5 / n).all(axis=0)
+        errors.append((wrong[inside].max(), np.sqrt(np.mean(wrong[inside] ** 2))))
+    largest, mean = np.log2(np.array(errors)[:-1] / np.array(errors)[1:]).T
+    # Of first order at jumps, of second elsewhere; the largest moves from place to place.
+    assert (largest > 0.5).all()
+    assert (mean > 1.3).all()
+
+
+def test_gradients_on_a_tree_converge():
+    errors = []
+    for n in (4, 8, 16):
+        volume = refined_slab(n)
+        grid = volume.grid
+        wrong = volume.evaluate("grad(f).x - cos(x)*exp(y)*cos(z)")
+        errors.append(np.sqrt(np.average(wrong**2, weights=grid.cell_volumes)))
+    # Of second order inside a level; of first at jumps and at the surface, which are a thin layer.
+    assert np.log2(errors[1] / errors[2]) > 1.3

@@ -103,16 +103,3 @@ def test_in_a_refined_grid_rays_see_azimuths_of_one_half_plane(kind, position):
         np.testing.assert_array_equal(begun, 0)
         through = counted(volume, across, *accuracy, surface)
         np.testing.assert_allclose(through, 1, rtol=0, atol=1e-3)
-
-
-@pytest.mark.exhaustive
-@kinds
-@pytest.mark.parametrize("position", [(0, 0, 0), (0, 0, 0.3)])
-def test_a_refined_picture_depends_on_no_accuracy_and_is_inside_its_bounds(kind, position):
-    volume = noise(kind(*EDGES[kind], refined=[1, *8 * [0], *11 * [0]]), 1)
-    for camera in (around(position), THROUGH["centre and axis"]):
-        found = [counted(volume, camera, *accuracy) for accuracy in ACCURACIES]
-        assert np.max(np.abs(found - np.round(found[0]))) < 1e-3
-        image = vm.render(volume, SURFACES, camera, bounds=True)
-        seen = 1 - 0.5 ** found[-1].reshape(image.lower.shape)
-        assert np.all((image.lower <= seen + 1e-9) & (image.upper >= seen - 1e-9))

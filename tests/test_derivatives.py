@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import weakref
 
 import numpy as np
 import pytest
@@ -178,12 +177,6 @@ def test_the_name_of_a_derivative_tells_what_it_is_made_of(argument):
     assert Expression(name) == expression
 
 
-def test_names_come_once_and_those_in_derivatives_do_not():
-    expression = Expression("a + gradmag(b) * gradmag('b') + grad(c).y + dot(grad(d), grad(a))")
-    d, a = ([f"grad({name}).{axis}" for axis in "xyz"] for name in "da")
-    assert expression.names == ("a", "gradmag(b)", "grad(c).y", *d, *a)
-
-
 def test_vectors():
     volume = vm.Volume(GRID, a=X * Y, b=Z - X, u=X, v=Y, w=Z)
     a, b = volume.evaluate("grad(a)"), volume.evaluate('grad("b")')
@@ -225,14 +218,6 @@ def test_refused_with_a_caret(before, rest, message):
     shown = str(caught.value).splitlines()
     assert message in shown[0]
     assert shown[1:] == [f"    {before}{rest}", f"    {' ' * len(before)}^"]
-
-
-def test_mistakes_in_quotes_are_shown_in_what_is_quoted():
-    with pytest.raises(ExpressionError, match="did you mean 'log10'") as caught:
-        Expression("1 + gradmag('2 * log1(a)')")
-    assert str(caught.value).splitlines()[1:] == ["    2 * log1(a)", "        ^"]
-    with pytest.raises(ExpressionError, match="empty"):
-        Expression("gradmag(' ')")
 
 
 def test_long_and_deep_derivatives_are_refused_and_not_tried():
@@ -379,14 +364,6 @@ def test_derivatives_of_what_was_changed_in_place_are_those_of_now(name):
     assert after != before
 
 
-def test_a_volume_with_derivatives_is_freed_at_once(no_collector):
-    volume = vm.Volume(GRID, f=X)
-    volume.evaluate("gradmag(f)")
-    seen = weakref.ref(volume)
-    del volume
-    assert seen() is None
-
-
 # --- in pictures ---------------------------------------------------------------------------------
 
 
@@ -403,19 +380,3 @@ def test_a_picture_of_a_derivative_is_that_of_a_field_with_its_values(scheme, pr
 
     np.testing.assert_array_equal(picture('gradmag("f")'), picture("m"))
     assert picture("m").max() > 0.1
-
-
-def test_derivatives_evaluated_on_the_ray():
-    # A function that cannot be read has no key, and four rays visit few cells: no table is made.
-    volume = smooth(16)
-    volume["m"] = volume.evaluate("gradmag(f)")
-
-    def picture(name):
-        medium = vm.Medium.from_function(
-            lambda m, x: (vm.math.erf(m) * x, m), [name, "x"], channels=1
-        )
-        camera = vm.Orthographic(width=1.0, resolution=2)
-        return vm.render(volume, medium, camera, scheme="first-order").intensity
-
-    np.testing.assert_array_equal(picture("gradmag(f)"), picture("m"))
-    assert not volume.tables

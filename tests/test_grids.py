@@ -112,30 +112,6 @@ def test_cells_are_measured_in_lengths_and_angles_and_what_is_made_of_them(unit)
     assert vm.CartesianGrid(edges, edges, edges, unit=unit).unit == u.Unit(unit)
 
 
-def test_a_name_of_another_unit_is_a_slip():
-    edges = np.array([0.0, 1.0, 2.0])
-    corners = np.array([[0.0, 0, 0]]), np.array([[1.0, 1, 1]]), [[2, 2, 2]]
-    for make in (
-        lambda: vm.CartesianGrid(edges, edges, edges, unit="kg"),
-        lambda: vm.OctreeGrid(edges, edges, edges, unit="kg"),
-        lambda: vm.PatchGrid(*corners, unit="kg"),
-        lambda: vm.SphericalGrid(edges, unit="kg"),
-    ):
-        with pytest.raises(vm.UnitsError, match="'kg' is a unit of mass; expected one of length"):
-            make()
-    # Whoever gives a unit itself, as readers do, means it.
-    assert vm.CartesianGrid(edges * u.s, edges, edges).unit == u.s
-
-
-def test_edges_are_a_copy_that_cannot_be_changed():
-    edges = np.array([0.0, 1.0, 2.0])
-    grid = vm.CartesianGrid(edges, edges, edges)
-    edges[1] = 1.5
-    assert grid.edges[0][1] == 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        grid.edges[0][1] = 1.5
-
-
 @pytest.mark.parametrize(
     ("edges", "told"),
     [

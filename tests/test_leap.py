@@ -52,18 +52,6 @@ def test_empty_cubes_ahead(shape, share, seed):
         np.testing.assert_array_equal(ahead, brute_ahead(filled, down))
 
 
-def test_far_cubes_are_counted_up_to_fifteen():
-    filled = np.zeros((40, 20, 20), bool)
-    filled[0, 0, 0] = True
-    code = empty_ahead(filled)
-    assert (code[1:] & 15 == 15).all()  # upwards: nothing filled, nor beyond the faces
-    down = code >> 28  # along all axes
-    apart = np.indices(filled.shape).max(axis=0)  # blocks between, and its own
-    np.testing.assert_array_equal(
-        down, SIZES[np.searchsorted(SIZES, np.minimum(apart, 15), "right") - 1]
-    )
-
-
 def make_grid(shape, seed, even):
     """Return a grid with cells of equal or very unequal width."""
     rng = np.random.default_rng(seed)

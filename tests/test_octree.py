@@ -8,8 +8,6 @@ import pytest
 import voluminous as vm
 from contracts import GridContract
 from contracts.bundle import on_a_sphere
-from contracts.grid import make_ray, walk_along
-from voluminous.backend import dr, get_backend
 
 UNEVEN = [-1.0, -0.3, 0.1, 0.8, 2.0]
 
@@ -75,20 +73,6 @@ class TestThirtyLevels(OctreeContract):
         return point + apart - 8 * directions, directions
 
 
-def crossed(grid, backend, origins, directions):
-    """Return the cells and lengths of segments of each ray that are not rounding, in order."""
-    steps = walk_along(grid, backend, make_ray(backend, origins, directions))
-    real = steps.active & (steps.length > 1e-9)
-    return [(steps.cell[r, k], steps.length[r, k]) for k, r in enumerate(real.T)]
-
-
-def rays_through(grid, count=200):
-    low, high = grid.bounds.T
-    directions = on_a_sphere(count, seed=4)
-    aims = np.random.default_rng(3).uniform(low, high, (count, 3))
-    return aims - 3 * np.linalg.norm(high - low) * directions, directions
-
-
 def test_split_flags_are_read_in_the_order_of_radmc3d():
     # The second base cell is split, and of its children the third (upper y) again.
     grid = vm.OctreeGrid([0, 8, 16], [0, 8], [0, 8], [0, 1, 0, 0, 1, *8 * [0], *5 * [0]])
@@ -135,39 +119,6 @@ def test_function_says_where_to_refine():
     width = grid.cell_sizes()[0]
     assert (np.abs(radius - 0.6) >= width)[grid.levels < 3].all()
     assert grid.levels.max() == 3
-
-
-def test_refined_grid_tells_where_its_cells_come_from():
-    grid = random_octree(6, 3)
-    where = np.arange(grid.size) % 3 == 0
-    finer = grid.refine(where)
-    np.testing.assert_array_equal(grid.locate(finer.cell_centers().T), finer.parents)
-    np.testing.assert_array_equal(finer.levels, grid.levels[finer.parents] + where[finer.parents])
-
-
-def test_holes_of_a_pruned_tree_are_as_large_as_can_be():
-    grid, backend = random_octree(7, 5), get_backend("cpu", "double")
-    visible = np.linalg.norm(grid.cell_centers().T - [1, 1, 0], axis=1) < 0.7
-    rays = rays_through(grid)
-    walk = grid.walk_through(grid.pruned(visible), backend)
-    track, cursor = walk.enter(make_ray(backend, *rays))
-    seen, steps = [[] for _ in rays[0]], 0
-    while dr.any(cursor.inside):
-        segment, cursor = walk.next(track, cursor)
-        dr.eval(segment, cursor)
-        steps += 1
-        found = np.asarray(segment.active) & (np.asarray(segment.length) * grid.scale > 1e-9)
-        for k in np.flatnonzero(found):
-            seen[k].append(np.asarray(segment.cell)[k])
-    expected = crossed(grid, backend, *rays)
-    for cells, (all_cells, _) in zip(seen, expected, strict=True):
-        np.testing.assert_array_equal(cells, all_cells[visible[all_cells]])
-    assert steps < max(len(cells) for cells, _ in expected)
-
-
-def test_single_precision_is_for_trees_whose_cells_it_tells_apart():
-    assert not zoom(10, (0.1, 0.2, 0.3)).needs_double()
-    assert zoom(20, (0.1, 0.2, 0.3)).needs_double()
 
 
 def test_grid_tells_of_itself():

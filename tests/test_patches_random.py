@@ -95,18 +95,3 @@ def test_patches_far_apart_in_a_domain_of_any_number_of_cells(seed):
         met = (np.abs(centers - here) < sizes / 2)[:, others].all(axis=1)
         expected = (volume.array("f") * sizes[:, axis])[met].sum()
         np.testing.assert_allclose(image.intensity.item(), expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize("gap", [1e6, 1e9, 1e12])
-def test_two_patches_may_be_as_far_apart_as_double_precision_can_tell(gap, tmp_path):
-    lower = np.array([[0, 0, 0], [gap, gap, 0]])
-    grid = vm.PatchGrid(lower, lower + 1, (2, 2, 2))
-    volume = vm.Volume(grid, f=np.arange(16.0))
-    camera = vm.Orthographic(width=1, resolution=2, center=(gap + 0.5, gap + 0.5, 0.5))
-    image = vm.render(volume, vm.Coefficients("f", 0), camera, scheme="first-order")
-    expected = volume.array("f")[8:].reshape(2, 2, 2).mean(axis=2).T
-    np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-6)
-    volume.save(tmp_path / "far.h5")
-    again = vm.open(tmp_path / "far.h5")
-    np.testing.assert_array_equal(again.grid.bounds, grid.bounds)
-    np.testing.assert_array_equal(again.grid.cell_centers(), grid.cell_centers())

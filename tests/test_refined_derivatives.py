@@ -86,16 +86,6 @@ def test_quadratic_fields_are_exact_at_jumps_where_one_cell_goes_all_around(kind
     np.testing.assert_allclose(volume.evaluate("laplacian(f)")[known], 8, atol=1e-9)
 
 
-def test_radial_grids_know_what_follows_from_the_angles():
-    """Shells have neighbours in line only; ∇² r² is exact where r is evenly divided."""
-    edges = np.linspace(1, 2, 17)
-    volume = vm.Volume(vm.SphericalGrid(edges, refined=random_flags(16, 2)))
-    volume["f"] = "r**2"
-    low, high = volume.grid.spans()
-    inside = (low[0] > 1) & (high[0] < 2)
-    np.testing.assert_allclose(volume.evaluate("laplacian(f)")[inside], 6, rtol=1e-9)
-
-
 def locally_refined(grid, chosen, children):
     """Return the grid with some base cells split."""
     flags = np.concatenate([[1] + [0] * children if split else [0] for split in chosen])

@@ -136,30 +136,6 @@ def test_azimuth_goes_round():
     np.testing.assert_allclose(*found, rtol=0, atol=1e-12)
 
 
-def test_a_mirrored_grid_is_the_upper_half_of_the_whole():
-    rng, theta = np.random.default_rng(4), np.linspace(0.3, PI / 2, 4)
-    chosen = rng.random((3, 3, 6)) < 0.4
-    half = split(vm.SphericalGrid, (RADII, theta, CIRCLE), chosen, mirror=True)
-    both = np.append(theta, PI - theta[-2::-1])
-    chosen = np.concatenate([chosen, chosen[:, ::-1]], 1)
-    whole = split(vm.SphericalGrid, (RADII, both, CIRCLE), chosen)
-    field = rng.random(half.size)
-    r, angle, phi = whole.native_centers()
-    upper = half.locate(half.position(np.array([r, np.minimum(angle, PI - angle), phi])).T)
-    values = corner_values(half, field), corner_values(whole, field[upper])
-    above = angle < PI / 2
-    np.testing.assert_allclose(values[0][upper[above]], values[1][above], rtol=0, atol=1e-12)
-    camera = vm.Orthographic(57, 33, width=21, resolution=12, center=(0, 0, 0))
-    medium = vm.Gaussian("f", 0.5, 0.1, [1.0], 0.2, 0.3)
-    options = {"precision": "double", "cutoff": 0, "tolerance": 1e-5}
-    pair = [
-        vm.render(vm.Volume(g, f=f), medium, camera, **options)
-        for g, f in ((half, field), (whole, field[upper]))
-    ]
-    slack = 2e-5 * pair[0].intensity.max()
-    np.testing.assert_allclose(pair[0].intensity, pair[1].intensity, rtol=0, atol=slack)
-
-
 def some_rays():
     """Return rays from outside, inside and the cavity, and some in special directions."""
     origins = np.random.default_rng(5).uniform(-4, 4, (24, 3))

@@ -57,16 +57,6 @@ def test_boxes_share_exactly_what_they_overlap(old, new, data):
     np.testing.assert_allclose(found.array("f"), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("new", KINDS, ids=["axes", "flat"])
-def test_outside_is_what_is_asked_for(new):
-    grid = vm.CartesianGrid.uniform(4, (0, 1))
-    volume = vm.Volume(grid, f=np.full(grid.shape, 3.0))
-    target = new(vm.CartesianGrid.uniform((2, 1, 1), ((-1, 3), (0, 1), (0, 1))))
-    found = volume.resample(target, fill=7.0)
-    # From -1 to 1 half is inside; from 1 to 3 nothing is.
-    np.testing.assert_allclose(np.sort(found["f"].ravel()), [5.0, 7.0], rtol=1e-14)
-
-
 def test_an_octree_to_a_grid_of_planes_and_back():
     edges = np.linspace(-1, 1, 5)
 
@@ -121,17 +111,6 @@ CURVED = {
         np.linspace(0.1, 1, 8), np.linspace(0, 2 * np.pi, 13), np.linspace(-1, 1, 9)
     ),
 }
-
-
-def test_what_is_told_besides_is_kept_as_far_as_it_holds():
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 2)), a=np.ones((4, 4, 4)))
-    turned = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    volume.meta = {"time": 3.0, "orientation": "LPS", "direction": turned}
-    finer = volume.resample(vm.CartesianGrid.uniform(8, (0, 2)))
-    assert finer.meta == volume.meta
-    assert volume.resample(vm.CartesianGrid.uniform(4, (-1, 3))).meta == volume.meta
-    # Turned about another centre it would be elsewhere.
-    assert volume.resample(vm.CartesianGrid.uniform(4, (0, 1))).meta == {"time": 3.0}
 
 
 @pytest.mark.parametrize("kind", CURVED)

@@ -116,25 +116,6 @@ def test_hard_rays_neither_hang_nor_leak(name, precision):
     check_adversarial(grid, backend, *adversarial_rays(grid, 3 * grid.edges[0][-1]))
 
 
-@pytest.mark.parametrize("scheme", ["first-order", "second-order", "olson-kunasz"])
-def test_a_grid_refined_everywhere_is_the_finer_grid(scheme):
-    even = [1, *8 * [0]] * (3 * 4 * 6)
-    grid = vm.SphericalGrid(RADII, np.linspace(0, PI, 5), CIRCLE, refined=even)
-    fine = vm.SphericalGrid(*grid.fine_edges)
-    values = np.random.default_rng(0).random((2, *fine.shape))
-    images = []
-    for g in (grid, fine):
-        j, a = values if g is fine else values.reshape(2, -1)[:, fine.locate(g.cell_centers().T)]
-        volume = vm.Volume(g, j=j, a=0.1 * a)
-        camera = vm.Orthographic(50, 20, width=20, resolution=24)
-        images.append(
-            vm.render(
-                volume, vm.Coefficients("j", "a"), camera, scheme=scheme, precision="double"
-            ).intensity
-        )
-    np.testing.assert_allclose(*images, rtol=0, atol=1e-13 * images[0].max())
-
-
 @pytest.mark.parametrize("name", GRIDS)
 def test_host_side_agrees_with_itself(name):
     grid = GRIDS[name]

@@ -95,19 +95,6 @@ def test_bounds_contain_the_truth(name):
     assert (image.upper - image.lower).max() <= 0.05 * exact.max()
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_an_isosurface_has_one_colour_across_jumps_of_level(precision):
-    """It crosses cells of three levels, and neither cracks nor doubles."""
-    volume = vm.Volume(around_a_shell(8, 3), a="sqrt(x**2 + y**2 + z**2) + 0.15*x")
-    assert len(np.unique(volume.grid.levels)) == 4
-    medium = vm.Isosurface("a", 0.65, np.array([1.0, 0.6, 0.1]), 0.3)
-    camera = vm.Orthographic(37, 61, width=0.7, resolution=150, center=(0, 0, 0))
-    image = vm.render(volume, medium, camera, precision=precision)
-    crossings = np.asarray(image.optical_depth)[..., 0] / -np.log(0.7)
-    np.testing.assert_allclose(crossings, 2, atol=1e-4)
-    assert np.ptp(image.intensity.reshape(-1, 3), axis=0).max() <= 1e-3
-
-
 def test_a_shell_much_thinner_than_a_cell_has_no_seams():
     """An optical depth per crossing of √(2π) σ / |da/ds|, wherever the walls of cells are."""
     grid = random_octree(6, 3, 0.3, [np.linspace(-1, 1, 9)] * 3)

@@ -180,3 +180,15 @@ def test_pictures_are_of_second_order_in_the_width_of_cells():
         image = vm.render(volume, medium, camera, precision="double", tolerance=1e-7, cutoff=0.0)
         errors.append(np.sqrt(np.mean((camera.flat(image.intensity) - exact) ** 2)))
     assert -np.diff(np.log2(errors)).mean() > 1.85
+
+
+def test_corners_in_even_parts_are_of_fourth_order():
+    """Where all cells around are alike; plain means are off by the second derivatives."""
+    errors = []
+    for n in (8, 16, 32):
+        grid = vm.OctreeGrid(*[np.linspace(-1, 1, n + 1)] * 3)
+        points = corner_points(grid)
+        inner = (np.abs(points) < 0.7).all(axis=2)
+        values = corner_values(grid, smooth(*grid.cell_centers()), "double")
+        errors.append(np.abs(values - smooth(*np.moveaxis(points, 2, 0)))[inner].max())
+    assert (-np.diff(np.log2(errors)) > 3.7).all()

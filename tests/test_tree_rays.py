@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import voluminous as vm
 from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from test_octree import random_octree
 from test_patches import random_patches, tiles
-from voluminous.backend import dr, from_host, get_backend
-from voluminous.grids.contract import Ray
+from voluminous.backend import dr, get_backend
 
 GRIDS = {
     "octree": lambda: random_octree(3, 6, 0.25),
@@ -118,22 +116,3 @@ def test_lengths_add_up_to_the_chord(grid, backend, lines):
     eps = np.finfo(backend.dtype).eps
     slack = 1e-12 if backend.precision == "double" else 4 * eps * count.max()
     np.testing.assert_allclose(total, chord, rtol=0, atol=slack * diagonal)
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_vertices_of_rays_in_holes_are_vertices(precision):
-    # Two opposite corners of a box: oblique rays enter through holes.
-    grid = vm.PatchGrid([[0, 0, 0], [1, 1, 1]], [[1, 1, 1], [2, 2, 2]], [[2, 2, 2], [4, 4, 4]])
-    backend = get_backend("cpu", precision)
-    walk, Wide = grid.walk(backend), backend.Wide
-    start = np.random.default_rng(0).uniform(0, 2, (3, 200)) - 5 * np.array([[0.6], [0.0], [0.8]])
-    direction = [Wide(0.6), Wide(0.0), Wide(0.8)]
-    track, cursor = walk.enter(Ray([from_host(Wide, c) for c in start], direction))
-    for _ in range(8):
-        segment, onward = walk.next(track, cursor)
-        for corners in (walk.entry_corners(track, cursor), walk.exit_corners(track, segment)):
-            inside = np.asarray(cursor.inside)
-            for vertex in corners.vertex:
-                assert np.all(np.asarray(backend.UInt(vertex))[inside] < grid.vertex_count)
-        cursor = onward
-        dr.eval(cursor)  # else every step is computed from the first one on

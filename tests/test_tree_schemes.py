@@ -36,20 +36,6 @@ def evenly_refined(levels=2):
     return octree, vm.CartesianGrid.uniform(4 << levels, (-1, 1))
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("camera", [CAMERA, INSIDE], ids=["outside", "inside"])
-@pytest.mark.parametrize("scheme", SCHEMES[:3])
-def test_evenly_refined_octree_is_the_uniform_grid(scheme, camera, precision):
-    octree, uniform = evenly_refined()
-    a = np.random.default_rng(1).random(uniform.shape)
-    field = a.reshape(-1)[uniform.locate(octree.cell_centers().T)]
-    pair = [
-        picture(volume, camera, scheme, precision)
-        for volume in (vm.Volume(octree, a=field), vm.Volume(uniform, a=a))
-    ]
-    assert_alike(*pair, precision)
-
-
 def linear(grid):
     x, y, z = grid.cell_centers()
     return (0.4 + 0.6 * x - 0.5 * y + 0.8 * z).reshape(grid.shape)

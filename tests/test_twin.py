@@ -204,22 +204,3 @@ def test_flux_conserving_recursion_ends_when_pixels_are_no_wider_than_the_first_
         half = 0.5 * cell / pixels_per_cell
         camera = twin.Camera(1, 2, (0.5 * half, 2 * half))
         assert twin.flux_conserving_samples(EDGES, camera) == n
-
-
-def test_ray_ends_at_a_local_observer_inside_a_cell():
-    # looking up along z from inside the upper cell layer: light comes from above, downwards
-    camera = twin.Camera(
-        1, 1, (0.01, 0.01), point=(0.5, 1.0, 5.0), observer=(0.5, 1.0, 0.4), projection=2
-    )
-    rng = np.random.default_rng(5)
-    alpha, j = rng.uniform(size=(2, 4, 3, 2, 1))
-    image = twin.render(EDGES, j, alpha, camera, "first-order")
-    ix, iy, iz = 2, 2, 1
-    assert image["optical_depth"].item() == pytest.approx(alpha[ix, iy, iz, 0] * 0.6, rel=1e-14)
-
-    second = twin.render(EDGES, j, alpha, camera, "second-order")
-    vertices = twin.vertex_means(alpha)
-    ends = np.array([[0.5, 1.0, 1.0], [0.5, 1.0, 0.4]])
-    cell = tuple(np.full(2, i) for i in (ix, iy, iz))
-    expected = 0.6 * twin.interpolate(EDGES, vertices, cell, ends).mean()
-    assert second["optical_depth"].item() == pytest.approx(expected, rel=1e-14)

@@ -13,7 +13,7 @@ from ..memory import fits
 from ..units import parse_unit
 from .neighbours import NeighbourDifferences
 from .structured import in_single, whole
-from .tree_slopes import BoxesOfTree, is_tree
+from .tree_slopes import BoxesOfTree
 from .vectors import common_unit, component_everywhere, is_component
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def differences(
     grid: Grid, evaluate: Callable[[int, int], np.ndarray]
 ) -> NeighbourDifferences | BoxesOfTree:
     """Return the object that differentiates on unstructured grids; trees use kernels."""
-    return (BoxesOfTree if is_tree(grid) else NeighbourDifferences)(grid, evaluate)
+    return (BoxesOfTree if grid.has_neighbourhood else NeighbourDifferences)(grid, evaluate)
 
 
 def _along_axes(volume: Any, operation: str, argument: Expression) -> np.ndarray:
@@ -80,13 +80,18 @@ class Derivatives:
 
     def array(self, volume: Any, derived: DerivedField) -> np.ndarray:
         """Return the values, float32 or float64, in `unit`."""
-        view = volume.sight.key() if depends_on_view(derived) else None
-        kept = self._kept.get(derived.name)
-        if kept is None or kept.view != view:
-            kept = self._kept[derived.name] = _Kept(
-                _computed(volume, derived), _sources(volume, derived), view
-            )
-        return kept.array
+        view = volume.sight.key() if "los(" in derived.name else None
+        cached = self._kept.get(derived.name)
+        if cached is None or cached.view != view:
+            with np.errstate(all="ignore"):  # NaN and infinity show in the result
+                if is_component(derived):
+                    array = component_everywhere(volume, derived)
+                else:
+                    array = differentiated(volume, derived.operation, derived.arguments[0])
+            names = {n for a in derived.arguments for n in required_names(a)}
+            source = {name: volume.digest(name) for name in volume.given(names)}
+            cached = self._kept[derived.name] = _Kept(array, source, view)
+        return cached.array
 
     def unit(self, volume: Any, derived: DerivedField) -> Any:
         """Return the unit: that of the argument, per length or per length squared."""
@@ -119,21 +124,3 @@ class Derivatives:
         now = {name: volume.digest(name) for name in used}
         for name in [n for n, kept in self._kept.items() if not kept.source.items() <= now.items()]:
             del self._kept[name]
-
-
-def depends_on_view(derived: DerivedField) -> bool:
-    """Return True if it contains a component along the line of sight."""
-    return "los(" in derived.name
-
-
-def _computed(volume: Any, derived: DerivedField) -> np.ndarray:
-    with np.errstate(all="ignore"):  # NaN and infinity show in the result
-        if is_component(derived):
-            return component_everywhere(volume, derived)
-        return differentiated(volume, derived.operation, derived.arguments[0])
-
-
-def _sources(volume: Any, derived: DerivedField) -> dict[str, bytes]:
-    names = {n for a in derived.arguments for n in required_names(a)}
-    given = volume.given(names)
-    return {name: volume.digest(name) for name in given}

@@ -451,13 +451,8 @@ def _solved(matrix: dict[tuple[int, int], Any], right: list[Float]) -> list[Floa
     return [f * s for f, s in zip(found, scale, strict=True)]
 
 
-def is_tree(grid: Grid) -> bool:
-    """Return whether kernels support neighbour searches on the grid."""
-    return bool(grid.has_neighbourhood)
-
-
 class BoxesOfTree:
-    """Counterpart of `neighbours.NeighbourDifferences` for grids that satisfy `is_tree`.
+    """Counterpart of `neighbours.NeighbourDifferences` for grids with a `neighbourhood`.
 
     `values` (N,).
     """

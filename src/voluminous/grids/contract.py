@@ -99,10 +99,7 @@ class Corners:
 class CellBox:
     """A box of cells of a structured grid, to which a walk is confined.
 
-    Attributes
-    ----------
-    low, high : tuple of three int
-        The first cell along each axis, and the one after the last.
+    `low` and `high` are the first cell along each axis, and the one after the last.
     """
 
     low: tuple[int, int, int]
@@ -118,23 +115,14 @@ class CellBox:
 class Track(Protocol):
     """What is constant along a ray.
 
-    Attributes
-    ----------
-    entry : array
-        Distance from the ray's origin to where distances begin to count, in units of the scale.
+    `entry` is the distance from its origin to where distances count from, in units of the scale.
     """
 
     entry: Float
 
 
 class Cursor(Protocol):
-    """Where a ray is: a dataclass of arrays, part of the loop's state.
-
-    Attributes
-    ----------
-    inside : array of Bool
-        Lanes that are in the domain still.
-    """
+    """Where a ray is: a dataclass of arrays; `inside` are the lanes still in the domain."""
 
     inside: Mask
 
@@ -142,12 +130,7 @@ class Cursor(Protocol):
 class Landing(Protocol):
     """Where rays are once they have crossed space in which there is nothing to gather.
 
-    Attributes
-    ----------
-    cursor : Cursor
-        Where they are.
-    moved : array of Bool
-        Lanes that have crossed any.
+    `moved` are the lanes that have crossed any.
     """
 
     cursor: Any
@@ -416,13 +399,7 @@ class Grid:
         raise NotImplementedError
 
     def check_no_box(self, box: CellBox | None) -> None:
-        """Refuse a walk confined to a box.
-
-        Raises
-        ------
-        InputError
-            If there is one.
-        """
+        """Raise an InputError if there is a box, which a walk is to be confined to."""
         if box is not None:
             raise InputError(
                 f"rays through a {type(self).__name__} cannot be confined to a box of its cells "
@@ -430,13 +407,7 @@ class Grid:
             )
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
-        """Return fields as dual walks gather them, one for each array.
-
-        Raises
-        ------
-        InputError
-            If the grid has no dual walk.
-        """
+        """Return fields as dual walks gather them, one for each array."""
         self.refuse("fields between its cells")
 
     def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
@@ -466,13 +437,7 @@ class Grid:
         self.refuse("cells that can be left out")
 
     def refuse(self, lacking: str) -> NoReturn:
-        """Refuse what the grid does not have.
-
-        Raises
-        ------
-        InputError
-            Always; names a scheme that every grid has.
-        """
+        """Raise an InputError for what the grid does not have: a scheme needs less."""
         raise InputError(f"a {type(self).__name__} has no {lacking}; use scheme='first-order'")
 
     def needs_double(self) -> bool:
@@ -503,12 +468,11 @@ class Grid:
 
     def on_device(self, backend: Backend, what: str, make: Callable[[], Made]) -> Made:
         """Return what `make` returned the first time for a backend: once made, it is kept."""
-        kept: dict[Any, Any] = self.__dict__.setdefault("_on_devices", {})
+        cached: dict[Any, Made] = self.__dict__.setdefault("_on_devices", {})
         key = (backend, what)
-        if key not in kept:
-            kept[key] = make()
-        made: Made = kept[key]
-        return made
+        if key not in cached:
+            cached[key] = make()
+        return cached[key]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what devices hold: another process makes its own."""

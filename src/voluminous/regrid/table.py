@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import InputError, MissingPackageError, check_name
 from ..expressions import Expression
-from ..units import Unit
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -22,12 +21,14 @@ def cell_columns(grid: Grid) -> dict[str, tuple[np.ndarray, Any]]:
 
     Number, centre (x, y, z, and the grid's own coordinates), widths along these, volume, level.
     """
+    from astropy.units import rad
+
     system, unit = tuple(grid.coordinates), grid.unit
     columns = {"cell": (np.arange(grid.size), None)}
     for name, values in zip("xyz", grid.cell_centers(0, grid.size), strict=True):
         columns[name] = (values, unit)
     for name, values in zip(system, grid.native_centers(0, grid.size), strict=True):
-        columns[name] = (values, _radian() if name in ("theta", "phi") else unit)
+        columns[name] = (values, rad if name in ("theta", "phi") else unit)
     for name, values in zip(system, grid.cell_sizes(0, grid.size), strict=True):
         columns[f"size_{name}"] = (values, unit)
     columns["volume"] = (np.reshape(grid.cell_volumes, -1), None if unit is None else unit**3)
@@ -39,45 +40,30 @@ def table(columns: Mapping[str, tuple[np.ndarray, Any]], kind: str) -> Any:
     """Return columns with units as a table."""
     check_name("kind of table", kind, KINDS)
     if kind == "pandas":
-        pd = _pandas()
-        return pd.DataFrame({name: values for name, (values, _) in columns.items()})
+        try:
+            from pandas import DataFrame
+        except ImportError as error:
+            raise MissingPackageError(
+                "kind='pandas' needs pandas: pip install pandas, or take another kind"
+            ) from error
+        return DataFrame({name: values for name, (values, _) in columns.items()})
     if kind == "numpy":
-        first = next(iter(columns.values()))[0]
         types = [(name, values.dtype) for name, (values, _) in columns.items()]
-        filled = np.empty(len(first), types)
+        filled = np.empty(len(next(iter(columns.values()))[0]), types)
         for name, (values, _) in columns.items():
             filled[name] = values
         return filled
-    united = {name: _united(values, unit) for name, (values, unit) in columns.items()}
+    from astropy import units as u
+
+    united = {
+        name: values if unit is None else u.Quantity(values, unit, copy=False, subok=True)
+        for name, (values, unit) in columns.items()
+    }
     if kind == "dict":
         return united
     from astropy.table import QTable
 
     return QTable(united)
-
-
-def _united(values: np.ndarray, unit: Unit) -> Any:
-    if unit is None:
-        return values
-    from astropy import units as u
-
-    return u.Quantity(values, unit, copy=False, subok=True)
-
-
-def _pandas() -> Any:
-    try:
-        import pandas
-    except ImportError as error:
-        raise MissingPackageError(
-            "kind='pandas' needs pandas: pip install pandas, or take another kind"
-        ) from error
-    return pandas
-
-
-def _radian() -> Any:
-    from astropy import units as u
-
-    return u.rad
 
 
 def table_of_cells(volume: Any, fields: Iterable[str] | None, where: Any, kind: str) -> Any:
