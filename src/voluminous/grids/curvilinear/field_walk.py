@@ -21,13 +21,12 @@ from ...backend.types import Float, Int, Mask
 from ..contract import Segment
 from ..lanes import lesser
 from ..straight_chord import Values, cubic_through, parabola_through, trilinear
-from .surfaces import NUMBERS, Arithmetic
+from .surfaces import NUMBERS, Arithmetic, SurfaceGrid
 from .walk import CurvilinearWalk, SurfaceExit, SurfaceTrack, flat, norm
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
     from ..contract import Grid
-    from .grid import CurvilinearGrid
 
 # The longest segment, as a part of its distance, where nothing is asked: √(q² + u²) is then off by
 # 6e-6 q at most, and a field of white noise by 4e-4 of its range.
@@ -117,9 +116,7 @@ class SmoothWalk(CurvilinearWalk):
 
     approximate = True
 
-    def __init__(
-        self, grid: CurvilinearGrid, edges: tuple[np.ndarray, ...], backend: Backend
-    ) -> None:
+    def __init__(self, grid: SurfaceGrid, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
         super().__init__(grid, edges, backend, True)
         self.centre = grid.kind == "spherical"
         self.length = backend.opaque(float(grid.scale))
@@ -203,7 +200,7 @@ class CurvilinearFieldWalk(SmoothWalk):
         return place
 
 
-def dual_walls(grid: CurvilinearGrid) -> tuple[np.ndarray, ...]:
+def dual_walls(grid: SurfaceGrid) -> tuple[np.ndarray, ...]:
     """Return the walls of the dual cells of a grid."""
     axes = zip(grid.edges, periodic_axes(grid), strict=True)
     return tuple(dual_edges(edges, periodic) for edges, periodic in axes)
