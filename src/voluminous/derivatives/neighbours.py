@@ -135,7 +135,7 @@ def _gradient(way: np.ndarray, rise: np.ndarray, weight: np.ndarray) -> np.ndarr
     out[regular] = np.linalg.solve(matrix[regular], right[regular, :, None])[..., 0]
     inverse = np.linalg.pinv(matrix[~regular], rcond=_LEAST, hermitian=True)
     out[~regular] = np.einsum("nab,nb->na", inverse, right[~regular])
-    return out.T
+    return np.asarray(out.T)
 
 
 def _second(

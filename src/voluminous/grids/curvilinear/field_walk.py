@@ -43,7 +43,9 @@ _PARALLEL = 1e-12
 class CurvilinearChord:
     """A segment through a dual cell or a leaf, a curve in its coordinates."""
 
-    def __init__(self, walk: Any, track: SurfaceTrack, segment: Segment) -> None:
+    walk: SmoothWalk
+
+    def __init__(self, walk: SmoothWalk, track: SurfaceTrack, segment: Segment) -> None:
         self.walk, self.track, self.segment = walk, track, segment
 
     @property
@@ -143,6 +145,10 @@ class SmoothWalk(CurvilinearWalk):
         """Return a segment through its dual cell or leaf."""
         return CurvilinearChord(self, track, segment)
 
+    def corner(self, track: SurfaceTrack, leaving: SurfaceExit) -> Int:
+        """Return the flat number of the lower corner of a dual cell; of dual walks."""
+        raise NotImplementedError
+
     def place(
         self, track: SurfaceTrack, leaving: Any, point: list[Float], own: Arithmetic
     ) -> list[Float]:
@@ -186,7 +192,6 @@ class CurvilinearFieldWalk(SmoothWalk):
     in_cells = False
 
     def corner(self, track: SurfaceTrack, leaving: SurfaceExit) -> Int:
-        """Return the flat number of the lower corner of a dual cell."""
         index = self.cells_near(track, leaving.count)
         return self.backend.UInt(flat(index, self.vertex_strides))
 

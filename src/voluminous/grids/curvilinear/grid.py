@@ -80,11 +80,11 @@ class CurvilinearGrid(SurfaceGrid, StructuredGrid):
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, high = self.spans(first, last)
-        return (high - low) * metric(self.coordinates, 0.5 * (low + high))
+        return np.asarray((high - low) * metric(self.coordinates, 0.5 * (low + high)))
 
     def _azimuth(self, x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> np.ndarray:
         angle = np.mod(np.arctan2(y, x) - edges[0], FULL_CIRCLE)
-        return edges[0] + np.where(angle >= FULL_CIRCLE, 0.0, angle)
+        return np.asarray(edges[0] + np.where(angle >= FULL_CIRCLE, 0.0, angle))
 
     @property
     def is_periodic(self) -> bool:
@@ -263,7 +263,7 @@ class SphericalGrid(CurvilinearGrid):
     @property
     def resolution(self) -> float:
         r, theta, phi = self.edges
-        return min(np.min(np.diff(r) / r[1:]), np.diff(theta).min(), np.diff(phi).min())
+        return float(min(np.min(np.diff(r) / r[1:]), np.diff(theta).min(), np.diff(phi).min()))
 
 
 class CylindricalGrid(CurvilinearGrid):
@@ -359,7 +359,7 @@ class CylindricalGrid(CurvilinearGrid):
     def resolution(self) -> float:
         R, phi, z = self.edges
         high = np.diff(z).min() / max(abs(z[0]), abs(z[-1]))
-        return min(np.min(np.diff(R) / R[1:]), np.diff(phi).min(), high)
+        return float(min(np.min(np.diff(R) / R[1:]), np.diff(phi).min(), high))
 
 
 def _polar_angles(edges: np.ndarray, mirror: bool) -> np.ndarray:

@@ -38,6 +38,7 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
     """
 
     walk_kinds: tuple[str, ...] = ("cells", "dual")
+    places: Places
     fine_edges: tuple[np.ndarray, ...]
 
     def _finish(self, refined: Any) -> None:

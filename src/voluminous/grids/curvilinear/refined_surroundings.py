@@ -360,7 +360,7 @@ class Opposite:
 
 
 def _middles(edges: np.ndarray) -> np.ndarray:
-    return 0.5 * (edges[1:] + edges[:-1])
+    return np.asarray(0.5 * (edges[1:] + edges[:-1]))
 
 
 def _places(edges: np.ndarray, own: np.ndarray) -> np.ndarray:

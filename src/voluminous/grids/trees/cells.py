@@ -75,7 +75,7 @@ class TreeCells(LeafGrid):
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, high = self.corners(first, last)
-        return 0.5 * (low + high)
+        return np.asarray(0.5 * (low + high))
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, size = self.boxes(first, self.size if last is None else last)
