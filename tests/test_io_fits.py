@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 from astropy import units as u
@@ -14,7 +12,6 @@ import reference
 import voluminous as vm
 from contracts import ReaderContract
 from voluminous.cli.data import is_image
-from voluminous.io import find_reader
 from voluminous.io.fits.units import lenient_unit
 
 REST = 110.2013541e9
@@ -116,21 +113,6 @@ def test_scaled_and_blank_integers_are_what_astropy_makes_of_them(tmp_path, dtyp
     np.testing.assert_array_equal(found, expected)
     assert np.isnan(found).sum() == missing
     assert found.dtype.kind == "f"  # whether or not a number is missing
-
-
-@pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1"])
-@pytest.mark.parametrize("dtype", ["i2", "f4"])
-def test_compressed_images_are_what_astropy_unpacks(tmp_path, kind, dtype):
-    data = (100 * numbers((4, 8, 9))).astype(dtype)
-    if dtype == "f4":
-        data[1, 2, 3] = np.nan
-    shape = {"HCOMPRESS_1": (1, 8, 9)}.get(kind)
-    hdu = fits.CompImageHDU(data, header(SKY, VELOCITY), compression_type=kind, tile_shape=shape)
-    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "cube.fits")
-    volume = vm.open(tmp_path / "cube.fits")
-    expected = fits.getdata(tmp_path / "cube.fits", 1)
-    np.testing.assert_array_equal(volume.array("intensity"), expected.T)
-    assert volume.unit == u.arcsec
 
 
 @pytest.mark.parametrize(
@@ -290,19 +272,6 @@ def test_doppler_conventions_are_those_of_astropy(tmp_path, convention, rest):
     deep = (edges - edges[0]) / np.ptp(edges) * np.ptp(volume.grid.edges[2])
     np.testing.assert_allclose(volume.grid.edges[2] - volume.grid.edges[2][0], deep, atol=1e-6)
     assert volume.grid.is_uniform == (convention == "radio")
-
-
-def test_a_cube_in_space_has_its_own_lengths(tmp_path):
-    cards = {f"CTYPE{k}": "LINEAR" for k in (1, 2, 3)}
-    cards |= {f"CUNIT{k}": "pc" for k in (1, 2)} | {"CUNIT3": "kpc"}
-    cards |= {"CRPIX1": 1.0, "CRVAL1": 10.0, "CDELT1": 2.0, "CRPIX2": 0.5, "CDELT2": -1.0}
-    cards |= {"CRPIX3": 0.5, "CDELT3": 0.001}
-    data = numbers((3, 4, 5))
-    volume = vm.open(written(tmp_path / "cube.fits", data, header(cards)))
-    np.testing.assert_allclose(volume.grid.bounds, [(9, 19), (-4, 0), (0, 3)])
-    assert volume.unit == u.pc
-    assert volume.fields == ("intensity",)
-    np.testing.assert_array_equal(volume.array("intensity"), data.T[:, ::-1])
 
 
 @pytest.mark.parametrize(
@@ -580,17 +549,3 @@ def test_l1448_cell_by_cell(l1448):
     )
     # 105 pixels of 0.006388889 degrees, which are 23 arcsec.
     np.testing.assert_allclose(volume.grid.bounds[:2], [(-1207.5, 1207.5)] * 2, atol=1e-3)
-
-
-def test_casa_images_are_read_as_what_they_export(tmp_path):
-    images = pytest.importorskip("casacore.images")
-    cards = header(SKY, FREQUENCY, RESTFRQ=REST, SPECSYS="LSRK", BUNIT="JY/BEAM", BTYPE="Intensity")
-    data = numbers((6, 7, 8))
-    data[0, 0, 0] = np.nan
-    path = written(tmp_path / "cube.fits", data, cards)
-    images.image(str(path)).saveas(str(tmp_path / "cube.image"))
-    assert find_reader(tmp_path / "cube.image").name == "casa"
-    volume, direct = vm.open(tmp_path / "cube.image"), vm.open(path)
-    np.testing.assert_array_equal(volume.array("intensity"), direct.array("intensity"))
-    np.testing.assert_allclose(sky_of_cells(volume), sky_of_cells(direct), rtol=1e-9, atol=1e-4)
-    shutil.rmtree(tmp_path / "cube.image")

@@ -57,23 +57,6 @@ def test_volumes_of_a_stack_are_chosen(tmp_path):
     check_places(volume, values[1].transpose(), np.zeros(3), np.eye(3) * 2)
 
 
-@pytest.mark.parametrize(
-    ("fields", "told"),
-    [
-        ({"cellb": (90, 90, 120)}, "right angles"),
-        ({"mapc": 1, "mapr": 1}, "right angles"),
-        ({"mode": 4}, "mode must be"),
-        ({"ispg": 0, "mz": 1}, "separate pictures"),
-        ({"ispg": 401, "mz": 2}, "stack of volumes"),
-        ({"nx": -3}, "positive"),
-        ({"nx": 30000}, "cut short"),
-    ],
-)
-def test_maps_that_are_refused(tmp_path, fields, told):
-    with pytest.raises(vm.FileFormatError, match=told):
-        vm.open(write_mrc(tmp_path / "a.mrc", **fields))
-
-
 class TestMRC(ReaderContract):
     """Recognised by its word."""
 

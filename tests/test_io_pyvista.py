@@ -46,16 +46,6 @@ def test_meshes_are_resampled_if_a_resolution_is_given(tmp_path, resolution, sha
     check(vm.open(tmp_path / "a.vtm", resolution=resolution), shape)
 
 
-def test_outside_of_a_mesh_is_nothing():
-    ball = pv.SolidSphere(outer_radius=1.0)
-    ball["dist"] = np.linalg.norm(ball.points, axis=1)
-    volume = vm.Volume.from_pyvista(ball, "dist", resolution=20)
-    radius = np.linalg.norm(np.stack(volume.grid.cell_centers(0, volume.grid.size)), axis=0)
-    values = volume.array("dist").reshape(-1)
-    assert np.isnan(values[radius > 1.01]).all()
-    assert np.isfinite(values[radius < 0.95]).all()
-
-
 @pytest.mark.parametrize(
     ("axes", "edges"),
     [

@@ -1,7 +1,5 @@
 """VTK's files against VTK's own writers: values, places, names."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -113,27 +111,6 @@ def test_points_are_centres_of_cells_and_cells_are_cells(tmp_path):
     assert points.grid.is_uniform
     assert str(points.unit) == "kpc"
     np.testing.assert_array_equal(cells.array("c"), random_values("f8", CELLS))
-
-
-@pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
-def test_directions_along_axes_are_undone(tmp_path, order):
-    for signs in itertools.product((1, -1), repeat=3):
-        data = image(origin=(1, 2, 3), spacing=(1, 2, 4), low=(2, 0, 1))
-        matrix = np.zeros((3, 3))
-        matrix[range(3), order] = signs
-        data.SetDirectionMatrix(*matrix.ravel())
-        add(data, "f", random_values("f4"))
-        add(data, "c", random_values("f4", CELLS), cells=True)
-        path = write_image(data, tmp_path / "a.vti")
-        volume = vm.open(path, "f")
-        there = {
-            tuple(np.round(data.GetPoint(n), 9)): random_values("f4").T.reshape(-1)[n]
-            for n in range(data.GetNumberOfPoints())
-        }
-        values = volume.array("f").reshape(-1)
-        for place, value in zip(point_centers(volume), values, strict=True):
-            assert there[tuple(np.round(place, 9))] == value
-        np.testing.assert_allclose(vm.open(path, "c").grid.bounds.ravel(), data.GetBounds())
 
 
 def test_oblique_data_keep_their_own_axes_and_say_so(tmp_path):

@@ -55,15 +55,6 @@ def cube(dims=("z", "y", "x"), **options):
     return xr.DataArray(values, dims=dims, name="rho", **options)
 
 
-def test_bounds_of_cells_go_before_midpoints():
-    data = cube(coords={"z": ("z", [1.0, 5.0], {"bounds": "z_bnds"})}).to_dataset()
-    data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [2.0, 8.0]])
-    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
-    # Those that do not join up are no edges.
-    data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [3.0, 8.0]])
-    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
-
-
 def test_depth_grows_downwards():
     coords = {"z": ("z", [10.0, 20.0], {"units": "m", "positive": "down"})}
     coords |= {a: (a, np.arange(float(N[a])), {"units": "m"}) for a in "xy"}

@@ -162,30 +162,6 @@ def test_channels_times_and_sizes(tmp_path, version):
     assert [f.name for f in find_reader(path).info(path)] == ["DAPI", "GFP_2", "channel_2"]
 
 
-def test_all_levels_fill_the_same_space(tmp_path, version):
-    path = microscope(tmp_path / "a.zarr", version)
-    fine, coarse = (vm.open(path, "DAPI", time=0, level=k) for k in range(2))
-    np.testing.assert_allclose(fine.grid.bounds, coarse.grid.bounds)
-    np.testing.assert_array_equal(coarse.array("DAPI"), CELLS[0, 0, ::2, ::2, ::2].T)
-    assert (fine.meta["level"], coarse.meta["level"]) == (0, 1)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "there are 2 times; choose one with time=0"),
-        ({"time": 2}, "time must be a number from 0 to 1, got 2"),
-        ({"time": 0, "level": 2}, "level must be a number from 0 to 1"),
-        ({"time": 0, "channel": "GFP"}, "channel must be a number from 0 to 2"),
-        ({"time": 0, "image": "x"}, "unknown image 'x'"),
-    ],
-)
-def test_a_part_that_is_not_there(tmp_path, options, message):
-    path = microscope(tmp_path / "a.zarr", 2)
-    with pytest.raises(vm.VoluminousError, match=message):
-        vm.open(path, **options)
-
-
 class _Contract(ReaderContract):
     def victims(self, path):
         """Return what describes the store, and its pieces: a piece that is not there is zeros."""

@@ -1,4 +1,4 @@
-"""Expressions on the cells of a volume: `Volume` inherits it, and has the fields."""
+"""Expressions on the cells of a volume; the base of `Volume`, which has the fields."""
 
 from __future__ import annotations
 
@@ -115,10 +115,7 @@ class Evaluation(ABC):
                 raise _unknown(name, known)
 
     def without_units(self, expression: Expression) -> Expression:
-        """Return an expression in plain numbers of the fields' own units.
-
-        ``los(velocity)/(0.2 km/s)`` has 2e4 in it where velocities are in cm/s.
-        """
+        """Return an expression in plain numbers of the fields' units."""
         return self.resolved(expression)[0]
 
     def expression_unit(self, expression: Expression) -> Unit:
@@ -126,7 +123,7 @@ class Evaluation(ABC):
         return self.resolved(expression)[1]
 
     def resolved(self, expression: Expression) -> tuple[Expression, Any]:
-        """Return what `without_units` and `expression_unit` do, at once."""
+        """Return the results of `without_units` and of `expression_unit`."""
         expression = expression.among((*self._fields, *self.coordinates))
         self.check_names(expression)
         try:
@@ -146,7 +143,7 @@ def _unknown(name: str, known: tuple[str, ...]) -> UnknownNameError:
     """Return the error for a name, which may be that of a component of what is no vector."""
     stem, _, axis = name.rpartition("_")
     if axis in CARTESIAN and stem in known:
-        needed = ", ".join(f"{stem}_{own}" for own in CARTESIAN)
+        needed = ", ".join(f"{stem}_{a}" for a in CARTESIAN)
         return UnknownNameError(
             f"unknown field {name!r}: {stem!r} is a number in every cell, and no vector, which is "
             f"three fields {needed}"

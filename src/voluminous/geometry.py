@@ -43,9 +43,8 @@ def metric(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
 
 
 def mirror_images(grid: Any) -> list[np.ndarray]:
-    """Return what to multiply points with, shape (3,) each: a mirrored cell is in two places."""
-    there = np.array([1.0, 1.0, 1.0])
-    return [there, np.array([1.0, 1.0, -1.0])] if grid.mirror else [there]
+    """Return factors of points, shape (3,) each: a mirrored cell is in two places."""
+    return [np.array([1.0, 1.0, z]) for z in ((1.0, -1.0) if grid.mirror else (1.0,))]
 
 
 def turns(grid: Any) -> list[np.ndarray]:
@@ -67,18 +66,12 @@ def turns(grid: Any) -> list[np.ndarray]:
 def many_valued(grid: Any) -> tuple[str, ...]:
     """Return the coordinates of which a cell has many values: all around the axis, or mirrored."""
     count = len(turns(grid))
-    found = ("x", "y", "phi", "z", "theta")[: (0, 3, 5)[count]]
-    return (*found, "z") if grid.mirror and "z" not in found else found
+    names = ("x", "y", "phi", "z", "theta")[: (0, 3, 5)[count]]
+    return (*names, "z") if grid.mirror and "z" not in names else names
 
 
 def span(low: float, high: float) -> str:
-    """Return both ends of an interval in words, with digits enough to tell its width.
-
-    Examples
-    --------
-    >>> span(-1.0, 1.0), span(1e8, 1e8 + 2.5)
-    ('-1 … 1', '100000000 … 100000002.5')
-    """
+    """Return both ends of an interval as text, with digits enough to tell its width."""
     width = abs(high - low) or 1.0
     far = max(abs(low), abs(high), width)
     digits = max(_DIGITS, _OF_WIDTH + math.ceil(math.log10(far / width)))

@@ -1,4 +1,4 @@
-"""What notebooks show of values: tables and small pictures, in HTML."""
+"""HTML of values for notebooks: tables and small pictures."""
 
 from __future__ import annotations
 

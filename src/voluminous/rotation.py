@@ -71,7 +71,6 @@ def position_angle(incl: float, phi: float, up: np.ndarray) -> float:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
-    """Return a vector of length one, whatever the length of the one that is given."""
     # Squares of numbers such as 1e200 or 1e-200 are not in the range of floats.
     scaled = np.asarray(vector, dtype=np.float64) / np.abs(vector).max()
     return np.asarray(scaled / np.linalg.norm(scaled))

@@ -74,15 +74,14 @@ class Backend:
     def quotient(self, numerator: Any, denominator: Any) -> Any:
         """Return numerator // denominator of non-negative 32-bit integers.
 
-        CPUs have no vector instruction for it (a division per lane costs 1 ms per frame of 400²
-        rays, 13 ms per table of 100³ vertices); in double precision the half keeps it exact.
+        CPUs have no vector instruction for it; in double precision the half keeps it exact.
         """
         if self.device != "cpu":
             return numerator // denominator
         return self.UInt((self.Wide(numerator) + 0.5) / self.Wide(denominator))
 
     def opaque(self, value: float) -> Any:
-        """Return a number as run-time data: changing it never compiles a kernel again."""
+        """Return a number as run-time data, so that a change compiles no other kernel."""
         return dr.opaque(self.Float, value)
 
     def wide(self, value: float) -> Any:

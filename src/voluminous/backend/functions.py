@@ -72,9 +72,8 @@ def horner(x: Float, coefficients: Sequence[Any]) -> Float:
 def polynomial(x: Float, coefficients: Sequence[Any]) -> Float:
     """Return a polynomial in x of many terms, lowest power first, with a short dependency chain.
 
-    Estrin's scheme (1960) is used for all but the first coefficient, and Horner's rule for that.
-    The last rounding is that of Horner's rule, and eight terms take four dependent operations, not
-    seven. The latency of such chains limits rays, not the number of operations.
+    Estrin's scheme (1960) is used for all but the first coefficient, and Horner's rule for that:
+    eight terms take four dependent operations, not seven, and the last rounding is Horner's.
     """
     first, *terms = coefficients
     power = x
@@ -167,8 +166,7 @@ _LOG_TAIL = (
 def split_log(x: Float) -> tuple[Float, Float]:
     """Return n and log(m) of positive normal numbers x = m 2^n with √½ <= m < √2, single precision.
 
-    The error is one rounding besides the half of an ulp. It takes a quarter of the time of
-    logarithms to base two, ten and e one after the other (72 cycles per vector).
+    The error is one rounding besides the half of an ulp.
     """
     real = type(x)
     integer: Any = dr.int32_array_t(real)
@@ -213,9 +211,8 @@ _ATAN = {
 def sharp_angle(y: Float, x: Float, length: Float) -> Float:
     """Return the angle of a vector of given length from the x axis, for angles up to π/4.
 
-    It is twice the angle whose tangent is ``y/(x + length)``, for which six terms suffice in single
-    precision. Results for wider angles are wrong, but also wider than π/4. A segment on a spherical
-    grid takes eight angles: with `atan2` second order took 1.1 times as long.
+    It is twice the angle whose tangent is ``y/(x + length)``. Results for wider angles are wrong,
+    but also wider than π/4. With `atan2` second order took 1.1 times as long on spherical grids.
     """
     both = x + length
     q = y / dr.select(both > 0.0, both, 1.0)
@@ -231,9 +228,8 @@ def precision_of(real: Any) -> str:
 def flush_subnormal(value: Float, margin: float = 2.0**30) -> Float:
     """Clamp numbers to zero that are subnormal, or so small that products with them would be.
 
-    Dr.Jit's worker threads flush subnormal numbers, the calling thread does not, and arithmetic on
-    them is slow: without this a picture would depend on the number of threads, and one thread took
-    3.3 times as long as it should for the tails of the Gaussians of `models.prestellar_core`.
+    Dr.Jit's worker threads flush subnormal numbers, the calling thread does not, where arithmetic
+    on them is slow: without this a picture would depend on the number of threads.
     """
     kind = np.float32 if precision_of(type(value)) == "single" else np.float64
     size: Float = dr.abs(value)

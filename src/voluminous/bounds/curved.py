@@ -42,7 +42,8 @@ class JetArithmetic(Arithmetic):
         square = ops.multiply(x, x)
         for part in parts[1:]:
             square = ops.add(square, ops.multiply(part, part))
-        return ops.sqrt(square)
+        result: TracedJet = ops.sqrt(square)
+        return result
 
     def mixed(self, a: TracedJet, p: Any, b: TracedJet, q: Any) -> TracedJet:
         """Return a p + b q."""

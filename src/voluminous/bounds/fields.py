@@ -21,7 +21,7 @@ from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
 from ..rendering.sources.channel_layout import PerChannel
 from ..rendering.sources.corner_layouts import get_lattices
-from ..rendering.sources.empty_space import DUAL, empty_blocks, get_ranges
+from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_blocks
 from .curved import CurvedField
 from .media import PartBounds, bounds_on_panel
 from .scalars import CourseContext, Courses, CubicPiece, Piece
@@ -29,6 +29,7 @@ from .scalars import CourseContext, Courses, CubicPiece, Piece
 if TYPE_CHECKING:
     from ..backend.device import Backend
     from ..grids.cartesian.dual_walk import Chord
+    from ..grids.cartesian.leap import Blocks
     from ..volume import Volume
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -36,6 +37,11 @@ _EPS = float(np.finfo(np.float64).eps)
 _LOSS = 64.0
 # Rounding error of the place of a ray in a cell, in ε times the number of cells.
 _LOSS_OF_PLACE = 16.0
+# Coefficients below this fraction of the relevant size are neglected; the error includes a bound of
+# them.
+_FAINT = 1e-6
+# Shells below this fraction of their peak are ignored: less than any rounding error.
+_NOTHING = 1e-300
 
 
 @dataclass
@@ -181,3 +187,43 @@ def _not_negative(part: Medium, volume: Volume, ranges: dict[str, Interval]) -> 
     with np.errstate(all="ignore"):
         found = part.ranges(ranges, context)
     return all(bool(np.all(j.lo >= 0.0)) for j in found.emissivity)
+
+
+@dataclass
+class Neglected:
+    """Bounds of the emission per channel and the optical depth that skipping neglects."""
+
+    emission: np.ndarray
+    depth: float
+
+
+def empty_blocks(
+    evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
+) -> tuple[Blocks | None, Neglected]:
+    """Return blocks to skip (None if few are empty), and bounds of the neglected coefficients."""
+    volume, grid, medium = evaluator.volume, evaluator.grid, evaluator.medium
+    nothing = Neglected(np.zeros(medium.channels), 0.0)
+    if not grid.has_blocks:
+        return None, nothing
+    shape = DUAL.shape(grid.shape)
+    context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)
+    emission, depth = np.zeros((medium.channels, *shape)), np.zeros(shape)
+    with np.errstate(all="ignore"):
+        for part in medium.components():
+            sample = part.largest(ranges, context)
+            j, alpha = (
+                np.array([np.broadcast_to(most, shape) for most in values])
+                for values in (sample.emissivity, sample.extinction)
+            )
+            emission, depth = emission + j, depth + alpha.max(axis=0)
+    diagonal = float(np.linalg.norm(np.ptp(grid.bounds, axis=1)))
+    bright = np.where(np.isfinite(emission), emission, 0.0).max()
+    # The brightest pixel may be much fainter than a path across the volume at its brightest place.
+    visible = (emission.max(axis=0) > _FAINT**2 * tolerance * bright) | (
+        depth * diagonal > _FAINT * tolerance
+    )
+    blocks = worthwhile_blocks(visible, evaluator.backend, DUAL)
+    if blocks is None:
+        return None, nothing
+    missed = np.where(visible, 0.0, emission).max(axis=(1, 2, 3)) * diagonal
+    return blocks, Neglected(missed, float(np.where(visible, 0.0, depth).max() * diagonal))

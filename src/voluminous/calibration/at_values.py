@@ -107,7 +107,7 @@ def coefficients(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return j (channel, …) and α, (…) if it is grey or (channel, …), in double precision."""
     shape = np.broadcast_shapes(*(np.shape(array) for array in arrays.values()))
-    rows = np.zeros((medium.channels + medium.extinctions, *shape))
+    rows = np.zeros((medium.channels + medium.extinction_count, *shape))
     if rows.size:
         real = get_backend("cpu", "double")
         fields = {

@@ -121,7 +121,11 @@ class _Panel:
         return x, j, alpha
 
     def draw(self, axes: Axes, medium: Medium) -> None:
-        gates = {f"where {part.where.text}": None for part in self.parts if part.where}
+        gates = {
+            f"where {part.modulation.where.text}": None
+            for part in self.parts
+            if part.modulation and part.modulation.where
+        }
         paints = [paint for part in self.parts if (paint := _paint(part))]
         titles = (*gates, *dict.fromkeys(f"color by {paint.expr.text}" for paint in paints))
         self.draw_axis(axes, "; ".join(titles))

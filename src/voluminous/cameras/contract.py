@@ -21,23 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frame:
-    """Pixels and rays of a camera before a volume, as plain numbers.
+    """Pixels and rays of a camera before a volume, as plain numbers."""
 
-    Attributes
-    ----------
-    pixels : (int, int)
-        Number of pixels (nx, ny).
-    width : (float, float)
-        Width and height of the image plane, in the volume's length unit or in radians.
-    shift : (float, float)
-        Image-plane coordinates of its centre.
-    vectors : float array, shape (k, 3)
-        What the camera's rays are built from; becomes run-time data of the kernel.
-    """
-
+    #: Number of pixels (nx, ny).
     pixels: tuple[int, int]
+    #: Width and height of the image plane, in the volume's length unit or in radians.
     width: tuple[float, float]
+    #: Image-plane coordinates of its centre.
     shift: tuple[float, float]
+    #: From which rays follow, shape (k, 3); run-time data of the kernel.
     vectors: np.ndarray
 
     @property

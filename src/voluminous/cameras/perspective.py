@@ -58,8 +58,8 @@ class Perspective(Camera):
     ------
     InputError
         If position or target are not three finite numbers, or coincide, `up` is parallel to the
-        line of sight, both `fov` and `width` or both `up` and `posang` are given,
-        or the field of view does not fit the projection (below 180 degrees on a flat screen).
+        line of sight, both `fov` and `width` or both `up` and `posang` are given, or the field of
+        view does not fit the projection (below 180 degrees on a flat screen).
 
     Notes
     -----
@@ -111,7 +111,7 @@ class Perspective(Camera):
 
     @classmethod
     def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
-        """Return a camera from where it is and the direction it looks into."""
+        """Return a camera from its position and the direction it looks into."""
         unit = unit_of(as_given(position, "position"))
         parts = position if unit is not None and isinstance(position, (list, tuple)) else ()
         if any(unit_of(p) is None and np.any(plain(p, None, "position")) for p in parts):

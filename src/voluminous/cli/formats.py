@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..errors import unknown_name
+from ..errors import check_name
 from ..packages import install_line, is_installed
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ def run(args: argparse.Namespace) -> int:
     from ..io import readers
 
     known = {reader.name: reader for reader in readers()}
-    if args.name is not None and args.name not in known:
-        raise unknown_name("format", args.name, known)
+    if args.name is not None:
+        check_name("format", args.name, known)
     listed = sorted(known.values(), key=lambda reader: reader.name.lower())
     print(*(_table(listed) if args.name is None else _one(known[args.name])), sep="\n")
     return 0

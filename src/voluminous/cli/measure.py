@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, UnitsError, unknown_name
+from ..errors import InputError, UnitsError, check_name
 from ..files import replacing
 from .common import add_quiet, add_several, assignment, check_directory, say, settings
 from .data import add_reading_options, data_file, first_field, is_volume, opened
@@ -159,8 +159,7 @@ def _with_units(table: QTable, units: dict[str, str], columns: list[str]) -> QTa
     from ..units import parse_unit, unit_name
 
     for name, unit in units.items():
-        if name not in columns:
-            raise unknown_name("total", name, columns)
+        check_name("total", name, columns)
         own = table[name].unit
         try:
             table[name] = table[name].to(parse_unit(unit))

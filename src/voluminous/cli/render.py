@@ -193,11 +193,11 @@ def _scene_of_data(
             camera[name] = given
     other_type = changes.get("camera.type", "orthographic") != "orthographic"
     if "camera.view_direction" not in changes and not other_type:
-        seen = framed(volume, medium, camera.get("incl"), camera.get("phi"), view=args.view)
-        camera |= {"incl": seen.incl, "phi": seen.phi}
-        camera |= {"posang": seen.posang} if seen.posang else {}
-        if seen.width is not None:
-            camera |= {"width": seen.width, "shift": list(seen.shift)}
+        view = framed(volume, medium, camera.get("incl"), camera.get("phi"), view=args.view)
+        camera |= {"incl": view.incl, "phi": view.phi}
+        camera |= {"posang": view.posang} if view.posang else {}
+        if view.width is not None:
+            camera |= {"width": view.width, "shift": list(view.shift)}
     elif args.view is not None:
         raise InputError("--view chooses the camera's angles; leave out the --set of a camera")
     path: Path = args.scene

@@ -75,9 +75,8 @@ def numbers(summary: ValueSummary, shape: tuple[int, ...] | None = None) -> str:
         bad.append(f"{count} {name}" + (f" (first at {place})" if place else ""))
     if not summary.finite:
         return ", ".join(["no finite value", *bad])
-    text = (
-        f"{summary.least:.6g} … {summary.greatest:.6g}, mean {summary.total / summary.finite:.6g}"
-    )
+    mean = summary.total / summary.finite
+    text = f"{summary.least:.6g} … {summary.greatest:.6g}, mean {mean:.6g}"
     return ", ".join([text, *(bad or ["all finite"])])
 
 

@@ -236,20 +236,20 @@ def as_position(position: Any) -> SkyCoord:
         )
     try:
         if isinstance(position, (SkyCoord, str)):
-            found = SkyCoord(position)
+            center = SkyCoord(position)
         else:
             ra, dec = (_finite(degrees(angle, "position"), "position") for angle in position)
-            found = SkyCoord(ra, dec, unit="deg")
-        if found.isscalar:
-            _finite(found.spherical.lon.deg + found.spherical.lat.deg, "position")
+            center = SkyCoord(ra, dec, unit="deg")
+        if center.isscalar:
+            _finite(center.spherical.lon.deg + center.spherical.lat.deg, "position")
     except (ValueError, TypeError, UnitsError) as error:
         raise InputError(
             f"position must be a SkyCoord, (ra, dec) in degrees or a text such as "
             f"'05h35m17.3s -05d23m28s', got {position!r}: {error}"
         ) from error
-    if not found.isscalar:
-        raise InputError(f"position must be one place on the sky, got {found.shape} of them")
-    return found
+    if not center.isscalar:
+        raise InputError(f"position must be one place on the sky, got {center.shape} of them")
+    return center
 
 
 def _finite(angle: float, what: str) -> float:

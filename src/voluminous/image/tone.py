@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colormaps import get_color, get_colormap, opaque_color, without_alpha
-from ..errors import InputError, check_name, unknown_name
+from ..errors import InputError, check_name
 from ..units import as_quantity, is_quantity, plain
 
 if TYPE_CHECKING:
@@ -295,21 +295,21 @@ def exposure_of(intensity: NDArray[Any]) -> float:
 
 def signed_exposure(values: NDArray[Any]) -> float | None:
     """Return the automatic exposure of |values|; None unless both signs are significant."""
-    known = values[np.isfinite(values)]
-    least, most = (known.min(), known.max()) if known.size else (0.0, 0.0)
+    valid = values[np.isfinite(values)]
+    least, most = (valid.min(), valid.max()) if valid.size else (0.0, 0.0)
     if most <= 0 or -least < _SHARE * most:
         return None
-    return automatic_exposure(np.abs(known))
+    return automatic_exposure(np.abs(valid))
 
 
 def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | None:
     """Return the values shown as black and white, for negative values and signed projections."""
-    known = values[np.isfinite(values)]
-    most = known.max() if known.size else 1.0
-    if (most > 0.0 and not projection) or known.min(initial=0.0) >= -_SHARE * max(most, 0.0):
+    valid = values[np.isfinite(values)]
+    most = valid.max() if valid.size else 1.0
+    if (most > 0.0 and not projection) or valid.min(initial=0.0) >= -_SHARE * max(most, 0.0):
         return None
     for ends in (_WINDOW, (0.0, 100.0)):
-        low, high = (float(v) for v in np.percentile(known, ends))
+        low, high = (float(v) for v in np.percentile(valid, ends))
         if low < high:
             return low, high
     return None
@@ -367,8 +367,7 @@ def _matrix(mix: Any, count: int) -> NDArray[np.float64]:
 def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
     """Raise for the first option whose name is not in `known`."""
     for name in given:
-        if name not in known:
-            raise unknown_name(kind, name, known)
+        check_name(kind, name, known)
 
 
 def plain_options(options: dict[str, Any], unit: str) -> dict[str, Any]:

@@ -58,7 +58,6 @@ class PackedReader(Reader):
 
     @contextmanager
     def _inside(self, path: Path, options: dict[str, Any]) -> Iterator[tuple[Reader, Path]]:
-        """Yield the reader for the content, and a temporary file that holds it."""
         with tempfile.TemporaryDirectory(prefix="voluminous-") as directory:
             inner = Path(directory, path.stem)
             _unpack(path, inner)

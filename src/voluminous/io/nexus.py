@@ -19,6 +19,7 @@ from .hdf5 import check_place, holds, opened, text
 from .labelled.convert import LabelledReader
 
 if TYPE_CHECKING:
+    import h5py
     import xarray
 
 
@@ -34,21 +35,24 @@ class NeXusReader(LabelledReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        return holds(path, head, lambda file: _is_nexus(file) and _groups(file))
+        def marked(file: h5py.File) -> bool:
+            items = (file, *(item for _, item in _members(file)))
+            return any("NX_class" in item.attrs for item in items) and bool(_groups(file))
+
+        return holds(path, head, marked)
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
         xarray = require("xarray", self.extra, "reading NeXus")
         with opened(path) as file:
-            known = _groups(file)
-            place = (_shown(file, known) if group is None else group).strip("/")
+            known, shown = _groups(file), file
+            while text(shown.attrs.get("default")) in shown:
+                shown = shown[text(shown.attrs.get("default"))]
+            first = shown.name.strip("/") if shown.name.strip("/") in known else next(iter(known))
+            place = first if group is None else group.strip("/")
             if place not in known:
                 raise unknown_name("NXdata group", place, known)
             yield _dataset(xarray, path, file[place], known[place])
-
-
-def _is_nexus(file: Any) -> bool:
-    return "NX_class" in file.attrs or any("NX_class" in item.attrs for _, item in _members(file))
 
 
 def _members(group: Any) -> Iterator[tuple[str, Any]]:
@@ -63,7 +67,7 @@ def _members(group: Any) -> Iterator[tuple[str, Any]]:
 
 def _groups(file: Any) -> dict[str, str]:
     """Return {place: signal name} of all NXdata groups; signals have three or more dimensions."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
 
     def visit(place: str, item: Any) -> None:
         if text(item.attrs.get("NX_class")) == "NXdata":
@@ -72,18 +76,10 @@ def _groups(file: Any) -> dict[str, str]:
             marked = (n for n, i in inside.items() if str(i.attrs.get("signal")) in ("1", "b'1'"))
             signal = text(item.attrs.get("signal")) or next(marked, "")
             if getattr(inside.get(signal), "ndim", 0) >= 3:
-                found[place] = signal
+                result[place] = signal
 
     file.visititems(visit)
-    return found
-
-
-def _shown(file: Any, known: dict[str, str]) -> str:
-    """Return the group at the end of the chain of `default` attributes, else the first group."""
-    item = file
-    while text(item.attrs.get("default")) in item:
-        item = item[text(item.attrs.get("default"))]
-    return item.name.strip("/") if item.name.strip("/") in known else next(iter(known))
+    return result
 
 
 def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:

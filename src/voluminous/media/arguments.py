@@ -37,7 +37,10 @@ def described(thing: Value) -> dict[str, Any]:
         if given is default or (isinstance(given, (str, float, int)) and given == default):
             continue
         value: Any = given if isinstance(given, Value) else getattr(thing, name, given)
-        value = value[0] if isinstance(value, tuple) and len(value) == 1 else value
+        if name == "where":
+            value = Expression(given)
+        if isinstance(value, tuple) and len(value) == 1 and not isinstance(value[0], Value):
+            value = value[0]
         result[name] = _described(float(value) if isinstance(default, float) else value)
     return result
 

@@ -144,7 +144,8 @@ class Medium(Value):
         `Context.interpolate` returns ``self.coefficients(...)``.
         """
         return self.split(
-            [Interval(-np.inf, np.inf)] * self.channels + [Interval(0.0, np.inf)] * self.extinctions
+            [Interval(-np.inf, np.inf)] * self.channels
+            + [Interval(0.0, np.inf)] * self.extinction_count
         )
 
     def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
@@ -214,7 +215,7 @@ class Medium(Value):
         return self.split(total)
 
     @property
-    def extinctions(self) -> int:
+    def extinction_count(self) -> int:
         """Number of extinctions: one if grey, else one per channel."""
         return 1 if self.grey else self.channels
 
@@ -224,7 +225,7 @@ class Medium(Value):
 
     def everywhere(self, value: Float) -> MediumSample:
         """Return coefficients that all have one value."""
-        return self.split([value] * (self.channels + self.extinctions))
+        return self.split([value] * (self.channels + self.extinction_count))
 
     def in_units(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return j, then α, at a place in the units of `means`."""
@@ -333,11 +334,6 @@ class Medium(Value):
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values, as in a scene file: its arguments by default."""
         return {"type": self.kind or type(self).__name__.lower(), **described(self)}
-
-    @property
-    def where(self) -> Expression | None:
-        """The expression of its gate."""
-        return self.modulation.where if self.modulation else None
 
     # --- for users ------------------------------------------------------------------------------
 

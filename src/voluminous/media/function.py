@@ -160,7 +160,7 @@ class Function(Medium):
                 f"{self.title} must return (emissivity, extinction), got {type(result).__name__}"
             )
         columns = []
-        wanted = (("emissivity", self.channels), ("extinction", self.extinctions))
+        wanted = (("emissivity", self.channels), ("extinction", self.extinction_count))
         for value, (what, count) in zip(result, wanted, strict=True):
             parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
             if len(parts) != count:

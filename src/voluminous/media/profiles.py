@@ -147,8 +147,8 @@ class Shaped(Medium):
 
     def _center_and_width(self, context: Context) -> tuple[float, float]:
         unit = context.unit_of(self.expr)
-        width = float(plain(self.width, unit, self.width_name))
-        return float(plain(self.center, unit, "center")), width
+        center = float(plain(self.center, unit, "center"))
+        return center, float(plain(self.width, unit, self.width_name))
 
     def numbers(self, context: Context) -> ShapeNumbers:
         """Return all numbers as kernel constants."""

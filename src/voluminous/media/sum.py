@@ -120,7 +120,7 @@ class Sum(Medium):
         return self._total([part.largest(fields, context) for part in self.parts])
 
     def _total(self, solved: list[MediumSample]) -> MediumSample:
-        n = self.extinctions  # a grey medium counts in all channels
+        n = self.extinction_count  # a grey medium counts in all channels
         rows = [
             [*c.emissivity, *(c.extinction if len(c.extinction) == n else c.extinction * n)]
             for c in solved

@@ -276,7 +276,7 @@ class Table(Medium):
         """Return the peak of each column in the units of `means`, as kernel constants."""
 
         def make() -> list[Float]:
-            units = [context.radiance] * self.channels + [1.0] * self.extinctions
+            units = [context.radiance] * self.channels + [1.0] * self.extinction_count
             length = length_in(self.path_length, context.unit)
             factors = self.peaks / np.array(units) * (context.scale / length)
             return [context.narrow_number(float(h)) for h in factors]

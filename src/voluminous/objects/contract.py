@@ -283,12 +283,12 @@ def window_pixels(
     """
     first, size = [], []
     for edges, count in zip((x, y), pixels, strict=True):
-        seen = np.isfinite(edges).all(axis=0)
-        nearest = np.floor(np.where(seen, edges, 0.0) + 0.5)
+        valid = np.isfinite(edges).all(axis=0)
+        nearest = np.floor(np.where(valid, edges, 0.0) + 0.5)
         low, high = np.clip(nearest, -1, count).astype(np.int64)
         low, high = np.maximum(low, 0), np.minimum(high, count - 1)
         first.append(low)
-        size.append(np.where(seen, np.maximum(high - low + 1, 0), 0))
+        size.append(np.where(valid, np.maximum(high - low + 1, 0), 0))
     owner, number = numbered(size[0] * size[1])
     row, column = np.divmod(number, np.maximum(size[0][owner], 1))
     return owner, first[0][owner] + column, first[1][owner] + row

@@ -138,10 +138,10 @@ class Stars(Spheres):
             pixel = 1.0 if unit is None else np.abs(view.frame.pixel)
             sigma = np.broadcast_to(np.asarray(plain(width, unit, "psf")) / pixel, 2) / _FWHM
         (nx, ny), reach = view.frame.pixels, REACH * sigma
-        seen = (np.abs(x - 0.5 * (nx - 1)) < 0.5 * nx + reach[0]) & (
+        inside = (np.abs(x - 0.5 * (nx - 1)) < 0.5 * nx + reach[0]) & (
             np.abs(y - 0.5 * (ny - 1)) < 0.5 * ny + reach[1]
         )
-        some = np.flatnonzero(seen)  # never where x is NaN
+        some = np.flatnonzero(inside)  # never where x is NaN
         some = some[nearby(x[some], y[some], depth[some])]
         flux = self._luminosity(view)[some]
         flux = flux * view.pixels_per_area(positions[some])[:, None]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..colormaps import get_color, is_name_and_alpha, without_alpha
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name
 from ..units import plain, unit_of
 
 # More numbers are only counted where a picture tells what it shows.
@@ -93,8 +93,7 @@ def column(table: Any, name: str) -> Any:
         If there is none of this name; names the nearest.
     """
     names = column_names(table)
-    if name not in names:
-        raise unknown_name("column", str(name), names)
+    check_name("column", name, names)
     values = table[name]
     if hasattr(values, "filled") and np.asarray(values).dtype.kind == "f":
         values = values.filled(np.nan)

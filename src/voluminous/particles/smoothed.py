@@ -197,7 +197,8 @@ _PAIRS = 1 << 22
 # Bytes of pairs that are cached for further fields; more are computed again for each.
 _CACHED = 1 << 30
 
-Pairs = tuple[np.ndarray, np.ndarray, np.ndarray]  # particle, node and weight
+# A range of particles, their numbers of nodes, and these nodes and their weights.
+Pairs = tuple[slice, np.ndarray, np.ndarray, np.ndarray]
 
 
 class SmoothedDeposit(Deposit):
@@ -227,13 +228,14 @@ class SmoothedDeposit(Deposit):
         self.nodes = nodes_of(grid)
         self.overlaps = Overlaps(self.nodes, near, radius[self.owner], kernel, steps)
         self.counts = self.overlaps.counts(0, len(near))
-        needed = 12 * int(self.counts.sum(dtype=np.int64))
+        needed = 8 * int(self.counts.sum(dtype=np.int64))
         self.cached: list[Pairs] | None = None
         if needed < _CACHED and fits(2 * needed):
             self.cached = list(self._pairs())
         self.norm = np.zeros(len(mass))
-        for particle, _, weight in self.cached or self._pairs():
-            self.norm += np.bincount(self.owner[particle], weight, len(mass))
+        for part, counts, _, weight in self.cached or self._pairs():
+            owner = np.repeat(self.owner[part], counts)
+            self.norm += np.bincount(owner, weight, len(mass))
         self.norm[self.norm == 0] = 1.0
         if not base.periodic and not base.inside(points).all():
             self.norm[crossing(base, points, radius)] = 1.0
@@ -244,18 +246,19 @@ class SmoothedDeposit(Deposit):
         while first < len(ends):
             done = ends[first - 1] if first else 0
             last = max(int(np.searchsorted(ends, done + _PAIRS, "right")), first + 1)
-            particle, node = self.overlaps.pairs(first, self.counts[first:last])
-            yield particle, node, self.overlaps.weights(particle, node)
+            part, counts = slice(first, last), self.counts[first:last]
+            particle, node = self.overlaps.pairs(first, counts)
+            yield part, counts, node, self.overlaps.weights(particle, node)
             first = last
             report(last, len(ends))
 
     def amounts(self, *carried: np.ndarray) -> list[np.ndarray]:
         sums = [np.zeros(self.nodes.size) for _ in carried]
         parts = [(values / self.norm)[self.owner] for values in carried]
-        for particle, node, weight in self.cached or self._pairs():
-            for total, part in zip(sums, parts, strict=True):
+        for part, counts, node, weight in self.cached or self._pairs():
+            for total, values in zip(sums, parts, strict=True):
                 # A value that is missing does not count where nothing of its particle is.
-                own, nothing = part[particle], np.zeros(len(particle))
+                own, nothing = np.repeat(values[part], counts), np.zeros(len(node))
                 amount = np.multiply(weight, own, out=nothing, where=weight > 0)
                 total += np.bincount(node, amount, self.nodes.size)
         return [self.nodes.spread(total) for total in sums]

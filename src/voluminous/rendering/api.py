@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,7 +22,7 @@ from .framing import first_camera, first_medium, framed
 from .job import RenderJob
 from .layers import with_channels
 from .objects import channel_count, check_objects, wide_background, with_objects
-from .options import background_array, refuse_unusable
+from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .prepare import prepare
 from .run import RenderResult, run
 from .sky import image_wcs
@@ -153,6 +154,7 @@ def render(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     guaranteed = room("bounds.guaranteed")
     budget = guaranteed.check_bounds(bounds, max_panels, job)
+    start = time.monotonic()
     planes = run(job, float(np.max(np.abs(behind))))
     if not planes.finite:
         refuse_unusable(job.backend.precision)
@@ -173,7 +175,7 @@ def render(
     lower, upper = guaranteed.bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     volume, context = job.volume, RangeContext(job.volume.unit, job.volume.expression_unit)
-    return Image(
+    image = Image(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
@@ -189,6 +191,10 @@ def render(
         camera=job.camera.describe(),
         provenance={**job.provenance(), **provenance},
     )
+    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
+    slow["tolerance"] = job.scheme.controlled and job.tolerance < FINEST_SINGLE
+    name_slow_choices(time.monotonic() - start, **slow)
+    return image
 
 
 def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import numbers
 from collections.abc import Iterable
@@ -180,3 +181,25 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
     if not np.all(np.isfinite(array)):
         raise InputError("background must be finite")
     return array[..., None] if array.shape == (ny, nx) else array
+
+
+# A picture that takes more seconds names the choices that make it slow, once per process; times are
+# relative to the defaults.
+_LONG = 5.0
+_SLOW = {
+    "adaptive": "antialias='adaptive' takes up to 256 rays per pixel, about 100 times as long as "
+    "one ray; samples=4 takes 16 rays",
+    "bounds": "bounds=True takes about 60 times as long; image.error is an estimate without it",
+    "tolerance": "a tolerance below 1e-5 takes double precision, 5 to 20 times as long as 1e-3",
+    "double": "precision='double' takes 2 to 5 times as long as 'single'",
+}
+_named: set[str] = set()
+
+
+def name_slow_choices(seconds: float, **chosen: bool) -> None:
+    """Log a warning if a picture took long."""
+    slow = [name for name in _SLOW if chosen.get(name) and name not in _named]
+    if seconds > _LONG and slow:
+        _named.update(slow)
+        advice = "; ".join(_SLOW[name] for name in slow)
+        logging.getLogger("voluminous").warning("%.0f s for a picture: %s", seconds, advice)

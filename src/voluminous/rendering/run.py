@@ -21,21 +21,15 @@ TracerType = Callable[[RenderJob, Any, float], RayTracer]
 
 @dataclass
 class RenderResult:
-    """The pixels' paths as NumPy arrays (ny, nx, channel or 1), and whether rays stopped early.
-
-    Attributes
-    ----------
-    error : array, shape (ny, nx), or None
-        Error of an intensity in its worst channel.
-    tracer : RayTracer
-        The tracer of the picture, for further rays.
-    """
+    """The pixels' paths as NumPy arrays (ny, nx, channel or 1), and whether rays stopped early."""
 
     emission: np.ndarray
     transparency: np.ndarray
     depth: np.ndarray
+    # Of an intensity in its worst channel, (ny, nx).
     error: np.ndarray | None
     stopped: bool
+    # For further rays.
     tracer: RayTracer
 
     @functools.cached_property

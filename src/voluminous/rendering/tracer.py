@@ -37,19 +37,14 @@ _FIRST_LANES = 1 << 13
 class Paths:
     """Paths of rays.
 
-    Attributes
-    ----------
-    rows : list of array, shape (n,)
-        One per component of a path. On the CPU they are the memory that kernels wrote to; copying
-        them to one array took 2 ms of the 13 of a picture of 400 × 400.
-    counts : (int, int, int)
-        Number of emissions, extinctions and errors.
-    stopped : bool
-        Some rays stopped early.
+    Rows are the components of a path. On the CPU they are the memory that kernels wrote to; copying
+    them to one array took 2 ms of the 13 of a picture of 400 × 400.
     """
 
     rows: list[np.ndarray]
+    # Numbers of emissions, extinctions and errors.
     counts: tuple[int, int, int]
+    # Whether some rays stopped early.
     stopped: bool
 
     @property
@@ -105,26 +100,16 @@ Batches: TypeAlias = Generator[tuple["RayTracer", np.ndarray, Paths], None, Resu
 
 @dataclass
 class RayBatch:
-    """Rays that are traced together.
-
-    Attributes
-    ----------
-    lanes : Lanes
-        The rays.
-    offset : (float, float)
-        Additional offset within the pixels.
-    first : int
-        Index of the first ray's results.
-    whole : (int, int), optional
-        The pixels of the picture, if the lanes are cached and cover all of it.
-    depths : (array, array), optional
-        Where rays begin and end, measured from the observer.
-    """
+    """Rays that are traced together."""
 
     lanes: Lanes
+    # Additional offset within the pixels.
     offset: tuple[float, float] = (0.0, 0.0)
+    # Index of the first ray's results.
     first: int = 0
+    # The pixels of the picture, if the lanes are cached and cover all of it.
     whole: tuple[int, int] | None = None
+    # Where rays begin and end, measured from the observer.
     depths: tuple[np.ndarray, np.ndarray] | None = None
 
 

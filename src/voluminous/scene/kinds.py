@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..errors import InputError, UnitsError, unknown_name
+from ..errors import InputError, UnitsError, check_name
 from ..units import quantity_in, split_text
 
 # The text for None, which TOML does not have.
@@ -147,5 +147,4 @@ def converted(section: Mapping[str, Any], kinds: Mapping[str, Kind]) -> dict[str
 def check_keys(section: Mapping[str, Any], known: Collection[str]) -> None:
     """Raise an error for the first unknown key; it names the nearest known one."""
     for key in section:
-        if key not in known:
-            raise unknown_name("key", key, known)
+        check_name("key", key, known)

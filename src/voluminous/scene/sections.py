@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, check_name, unknown_name
+from ..errors import InputError, check_name
 from ..io.guard import placed
 from . import kinds
 from .kinds import Kind, arguments, check_keys, converted
@@ -141,8 +141,8 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
             ("device", ("auto", *DEVICES)),
             ("order", ORDERS),
         ):
-            if key in options and options[key] not in names:
-                raise unknown_name(key, options[key], names)
+            if key in options:
+                check_name(key, options[key], names)
         check_cutoff(options.get("cutoff"))
         check_tolerance(options.get("tolerance"))
     return options

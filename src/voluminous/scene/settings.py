@@ -95,11 +95,11 @@ def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
 
 def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     """Return settings with `change` applied to all file paths."""
-    told = dict(settings)
+    changed = dict(settings)
     for section, key in _PATHS:
-        if isinstance(path := told.get(section, {}).get(key), str):
-            told[section] = {**told[section], key: change(path)}
-    return told
+        if isinstance(path := changed.get(section, {}).get(key), str):
+            changed[section] = {**changed[section], key: change(path)}
+    return changed
 
 
 def relative_path(old: Path, path: str, new: Path) -> str:

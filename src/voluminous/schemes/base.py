@@ -107,10 +107,7 @@ class Scheme:
     def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         """Return the carried state after a segment whose solution is discarded.
 
-        Parameters
-        ----------
-        carried, onward : list of arrays
-            The state before the segment, and the state `solve` returned.
+        It was `carried` before the segment, and `solve` returned `onward`.
         """
         return onward
 

@@ -345,6 +345,6 @@ def counts(
     else:
         values = fields.values(scale.expr, scale.unit)
     places: np.ndarray = np.ma.filled(np.ma.asarray(scale.norm(values), dtype=float), np.nan)
-    found, _ = np.histogram(places, _BINS, (0.0, 1.0))
+    histogram, _ = np.histogram(places, _BINS, (0.0, 1.0))
     # Most cells fall into few bins, while the shells often lie in other bins.
-    return np.log1p(found) / np.log1p(found.max()) if found.any() else None
+    return np.log1p(histogram) / np.log1p(histogram.max()) if histogram.any() else None

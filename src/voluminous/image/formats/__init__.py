@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import unknown_name
+from ...errors import check_name
 from ...files import check_start, expecting, replacing
 from ..tone import OPTIONS, check_options
 from . import exr, fits, npz, png, radmc3d, tiff
@@ -79,8 +79,7 @@ def format_of(path: Path) -> Format:
     """Return the format that belongs to the suffix of `path`."""
     known = {suffix: f for f in FORMATS for suffix in f.suffixes}
     suffix = path.suffix.lower()
-    if suffix not in known:
-        raise unknown_name("image format", suffix, known)
+    check_name("image format", suffix, known)
     return known[suffix]
 
 

@@ -53,7 +53,6 @@ def write(volume: Volume, path: Path) -> None:
 
 
 def _world_cards(volume: Volume, has_axis: bool) -> Header:
-    """Return the cards with the cell positions."""
     from astropy.io import fits
 
     grid = cartesian(volume)

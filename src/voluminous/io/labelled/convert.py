@@ -112,7 +112,6 @@ def from_xarray(
 
 
 def _as_dataset(data: Any) -> xarray.Dataset:
-    """Return an array as a data set with one variable."""
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())
@@ -179,7 +178,7 @@ def _described(data: xarray.Dataset, place: str) -> str:
 
 def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
     """Return the variables that can be fields, without those that only describe others."""
-    found = {
+    result = {
         str(name): array
         for name, array in data.data_vars.items()
         if array.ndim >= 3 and array.dtype.kind in "fiub"
@@ -191,7 +190,7 @@ def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
         for key in _HELPERS
     )
     helpers = {word for text in texts for word in text.split()}
-    return {name: array for name, array in found.items() if name not in helpers} or found
+    return {name: array for name, array in result.items() if name not in helpers} or result
 
 
 def _chosen(data: xarray.Dataset, fields: Any) -> dict[str, str]:

@@ -283,17 +283,17 @@ class TextFile(BinaryFile):
 
 
 def _values(path: Path, offset: int, line: int, size: int) -> Reals:
-    values, count, lines = np.empty(size), 0, [b""]
+    values, count, end = np.empty(size), 0, b""
     with path.open("rb") as file:
         file.seek(offset)
-        while block := file.readlines(_BLOCK):
-            numbers = fortran_numbers(b"".join(block), line)
+        while block := file.read(_BLOCK) + file.readline():
+            numbers = fortran_numbers(block, line)
             values[count : count + len(numbers)] = numbers[: max(size - count, 0)]
-            count, line, lines = count + len(numbers), line + len(block), block
-    if not lines[-1].endswith(b"\n"):  # the last number may be cut
-        *others, last = [len(t.lstrip(b"+-")) for t in b" ".join(lines[-_LAST:]).split()[-_LAST:]]
+            count, line, end = count + len(numbers), line + block.count(b"\n"), block[-2048:]
+    if not end.endswith(b"\n"):  # the last number may be cut
+        *others, last = [len(t.lstrip(b"+-")) for t in end.split()[-_LAST:]]
         if len(others) == _LAST - 1 and {*others} == {max(others)} and last < max(others) >= _FIXED:
-            raise FileFormatError(f"{CUT}it ends within a number, {_shown(lines[-1])}")
+            raise FileFormatError(f"{CUT}it ends within a number, {_shown(end.split()[-1])}")
     if count != size:
         short = CUT if count < size else ""
         raise FileFormatError(f"{short}expected {size} numbers, found {count}")

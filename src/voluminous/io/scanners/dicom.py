@@ -72,8 +72,8 @@ class DICOMReader(VoxelReader):
     @by_library("pydicom")  # elements are converted when they are first asked for
     def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
         with _quiet():
-            header, found = _slices(path, series)
-        slices, placement, times = stacked(found, time)
+            header, result = _slices(path, series)
+        slices, placement, times = stacked(result, time)
         if header.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
             placement = replace(placement, space="")
         shape = (int(header.Columns), int(header.Rows), len(slices))
@@ -112,7 +112,6 @@ def _unit(name: str) -> str:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence pydicom's remarks on unusual headers."""
     logger = logging.getLogger("pydicom")
     before, logger.disabled = logger.disabled, True
     try:
@@ -142,7 +141,6 @@ def _read_header(path: Path) -> Any:
 
 
 def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
-    """Return the first header of a series, once all agree, and the slices."""
     headers = _chosen(path, series)
     first_file, first = headers[0]
     for file, header in headers:
@@ -156,15 +154,14 @@ def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
         raise FileFormatError("it is a Siemens mosaic; convert it to NIfTI with 'dcm2niix'")
     if first.get("SamplesPerPixel", 1) != 1:
         raise FileFormatError("expected one value per pixel, but its pictures are coloured")
-    found: list[DicomSlice] = []
+    result: list[DicomSlice] = []
     for file, header in headers:
         with reading(file, "a DICOM file"):
-            found += slices_of(file, header)
-    return first, found
+            result += slices_of(file, header)
+    return first, result
 
 
 def _chosen(path: Path, series: Any) -> _Headers:
-    """Return the files and headers of one series."""
     header = None if path.is_dir() else _read_header(path)
     if header is None or _is_contents(header):
         groups = _by_series(path, path) if header is None else _by_contents(path)
@@ -179,7 +176,6 @@ def _chosen(path: Path, series: Any) -> _Headers:
 
 
 def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
-    """Return all images of a directory by series; files are sorted by name."""
     files = []
     for file in sorted(_files(directory)):
         if _is_dicom(file):
@@ -220,15 +216,15 @@ def _named(groups: dict[str, _Headers], series: Any) -> str:
     for uid, headers in groups.items():
         number, text = (headers[0][1].get(f"Series{key}") for key in ("Number", "Description"))
         names[uid] = (uid, "" if number is None else str(number), str(text or ""))
-    found = [uid for uid in groups if series is None or str(series) in names[uid]]
-    if len(found) == 1:
-        return found[0]
+    result = [uid for uid in groups if series is None or str(series) in names[uid]]
+    if len(result) == 1:
+        return result[0]
     listed = "\n".join(
         f"  series={names[uid][1]!r}: {names[uid][2]!r}, {headers[0][1].get('Modality')}, "
         f"{len(headers)} files, {uid}"
         for uid, headers in groups.items()
     )
-    asked = "several series" if series is None else f"{len(found)} series {series!r}"
+    asked = "several series" if series is None else f"{len(result)} series {series!r}"
     raise InputError(f"there are {asked}; choose one by its number, text or UID:\n{listed}")
 
 

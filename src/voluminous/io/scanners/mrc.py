@@ -88,7 +88,6 @@ class MRCReader(VoxelReader):
 
 
 def _placement(header: Any, order: list[int]) -> Placement:
-    """Return where voxels are: by the origin, or by the number of the first voxel."""
     cell, intervals = np.array(header.cella.tolist()), np.array([header.mx, header.my, header.mz])
     known = np.all(cell > 0) and np.all(intervals > 0)
     widths = cell / np.maximum(intervals, 1) if known else np.ones(3)

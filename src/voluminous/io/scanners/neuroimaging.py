@@ -215,12 +215,8 @@ class MGHReader(NibabelReader):
     kind = "MGHImage"
 
     def matches(self, path: Path, head: bytes) -> bool:
-        start = _unpacked_start(head, 30)[:30]
-        if len(start) < 30 or not start.startswith(b"\0\0\0\1"):
-            return False
-        *sizes, kind = np.frombuffer(start, ">i4", 5, 4)
-        good = int.from_bytes(start[28:30], "big")
-        return all(0 < n < 1 << 20 for n in sizes) and kind in (0, 1, 3, 4, 10) and good in (0, 1)
+        is_first = _unpacked_start(head, 30).startswith(b"\0\0\0\1")  # version of the format
+        return is_first and path.suffix.lower() in self.suffixes
 
 
 class AFNIReader(NibabelReader):

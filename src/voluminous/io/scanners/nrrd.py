@@ -114,7 +114,6 @@ def _written(numbers: np.ndarray) -> str:
 
 
 def _read_header(nrrd: Any, path: Path) -> tuple[_Header, int, tuple[Path, ...]]:
-    """Return the fields of a header, the offset behind it, and the data files that it names."""
     lines, end = header_lines(path, lambda line: not line)
     lists = [k for k, line in enumerate(lines) if re.match(r"data ?file:\s*LIST", line)]
     stop = lists[0] + 1 if lists else len(lines)

@@ -43,8 +43,8 @@ _SUFFIXES = (*_TIFF, ".png")
 _NOTES = {"", ".txt", ".log", ".xml", ".json", ".csv", ".ini", ".md", ".db", ".info"}
 _NUMBER = re.compile(r"(\d+)")
 _PNG_END = b"IEND\xaeB`\x82"
-# Kinds of pixels whose numbers are values, as Pillow calls them.
-_MODES = ("1", "L", "LA", "I", "I;16", "I;16B", "F", "RGB", "RGBA")
+# Kinds of pixels whose numbers are values, as tifffile and Pillow call them.
+_MODES = ("YX", "YXS", "1", "L", "LA", "I", "I;16", "I;16B", "F", "RGB", "RGBA")
 
 
 class _RaiseOfChain(logging.Handler):
@@ -143,10 +143,10 @@ def _stack(file: tifffile.TiffFile) -> tuple[int, Any]:
 def _sizes(series: Any) -> dict[str, int]:
     """Return the sizes of the axes that have any; refuses axes of unknown meaning."""
     pairs = zip(series.axes, series.shape, strict=True)
-    kept = [(axis, int(n)) for axis, n in pairs if n != 1 or axis in "XY"]
-    sizes = dict(kept)
+    remaining = [(axis, int(n)) for axis, n in pairs if n != 1 or axis in "XY"]
+    sizes = dict(remaining)
     third = _third(sizes)
-    strange = set(sizes) - {*"XYTCS", third} or len(sizes) < len(kept)
+    strange = set(sizes) - {*"XYTCS", third} or len(sizes) < len(remaining)
     if third and (strange or not set("XY") <= set(sizes) or min(sizes.values()) < 1):
         raise FileFormatError(
             "expected axes X, Y, Z (or one unnamed), and perhaps channels C, samples S and time T, "
@@ -181,7 +181,7 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
     # Axes of size one that mean nothing may be left.
     order = [left.index(axis) for axis in ("X", "Y", third)]
     order += [k for k in range(len(left)) if k not in order]
-    return values.transpose(order).reshape([values.shape[k] for k in order[:3]])
+    return np.asarray(values.transpose(order).reshape([values.shape[k] for k in order[:3]]))
 
 
 def _check_pages(path: Path, pages: Sequence[Any]) -> None:
@@ -200,7 +200,12 @@ def _check_pages(path: Path, pages: Sequence[Any]) -> None:
 def _scale(file: Any, number: int) -> tuple[tuple[float, ...], str]:
     """Return the widths of voxels along x, y, z and their unit, as OME or ImageJ give them."""
     if file.is_ome and file.ome_metadata:
-        return _ome_scale(_pixels(file, number).attrib)
+        pixels = _pixels(file, number)
+        sizes = [float(pixels.get(f"PhysicalSize{axis}") or 0) for axis in "XYZ"]
+        units = [length_unit(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"]
+        scaled = [n * conversion(unit, units[0]) for n, unit in zip(sizes, units, strict=True)]
+        first = next(filter(None, scaled), 0.0)  # cubes, if a size is missing
+        return tuple(n or first or 1.0 for n in scaled), units[0] if first else ""
     if not (file.is_imagej and file.imagej_metadata):
         return (1.0, 1.0, 1.0), ""  # the resolution of other files is that of paper
     notes, tags = file.imagej_metadata, file.pages.first.tags
@@ -212,19 +217,6 @@ def _scale(file: Any, number: int) -> tuple[tuple[float, ...], str]:
         widths.append(under / over if unit and over and under else 1.0)
     depth = float(notes.get("spacing", 0)) if unit or "spacing" in notes else 0.0
     return (*widths, abs(depth) or widths[0]), unit
-
-
-def _ome_scale(pixels: Mapping[str, str]) -> tuple[tuple[float, ...], str]:
-    sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"]
-    if not any(sizes):
-        return (1.0, 1.0, 1.0), ""
-    units = [length_unit(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"]
-    widths = [
-        float(size) * conversion(unit, units[0]) if size else None
-        for size, unit in zip(sizes, units, strict=True)
-    ]
-    known = [width for width in widths if width]
-    return tuple(width or known[0] for width in widths), units[0]  # cubes, if a size is missing
 
 
 def _channels(file: Any, number: int, count: int) -> list[Channel]:
@@ -242,8 +234,8 @@ def _channels(file: Any, number: int, count: int) -> list[Channel]:
 
 def _pixels(file: Any, number: int) -> ElementTree.Element:
     """Return OME's description of a series, which are in the order of the images."""
-    found = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
-    return found[number] if number < len(found) else ElementTree.Element("Pixels")
+    result = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
+    return result[number] if number < len(result) else ElementTree.Element("Pixels")
 
 
 def _imagej_channels(notes: Mapping[str, Any], count: int) -> list[Channel]:
@@ -296,7 +288,7 @@ class PicturesReader(VoxelReader):
                         f"{slices[0].name} is one of {first.shape} {first.dtype}"
                     )
                 out[number] = picture[..., sample]
-            return out.transpose()
+            return np.asarray(out.transpose())
 
         return Voxels(
             shape=shape,
@@ -314,37 +306,29 @@ def _slices(directory: Path) -> list[Path]:
     """Return the pictures of a directory, in the order of their numbers; none if it is another."""
     with os.scandir(directory) as entries:
         names = [e.name for e in entries if not e.name.startswith(".") and e.is_file()]
-    found = [n for n in names if n.lower().endswith(_SUFFIXES) and _NUMBER.search(Path(n).stem)]
-    others = {Path(name).suffix.lower() for name in names if name not in found}
-    if len({_NUMBER.sub("#", name) for name in found}) != 1 or not others <= _NOTES:
+    result = [n for n in names if n.lower().endswith(_SUFFIXES) and _NUMBER.search(Path(n).stem)]
+    others = {Path(name).suffix.lower() for name in names if name not in result}
+    if len({_NUMBER.sub("#", name) for name in result}) != 1 or not others <= _NOTES:
         return []
-    ordered = sorted(found, key=lambda name: [int(number) for number in _NUMBER.findall(name)])
+    ordered = sorted(result, key=lambda name: [int(number) for number in _NUMBER.findall(name)])
     return [directory / name for name in ordered]
 
 
 def _picture(path: Path) -> np.ndarray:
     """Return a picture, shape (rows, columns, samples)."""
-    with reading(path, "a picture"):
-        values = _tiff(path) if path.suffix.lower() in _TIFF else _png(path)
-    return values if values.ndim == 3 else values[..., None]
-
-
-def _tiff(path: Path) -> np.ndarray:
-    with _opened(path) as file:
-        page: Any = file.pages.first
-        _check_pages(path, [page])
-        if page.axes not in ("YX", "YXS"):
-            raise FileFormatError(f"expected a picture with rows and columns, got {page.axes}")
-        values: np.ndarray = page.asarray()
-        return values
-
-
-def _png(path: Path) -> np.ndarray:
     from PIL import Image
 
-    if _PNG_END not in path.read_bytes()[-64:]:  # Pillow fills up what is missing
-        raise FileFormatError("it is cut short: the end of a PNG file is missing")
-    with Image.open(path) as picture:
-        if picture.mode not in _MODES:
-            raise FileFormatError(f"expected pixels that are values, got the mode {picture.mode!r}")
-        return np.asarray(picture)
+    with reading(path, "a picture"):
+        if path.suffix.lower() in _TIFF:
+            with _opened(path) as file:
+                page: Any = file.pages.first
+                _check_pages(path, [page])
+                kind, values = page.axes, page.asarray()
+        else:
+            if _PNG_END not in path.read_bytes()[-64:]:  # Pillow fills up what is missing
+                raise FileFormatError("it is cut short: the end of a PNG file is missing")
+            with Image.open(path) as picture:
+                kind, values = picture.mode, np.asarray(picture)
+        if kind not in _MODES:
+            raise FileFormatError(f"expected rows and columns of values, got {kind}")
+    return np.asarray(values if values.ndim == 3 else values[..., None])

@@ -33,8 +33,6 @@ from .library import heard, vtk
 if TYPE_CHECKING:
     from ...volume import Volume
 
-_INSIDE = "vtkValidPointMask"
-_FLOATS = (10, 11)  # VTK_FLOAT, VTK_DOUBLE
 # More numbers are no remark but data.
 _MOST_NUMBERS = 16
 _LONGEST_TEXT = 4096
@@ -115,7 +113,6 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
 
 
 def _reader(module: str, kind: str, path: Path) -> Any:
-    """Return one of VTK's readers, with what it says of a file."""
     reader = getattr(vtk(f"vtk{module}"), f"vtk{kind}")()
     reader.SetFileName(str(path))
     with heard():
@@ -154,8 +151,8 @@ def lazy_dataset(module: str, kind: str, path: Path) -> Dataset:
         points = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True))
         size = points * array.components * array.dtype.itemsize
         check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")
-        found = arrays_of(read(extent, array.place))
-        return next(a for a in found if (a.at, a.name) == (array.at, array.name)).load()
+        matches = arrays_of(read(extent, array.place))
+        return next(a for a in matches if (a.at, a.name) == (array.at, array.name)).load()
 
     # Read one cell to get the types, components and units of the arrays.
     ends = zip(extent[::2], extent[1::2], strict=True)
@@ -166,7 +163,6 @@ def lazy_dataset(module: str, kind: str, path: Path) -> Dataset:
 
 
 def _points(dataset: Any) -> tuple[int, ...]:
-    """Return the number of points along x, y and z."""
     extent = dataset.GetExtent()
     return tuple(high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True))
 
@@ -177,27 +173,28 @@ def _attributes(dataset: Any) -> tuple[tuple[str, Any], ...]:
 
 def arrays_of(dataset: Any) -> Iterator[DataArray]:
     """Give the arrays of numbers at points and in cells."""
-    points = _points(dataset)
+    points, key = _points(dataset), vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL()
     for at, data in _attributes(dataset):
         shape = cell_counts(points, at)[::-1]
         for number in range(data.GetNumberOfArrays()):
             array = data.GetArray(number)  # None for texts
             if array is not None and array.GetNumberOfComponents():
-                yield _array(array, array.GetName() or f"{at}_{number}", at, shape)
+                count = array.GetNumberOfComponents()
+                labels = tuple(array.GetComponentName(k) or "" for k in range(count))
+                unit = array.GetInformation().Get(key) if array.HasInformation() else None
+                yield DataArray(
+                    array.GetName() or f"{at}_{number}",
+                    at,
+                    count,
+                    _numpy(array).dtype,
+                    functools.partial(_shaped, array, (*shape, count)),
+                    labels if all(labels) else (),
+                    known_unit((unit or "").strip()),
+                )
 
 
-def _array(array: Any, name: str, at: str, shape: tuple[int, ...]) -> DataArray:
-    components = array.GetNumberOfComponents()
-    labels = tuple(array.GetComponentName(k) or "" for k in range(components))
-    key = vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL()
-    unit = (array.GetInformation().Get(key) or "") if array.HasInformation() else ""
-
-    def load() -> np.ndarray:
-        return _numpy(array).reshape(*shape, components)
-
-    labels = labels if all(labels) else ()
-    unit = known_unit(unit.strip())
-    return DataArray(name, at, components, _numpy(array).dtype, load, labels, unit)
+def _shaped(array: Any, shape: tuple[int, ...]) -> np.ndarray:
+    return _numpy(array).reshape(shape)
 
 
 def _numpy(array: Any) -> np.ndarray:
@@ -218,10 +215,10 @@ def _meta(dataset: Any, title: str) -> dict[str, Any]:
         elif array.IsA("vtkDataArray") and 0 < array.GetNumberOfValues() <= _MOST_NUMBERS:
             numbers = _numpy(array).ravel().tolist()
             meta[name] = numbers[0] if len(numbers) == 1 else numbers
-    found = _TIME_IN_TITLE.search(title)
-    if found and "time" not in meta:
+    matches = _TIME_IN_TITLE.search(title)
+    if matches and "time" not in meta:
         with contextlib.suppress(ValueError):
-            meta["time"] = float(found[1])
+            meta["time"] = float(matches[1])
     return meta if title in ("", _NO_TITLE) else {"title": title, **meta}
 
 
@@ -234,70 +231,55 @@ def _resampled(mesh: Any, resolution: Any) -> Any:
         raise InputError("it holds points or lines, which fill no space")
     limits = np.array([part.GetBounds() for part in parts]).reshape(-1, 3, 2)
     low, high = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
-    shape = _shape(resolution, high - low)
-    check_memory(16 * int(np.prod(shape, dtype=object)), "resampling", "choose fewer cells")
-    widths = (high - low) / shape
-    # A flat mesh becomes one layer, as thick as its cells are wide.
-    steps = np.where(widths > 0, widths, widths.max())
-    image = vtk("vtkCommonDataModel").vtkImageData()
-    image.SetDimensions(*(int(n) for n in shape))
-    image.SetSpacing(*steps)
-    image.SetOrigin(*(low + widths / 2))
-    probe = vtk("vtkFiltersCore").vtkResampleWithDataSet()
-    probe.SetInputData(image)
-    blocks = vtk("vtkCommonDataModel").vtkMultiBlockDataSet()
-    for number, part in enumerate(parts):
-        blocks.SetBlock(number, _prepared(part))
-    probe.SetSourceData(blocks)
-    probe.PassPartialArraysOn()
-    with heard():
-        probe.Update()
-    found = probe.GetOutput()
-    convert = vtk("util.numpy_support")
-    data = found.GetPointData()
-    inside = convert.vtk_to_numpy(data.GetArray(_INSIDE)) != 0
-    if not inside.any():
-        raise InputError(
-            "none of the cells' centres lies in the mesh: it is a surface, or resolution is too low"
-        )
-    # The numbers stay VTK's, with their units and names of components.
-    for number in range(data.GetNumberOfArrays()):
-        array = data.GetArray(number)
-        if array is not None and array.GetDataType() in _FLOATS:
-            convert.vtk_to_numpy(array)[~inside] = np.nan
-    data.RemoveArray(_INSIDE)
-    data.RemoveArray("vtkGhostType")
-    cells = found.GetCellData()
-    cells.Initialize()
-    found.GetFieldData().ShallowCopy(parts[0].GetFieldData())
-    return found
-
-
-def leaves(mesh: Any) -> list[Any]:
-    """Return the data sets in a composite one, or the only one there is."""
-    if not mesh.IsA("vtkCompositeDataSet"):
-        return [mesh]
-    steps, found = mesh.NewIterator(), []
-    while not steps.IsDoneWithTraversal():
-        found.append(steps.GetCurrentDataObject())
-        steps.GoToNextItem()
-    return [part for part in found if part.IsA("vtkDataSet")]
-
-
-def _shape(resolution: Any, lengths: np.ndarray) -> np.ndarray:
-    asked = np.asarray(resolution)
+    asked, lengths = np.asarray(resolution), high - low
     if asked.shape not in ((), (3,)) or asked.dtype.kind not in "iu" or np.any(asked < 1):
         raise InputError(
             f"resolution must be a positive whole number, or three, got {resolution!r}"
         )
     if asked.shape == ():
         asked = np.maximum(np.rint(asked * lengths / lengths.max()), 1).astype(int)
-    return np.where(lengths > 0, asked, 1)
+    shape = np.where(lengths > 0, asked, 1)
+    check_memory(16 * int(np.prod(shape, dtype=object)), "resampling", "choose fewer cells")
+    # A flat mesh becomes one layer, as thick as its cells are wide.
+    widths = lengths / shape
+    steps = np.where(widths > 0, widths, widths.max())
+    pyvista = require("pyvista", "vtk", "resampling")
+    probe = vtk("vtkFiltersCore").vtkResampleWithDataSet()
+    image = pyvista.ImageData(dimensions=shape, spacing=steps, origin=low + widths / 2)
+    probe.SetInputData(image)
+    probe.SetSourceData(pyvista.MultiBlock([_prepared(pyvista.wrap(part)) for part in parts]))
+    probe.PassPartialArraysOn()
+    with heard():
+        probe.Update()
+    result = pyvista.wrap(probe.GetOutput())
+    inside = result.point_data.pop("vtkValidPointMask") != 0
+    if not inside.any():
+        raise InputError(
+            "none of the cells' centres lies in the mesh: it is a surface, or resolution is too low"
+        )
+    for name, values in result.point_data.items():
+        if name != "vtkGhostType":  # all others are fractions
+            values[~inside] = np.nan
+    result.point_data.pop("vtkGhostType", None)
+    result.clear_cell_data()
+    result.GetFieldData().ShallowCopy(parts[0].GetFieldData())
+    return result
+
+
+def leaves(mesh: Any) -> list[Any]:
+    """Return the data sets in a composite one, or the only one there is."""
+    if not mesh.IsA("vtkCompositeDataSet"):
+        return [mesh]
+    steps, matches = mesh.NewIterator(), []
+    while not steps.IsDoneWithTraversal():
+        matches.append(steps.GetCurrentDataObject())
+        steps.GoToNextItem()
+    return [part for part in matches if part.IsA("vtkDataSet")]
 
 
 def _prepared(part: Any) -> Any:
     """Return a copy in which whole numbers are fractions, and no two names are one."""
-    copy = require("pyvista", "vtk", "resampling").wrap(part).copy(deep=False)
+    copy = part.copy(deep=False)
     for name in set(copy.cell_data.keys()) & set(copy.point_data.keys()):
         copy.cell_data[f"{name}_cell"] = copy.cell_data.pop(name)
     for data in (copy.point_data, copy.cell_data):

@@ -158,14 +158,12 @@ class YtReader(Reader):
             else:
                 count = sum(len(level) for level, _ in source.cells())
             known = fields_of(source)
-            units = {
-                place: unit_name(units_of_field(ds, known.fields[place], wanted.get(name))[1])
-                for place, name in known.on_disk.items()
-            }
-            return tuple(
-                FieldInfo(name, place, (count,), "float64", units[place])
-                for place, name in known.on_disk.items()
-            )
+            fields = [(n, p, known.fields[p], wanted.get(n)) for p, n in known.on_disk.items()]
+            units = [unit_name(units_of_field(ds, f, unit)[1]) for _, _, f, unit in fields]
+        return tuple(
+            FieldInfo(name, place, (count,), "float64", unit)
+            for (name, place, _, _), unit in zip(fields, units, strict=True)
+        )
 
 
 class AnyYtReader(YtReader):

@@ -101,7 +101,10 @@ def volume_of(
         if source.kind == "particles":
             return _volume_of_particles(source, known, fields, unit, wanted)
         chosen = known.chosen(fields)
-        grid, load = _sampled(source, unit) if source.kind == "sampled" else _laid_out(source, unit)
+        if source.kind == "sampled":
+            grid, load = _sampled(source, unit)
+        else:
+            grid, load = layout(source, lattice_of(source.ds, unit))
         volume = Volume(grid)
         volume.meta.update(meta_of(source.ds))
         for name, field in chosen.items():
@@ -117,10 +120,6 @@ def fields_of(source: YtSource) -> YtFields:
     if source.kind == "particles":
         return particle_fields(source.ds, _particle_kind(source.ds))
     return cell_fields(source.ds)
-
-
-def _laid_out(source: YtSource, unit: UnitLike) -> tuple[Grid, Load]:
-    return layout(source, lattice_of(source.ds, unit))
 
 
 def _sampled(source: YtSource, unit: UnitLike) -> tuple[Grid, Load]:

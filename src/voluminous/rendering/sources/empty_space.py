@@ -25,31 +25,19 @@ _WIDTH = 1 << BITS
 _WORTHWHILE = 0.05
 # Leaves processed at once.
 _CHUNK = 1 << 20
-# Coefficients below this fraction of the relevant size are neglected; the error includes a bound of
-# them.
-_FAINT = 1e-6
-# Shells below this fraction of their peak are ignored: less than any rounding error.
-_NOTHING = 1e-300
 
 
 @dataclass(frozen=True)
 class Window:
-    """The cells that affect a block of 2^bits steps of a walk, along each axis.
+    """The cells that affect a block of 2^bits steps of a walk, along each axis."""
 
-    Attributes
-    ----------
-    before, after : int
-        Number of cells before the first and after the last of the block itself.
-    extra : int
-        Maximum number of steps of a walk minus the number of cells.
-    worthwhile : float
-        Fraction of filled blocks above which skipping does not pay: it costs as much as crossing
-        some cells (first and second order: no gain at a third, 3 times as fast at 1/20).
-    """
-
+    # Number of cells before the first and after the last of the block itself.
     before: int
     after: int
+    # Maximum number of steps of a walk minus the number of cells.
     extra: int
+    # Fraction of filled blocks above which skipping does not pay: it costs as much as crossing some
+    # cells (first and second order: no gain at a third, 3 times as fast at 1/20).
     worthwhile: float
 
     def shape(self, cells: Any) -> tuple[int, ...]:
@@ -182,43 +170,3 @@ def visible_leaves(evaluator: CellEvaluator, lattices: dict[str, Any], faint: fl
             ranges[name] = Interval(low * unit, high * unit)
         visible[part] = _visible(evaluator, ranges, faint)
     return visible
-
-
-@dataclass
-class Neglected:
-    """Bounds of the emission per channel and the optical depth that skipping neglects."""
-
-    emission: np.ndarray
-    depth: float
-
-
-def empty_blocks(
-    evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
-) -> tuple[Blocks | None, Neglected]:
-    """Return blocks to skip (None if few are empty), and bounds of the neglected coefficients."""
-    volume, grid, medium = evaluator.volume, evaluator.grid, evaluator.medium
-    nothing = Neglected(np.zeros(medium.channels), 0.0)
-    if not grid.has_blocks:
-        return None, nothing
-    shape = DUAL.shape(grid.shape)
-    context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)
-    emission, depth = np.zeros((medium.channels, *shape)), np.zeros(shape)
-    with np.errstate(all="ignore"):
-        for part in medium.components():
-            sample = part.largest(ranges, context)
-            j, alpha = (
-                np.array([np.broadcast_to(most, shape) for most in values])
-                for values in (sample.emissivity, sample.extinction)
-            )
-            emission, depth = emission + j, depth + alpha.max(axis=0)
-    diagonal = float(np.linalg.norm(np.ptp(grid.bounds, axis=1)))
-    bright = np.where(np.isfinite(emission), emission, 0.0).max()
-    # The brightest pixel may be much fainter than a path across the volume at its brightest place.
-    visible = (emission.max(axis=0) > _FAINT**2 * tolerance * bright) | (
-        depth * diagonal > _FAINT * tolerance
-    )
-    blocks = worthwhile_blocks(visible, evaluator.backend, DUAL)
-    if blocks is None:
-        return None, nothing
-    missed = np.where(visible, 0.0, emission).max(axis=(1, 2, 3)) * diagonal
-    return blocks, Neglected(missed, float(np.where(visible, 0.0, depth).max() * diagonal))

@@ -43,29 +43,18 @@ _CHUNK_BYTES = 400 * _CHUNK
 
 @dataclass
 class VertexStencil:
-    """Sums over the octants around a vertex.
+    """Sums over the octants around a vertex."""
 
-    Attributes
-    ----------
-    count : array
-        Number of octants that contain a cell.
-    sums : list of lists of four arrays
-        For each field the sum of the cell values, the sum of their extrapolations to the vertex,
-        and the least and largest value.
-    alike : array of Bool
-        All octants contain cells, and these have equal widths.
-    width : list of three arrays
-        Widths of the last cell.
-    hanging : array of Bool
-        The vertex is not a corner of every cell that touches it.
-    number, box, size : array, list of six arrays, array
-        The largest cell of which it is not a corner: its number, position and extent, and size.
-    """
-
+    # Number of octants that contain a cell.
     count: Float
+    # For each field the sum of the cell values, the sum of their extrapolations to the vertex, and
+    # the least and largest value.
     sums: list[list[Float]]
+    # All octants contain cells, and these have equal widths: those of the last cell.
     alike: Mask
     width: list[Float]
+    # The vertex is not a corner of every cell that touches it. The largest such cell: its number,
+    # position and extent, and size.
     hanging: Mask
     number: Int
     box: list[Float]

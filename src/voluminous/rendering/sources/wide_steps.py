@@ -31,21 +31,13 @@ from .cells import CellEvaluator, device_array
 
 @dataclass(frozen=True)
 class Limit:
-    """Error allowed in a scalar of a part of a medium.
-
-    Attributes
-    ----------
-    part : Medium
-    expr : Expression
-    width : float
-        Width of the part's structures: the limit where they are nearly invisible.
-    fraction : float
-        The limit where they are fully visible, as a fraction of the width.
-    """
+    """Error allowed in a scalar of a part of a medium."""
 
     part: Medium
     expr: Expression
+    # Of the part's structures: the limit where they are nearly invisible.
     width: float
+    # The limit where they are fully visible, as a fraction of the width.
     fraction: float
 
     @property
