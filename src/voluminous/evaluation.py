@@ -111,8 +111,16 @@ class Evaluation(ABC):
         """Raise the error that names the nearest field if an expression uses an unknown one."""
         known = (*self._fields, *self.coordinates)
         for name in required_names(expression):
-            if name not in known and name not in self:
-                raise _unknown(name, known)
+            if name in known or name in self:
+                continue
+            stem, _, axis = name.rpartition("_")
+            if axis not in CARTESIAN or stem not in known:
+                raise unknown_name("field", name, known)
+            needed = ", ".join(f"{stem}_{a}" for a in CARTESIAN)
+            raise UnknownNameError(
+                f"unknown field {name!r}: {stem!r} is a number in every cell, and no vector, which "
+                f"is three fields {needed}"
+            )
 
     def without_units(self, expression: Expression) -> Expression:
         """Return an expression in plain numbers of the fields' units."""
@@ -137,15 +145,3 @@ class Evaluation(ABC):
         """Return the unit of a field; radian of the grid's angles, which lengths may multiply."""
         angle = is_angle(name) and name in self.coordinates
         return parse_unit("rad") if angle else self.field_unit(name)
-
-
-def _unknown(name: str, known: tuple[str, ...]) -> UnknownNameError:
-    """Return the error for a name, which may be that of a component of what is no vector."""
-    stem, _, axis = name.rpartition("_")
-    if axis in CARTESIAN and stem in known:
-        needed = ", ".join(f"{stem}_{a}" for a in CARTESIAN)
-        return UnknownNameError(
-            f"unknown field {name!r}: {stem!r} is a number in every cell, and no vector, which is "
-            f"three fields {needed}"
-        )
-    return unknown_name("field", name, known)

@@ -44,7 +44,7 @@ def prestellar_core(resolution: int = 100, width: float = 0.25, *, peak: float =
             f"resolution must be even, got {resolution}: a cell at the centre has infinite density"
         )
     square = [(c / PARSEC) ** 2 for c in grid.centers]
-    r2 = square[0][:, None, None] + square[1][None, :, None] + square[2][None, None, :]
+    r2 = np.asarray(sum(np.meshgrid(*square, indexing="ij", sparse=True)))
     volume = Volume(grid, density=(peak / r2).astype(np.float32))
     volume.set_unit("density", "cm-3")
     return volume
@@ -66,6 +66,5 @@ def sphere(resolution: int = 64, radius: float = 1.0, *, width: float | None = N
     """
     half = 0.5 * (width if width is not None else 2.5 * radius)
     grid = CartesianGrid.uniform(resolution, (-half, half))
-    square = [c**2 for c in grid.centers]
-    r2 = square[0][:, None, None] + square[1][None, :, None] + square[2][None, None, :]
-    return Volume(grid, inside=(r2 <= radius**2).astype(np.float32))
+    r2 = sum(np.meshgrid(*(c**2 for c in grid.centers), indexing="ij", sparse=True))
+    return Volume(grid, inside=np.asarray(r2 <= radius**2, np.float32))
