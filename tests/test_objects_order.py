@@ -33,17 +33,3 @@ def test_the_order_of_a_list_does_not_matter(scheme):
         for thing in (one, other)
     ]
     np.testing.assert_allclose(images[0].intensity, images[1].intensity, rtol=1e-13)
-
-
-@pytest.mark.parametrize("scheme", ["second-order", "post-classified", "olson-kunasz"])
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_layers_that_show_nothing_change_nothing_in_any_scheme(scheme, precision):
-    """What is behind a layer is what the whole ray found: a cut through a cell changes nothing."""
-    balls = vm.Spheres(PLACES, RADII, 0.0, opacity=0.0)
-    options = {"scheme": scheme, "precision": precision}
-    plain = vm.render(VOLUME, MEDIUM, CAMERA, **options)
-    image = vm.render(VOLUME, MEDIUM, CAMERA, objects=[balls], **options)
-    # The way to the layer is added and taken away in double precision: one rounding, of a sum.
-    exact = 1e-15 if precision == "double" else 1e-7
-    np.testing.assert_allclose(image.intensity, plain.intensity, rtol=2 * exact, atol=exact)
-    np.testing.assert_array_equal(image.transparency, plain.transparency)

@@ -16,7 +16,7 @@ from ..backend import Mask, dr
 from ..backend.types import Float
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, extremes, lowered, raised
-from ..grids.curvilinear.grid import FULL_CIRCLE
+from ..grids.curvilinear.angles import FULL_CIRCLE
 from ..grids.curvilinear.surfaces import Arithmetic
 
 _EPS = float(np.finfo(np.float64).eps)

@@ -35,7 +35,7 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
 
     found = differences(volume.grid, cells).derivative(operation).reshape(volume.grid.shape)
     single = cells(0, 1).dtype == np.float32 and in_single(found)
-    return found.astype(np.float32) if single else found
+    return np.asarray(found.astype(np.float32) if single else found)
 
 
 def differences(

@@ -53,7 +53,7 @@ class NeighbourDifferences:
         return np.concatenate([_gradient(*part[1:]) for part in parts], axis=1), ends
 
     def derivative(self, operation: str) -> np.ndarray:
-        """Return a derivative in all cells, (N,); operations are those of `structured.Layers`."""
+        """Return a derivative in all cells, (N,); operations: see `structured`."""
         out, size = np.empty(self.grid.size), self.grid.size
         if operation == "laplacian":
             check_memory(48 * size, f"second differences of {size} cells", "coarsen the volume")
@@ -135,7 +135,7 @@ def _gradient(way: np.ndarray, rise: np.ndarray, weight: np.ndarray) -> np.ndarr
     out[regular] = np.linalg.solve(matrix[regular], right[regular, :, None])[..., 0]
     inverse = np.linalg.pinv(matrix[~regular], rcond=_LEAST, hermitian=True)
     out[~regular] = np.einsum("nab,nb->na", inverse, right[~regular])
-    return out.T
+    return np.asarray(out.T)
 
 
 def _second(

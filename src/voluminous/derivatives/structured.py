@@ -70,7 +70,7 @@ def _slopes(f: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass
-class Layers:
+class DifferentiatedLayers:
     """Values (n1, n2, n3) at the centres of some layers of a grid.
 
     `keep` are the layers of the first axis to differentiate; the others serve as neighbours.
@@ -170,7 +170,9 @@ def _filled(
         # Differences lose digits, and squares of cgs units leave the range of float32.
         values = layers(slice(low, high)).astype(np.float64)
         near = [centers[0][low:high], *centers[1:]]
-        part = Layers(grid, values, near, slice(first - low, last - low)).derivative(operation)
+        part = DifferentiatedLayers(grid, values, near, slice(first - low, last - low)).derivative(
+            operation
+        )
         largest = max(largest, _largest(part))
         out[first:last] = part
     return out, largest

@@ -505,7 +505,7 @@ class BoxesOfTree:
         slopes /= self.grid.scale
         if tuple(self.grid.coordinates) == CARTESIAN:
             return slopes
-        return np.einsum("kan,kn->an", self.grid.basis(first, last), slopes)
+        return np.asarray(np.einsum("kan,kn->an", self.grid.basis(first, last), slopes))
 
     def _refit(self, found: np.ndarray, part: TreeCellsPart, which: Mask, order: int) -> None:
         """Replace derivatives of the cells `which` of a part by those of quadratic fits.
@@ -534,7 +534,7 @@ class BoxesOfTree:
             unknown[first:last] = np.array(lacking)
             bends[:, first:last], inner[:, first:last] = _on_host(bend), _on_host(beside)
             self._refit(bends[:, first:last], part, dr.compress(at_jump), 1)
-        return filled_up(bends, inner, unknown).sum(axis=0) / self.grid.scale**2
+        return np.asarray(filled_up(bends, inner, unknown).sum(axis=0) / self.grid.scale**2)
 
 
 def _on_host(columns: list[Float]) -> np.ndarray:

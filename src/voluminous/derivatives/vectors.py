@@ -47,7 +47,7 @@ def component_everywhere(volume: Any, derived: DerivedField) -> np.ndarray:
         component_of_cells(volume, derived, first, min(first + _CHUNK, size))
         for first in range(0, size, _CHUNK)
     ]
-    return np.concatenate(parts).reshape(volume.grid.shape)
+    return np.asarray(np.concatenate(parts).reshape(volume.grid.shape))
 
 
 def component_of_cells(volume: Any, derived: DerivedField, first: int, last: int) -> np.ndarray:

@@ -223,7 +223,8 @@ class BoxWalk(Walk):
         arrive = dr.select(inside, arrive, Wide(0))
         begin = dr.select(inside, start, Wide(0)) - arrive
         bound = None if last is None else self.backend.Float(dr.minimum(last - arrive, NEVER))
-        return self._start(sides, arrive, begin, inside, bound)
+        started: tuple[Any, Any] = self._start(sides, arrive, begin, inside, bound)
+        return started
 
     def _start(self, sides: Any, arrive: Float, begin: Float, inside: Mask, bound: Float) -> Any:
         """Return track and cursor of rays that reach the box, and start `begin` later."""

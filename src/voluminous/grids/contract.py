@@ -315,7 +315,7 @@ class Grid:
         """About how many cells a ray crosses at most."""
         if self.is_structured:
             return float(sum(self.shape))
-        return 3.0 * float(self.size) ** (1 / 3)
+        return 3.0 * float(np.cbrt(self.size))
 
     def pack(self, value: Any) -> np.ndarray:
         """Return what a user gives as a field, as an array; its shape is checked elsewhere.

@@ -44,7 +44,7 @@ class StructuredGrid(Grid):
 
     def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, high = self.spans(first, last)
-        return 0.5 * (low + high)
+        return np.asarray(0.5 * (low + high))
 
     def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         return self.spread([e[:-1] for e in self.edges], first, last), self.spread(

@@ -43,8 +43,8 @@ def channel_fields(channels: Sequence[Mapping[str, Any]], numbered: Sequence[str
 
 def channel_meta(entries: Iterable[tuple[str, Mapping[str, Any]]]) -> dict[str, Any]:
     """Return the `meta` of fields and their channels; empty if the file gives no channel data."""
-    found = {name: dict(entry) for name, entry in entries}
-    return {"channels": found} if any(found.values()) else {}
+    result = {name: dict(entry) for name, entry in entries}
+    return {"channels": result} if any(result.values()) else {}
 
 
 def of_samples(count: int) -> list[Channel]:

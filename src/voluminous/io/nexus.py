@@ -67,7 +67,7 @@ def _members(group: Any) -> Iterator[tuple[str, Any]]:
 
 def _groups(file: Any) -> dict[str, str]:
     """Return {place: signal name} of all NXdata groups; signals have three or more dimensions."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
 
     def visit(place: str, item: Any) -> None:
         if text(item.attrs.get("NX_class")) == "NXdata":
@@ -76,10 +76,10 @@ def _groups(file: Any) -> dict[str, str]:
             marked = (n for n, i in inside.items() if str(i.attrs.get("signal")) in ("1", "b'1'"))
             signal = text(item.attrs.get("signal")) or next(marked, "")
             if getattr(inside.get(signal), "ndim", 0) >= 3:
-                found[place] = signal
+                result[place] = signal
 
     file.visititems(visit)
-    return found
+    return result
 
 
 def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:

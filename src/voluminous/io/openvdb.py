@@ -136,7 +136,7 @@ def _array(path: Path, name: str, grid: Any, low: Any, points: Any) -> DataArray
     def load() -> np.ndarray:
         values = np.empty(points if components == 1 else (*points, components), dtype)
         _voxels(path, name).copyToArray(values, ijk=low)
-        return values.reshape(*points, components).transpose(2, 1, 0, 3)
+        return np.asarray(values.reshape(*points, components).transpose(2, 1, 0, 3))
 
     return DataArray(name, "", components, np.dtype(dtype), load)
 

@@ -57,10 +57,10 @@ def mapped(path: Path, offset: int, shape: Any, dtype: Any) -> np.ndarray:
     """Return a memory-mapped array in C order."""
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     expected = offset + math.prod(shape) * dtype.itemsize
-    found = path.stat().st_size
-    if offset < 0 or found < expected:
+    result = path.stat().st_size
+    if offset < 0 or result < expected:
         raise FileFormatError(
-            f"{path.name} is cut short: {found} bytes, but {_times(shape)} values of {dtype} from "
+            f"{path.name} is cut short: {result} bytes, but {_times(shape)} values of {dtype} from "
             f"byte {offset} on take {expected}"
         )
     return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=shape)
@@ -80,7 +80,7 @@ def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data"
             f"{what} end after {len(content)} bytes, expected {size} for {_times(shape)} values "
             f"of {dtype}"
         )
-    return np.frombuffer(content, dtype).reshape(shape)
+    return np.asarray(np.frombuffer(content, dtype).reshape(shape))
 
 
 def inside(directory: Path, name: str) -> Path:

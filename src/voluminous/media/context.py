@@ -33,15 +33,9 @@ class MediumSample:
 class Feature:
     """An expression that a medium evaluates.
 
-    Attributes
-    ----------
-    expr : Expression
-        The expression.
-    width : float or Quantity
-        The smallest difference of its values that matters, for example a shell's width; 0 if
-        unknown. It decides whether single precision is sufficient along rays.
-    scalar : bool
-        True if `Medium.means` interpolates it linearly and needs no fields inside a panel.
+    `width` is the smallest difference of its values that matters, for example a shell's width; 0 if
+    unknown. It decides whether single precision is sufficient along rays. `scalar`: `Medium.means`
+    interpolates it linearly and needs no fields inside a panel.
     """
 
     expr: Expression

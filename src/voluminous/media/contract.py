@@ -45,16 +45,10 @@ GAUSS_LEGENDRE_3 = (
 class Sampling:
     """How the mean of a medium over a panel is computed.
 
-    Attributes
-    ----------
-    linear : bool
-        `Medium.means` is exact where scalars are linear, and better than `Medium.sampled`.
-    smooth : bool
-        `Medium.sampled` bounds its error on some stretches, which then need no panels.
-    finer : bool
-        ``sampled(fine=True)`` bounds its error on all stretches that are narrow enough.
-    quick : bool
-        `Medium.sampled` takes fewer samples unless it is to be fine.
+    `linear`: `Medium.means` is exact where scalars are linear, and better than `Medium.sampled`.
+    `smooth`: `sampled` bounds its error on some stretches, which then need no panels. `finer`:
+    ``sampled(fine=True)`` does so on all that are narrow enough. `quick`: `sampled` takes fewer
+    samples unless it is to be fine.
     """
 
     linear: bool = True

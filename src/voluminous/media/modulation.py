@@ -70,24 +70,9 @@ def modulated_colors(
 class Modulation:
     """A gate, a colour by another expression and a shading, each of which may be missing.
 
-    Parameters
-    ----------
-    where : str, float or Expression, optional
-        Multiplies emission and extinction: a comparison, or a number, limited to 0 … 1. Where it
-        has no value (NaN) it is 0.
-    color : ColorBy, optional
-        Multiplies the emission of three channels.
-    channels : int
-        Number of channels of the medium.
-    shade : Shade, optional
-        Multiplies the emission of all channels.
-
-    Attributes
-    ----------
-    fixed : bool
-        True if there is no modulation: all factors are one.
-    names : tuple of str
-        The fields it depends on.
+    The gate `where` multiplies emission and extinction: a comparison, or a number, limited to
+    0 … 1; where it has no value (NaN) it is 0. Colours multiply the emission of three channels, the
+    shading that of all. If `fixed`, all factors are one.
     """
 
     def __init__(

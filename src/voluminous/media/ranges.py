@@ -49,17 +49,7 @@ class Bounds:
 
 
 class RangeContext(Context):
-    """Context for evaluating a medium on intervals.
-
-    Parameters
-    ----------
-    unit : astropy unit or None
-        The volume's length unit.
-    unit_of : callable
-        Returns the unit of an `Expression`, or None.
-    faint : float
-        Coefficients below this fraction of their peak may be neglected.
-    """
+    """Context for evaluating a medium on intervals; see `Context` for the arguments."""
 
     def __init__(
         self, unit: Unit, unit_of: Callable[[Expression], Unit], faint: float = 1e-8

@@ -130,21 +130,10 @@ _FAINTEST, _LOST = 0.05, 1e-3
 class LookedUp:
     """Shells of one scalar on a stretch, within which colours, light and gates vary.
 
-    Attributes
-    ----------
-    expr : Expression
-        The scalar.
-    ranges : list of pairs of arrays
-        Ranges of the scalar in which they are seen.
-    thin : array or float
-        Their thinness, from 0 to 1: curvature does not move the middle of a wide shell.
-    extent : array
-        The part of the steeper half of the stretch that a shell fills.
-    depth : array
-        Optical depth of a shell in a half; zero where its colour cannot vary unseen.
-    factors : three lists of arrays
-        The factors of extinction and of each channel at both ends and in the middle; empty if
-        they do not vary.
+    They are seen in `ranges` of the scalar; `thin` is their thinness, from 0 to 1, since curvature
+    does not move the middle of a wide shell. A shell fills a part `extent` of the steeper half of
+    the stretch, with an optical depth (zero where its colour cannot vary unseen). `factors` are
+    those of extinction and each channel at both ends and in the middle; empty if they are one.
     """
 
     expr: Expression

@@ -105,7 +105,8 @@ class Slice:
         )
         axes.set(xlabel=self._label(self.plane.right), ylabel=self._label(self.plane.up))
         add_color_bar(axes, shown, _with_unit(self.name, self.unit), own=ax is None)
-        return axes
+        drawn: Axes = axes
+        return drawn
 
     def _limits(self, *limits: Any) -> list[float | None]:
         pairs = zip(("vmin", "vmax"), limits, strict=True)
@@ -318,7 +319,7 @@ def _unit(value: Any, what: str, expected: str = _VECTOR) -> np.ndarray:
     vector = _three(value, None, what, expected)
     if not np.any(vector):
         raise InputError(f"{what} must not be zero")
-    return vector / np.linalg.norm(vector)
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 # Pixels of a thumbnail, and white ones between two.

@@ -126,7 +126,7 @@ class CartesianGrid(StructuredGrid):
         return min(float(np.diff(e).min() / np.ptp(e)) for e in self.edges)
 
     def native(self, points: Any) -> np.ndarray:
-        return plain_points(points, self.unit).T
+        return np.asarray(plain_points(points, self.unit).T)
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         return self.spread(self.centers, first, last)
@@ -184,7 +184,11 @@ class CartesianGrid(StructuredGrid):
         from .dual_walk import CoarseWalk, DualWalk
         from .walk import CartesianWalk
 
-        kinds = {"cells": CartesianWalk, "dual": DualWalk, "coarse": CoarseWalk}
+        kinds: dict[str, type[CartesianWalk]] = {
+            "cells": CartesianWalk,
+            "dual": DualWalk,
+            "coarse": CoarseWalk,
+        }
         if box is not None:
             if kind not in ("cells", "dual"):
                 self.check_no_box(box)

@@ -16,6 +16,8 @@ from ...backend import dr
 from ...backend.types import Float, Mask
 from ..box_walk import NEVER
 
+# Of a type of numbers; Dr.Jit's own has no types.
+_epsilon: Any = dr.epsilon
 # Slower than this (per unit of distance), a ray runs parallel to an axis or a plane.
 PARALLEL = 1e-15
 # What passes the centre or the axis within so many ε of the distance of a ray's origin, meets it.
@@ -68,7 +70,7 @@ def approach_centre(origin: list[Float], direction: list[Float], outer: Float) -
     square = dot(point, point)
     radius = dr.sqrt(square)
     # What is left of a point that was rounding along the ray has no direction.
-    rounding = (ROUNDING * dr.epsilon(type(radius))) ** 2 * dot(origin, origin)
+    rounding = (ROUNDING * _epsilon(type(radius))) ** 2 * dot(origin, origin)
     central = (square <= 1e-4 * dot(near, near)) | (square <= rounding) | (radius < 1e-30)
     radius = dr.select(central, 0.0, radius)
     inverse = 1.0 / dr.select(central, 1.0, radius)
@@ -166,7 +168,7 @@ class Passage:
         On rays that meet the axis never on it, nor (by rounding) on its other side: what a field is
         at the segment's end there is the limit along the segment.
         """
-        least, away = _BESIDE * dr.epsilon(type(t)), t - self.turn
+        least, away = _BESIDE * _epsilon(type(t)), t - self.turn
         beside = dr.select(end > self.turn, dr.maximum(away, least), dr.minimum(away, -least))
         return (
             dr.select(self.meets, self.turn + beside, t),
@@ -181,7 +183,7 @@ def pass_axis(approach: Approach, origin: list[Float], begin: Float, end: Float)
     parallel = square < PARALLEL**2
     turn = dr.select(parallel, 0.0, -_dot(across, direction) / dr.select(parallel, 1.0, square))
     foot = along(across, direction, turn)
-    rounding = (ROUNDING * dr.epsilon(type(turn))) ** 2 * dot(origin, origin)
+    rounding = (ROUNDING * _epsilon(type(turn))) ** 2 * dot(origin, origin)
     meets = _dot(foot, foot) <= rounding
     for limit in (begin, end):
         # A ray that begins on the axis does not come from its other side.

@@ -14,8 +14,8 @@ from ...backend import dr, from_host
 from ...backend.functions import first_true
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
+from .angles import ANGLE_ROUNDING, FULL_CIRCLE, is_closed
 from .approach import PARALLEL, Approach, AxisApproach, CentreApproach
-from .grid import ANGLE_ROUNDING, FULL_CIRCLE, is_closed
 from .surfaces import (
     NUMBERS,
     Arithmetic,

@@ -21,13 +21,12 @@ from ...backend.types import Float, Int, Mask
 from ..contract import Segment
 from ..lanes import lesser
 from ..straight_chord import Values, cubic_through, parabola_through, trilinear
-from .surfaces import NUMBERS, Arithmetic
+from .surfaces import NUMBERS, Arithmetic, SurfaceGrid
 from .walk import CurvilinearWalk, SurfaceExit, SurfaceTrack, flat, norm
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
     from ..contract import Grid
-    from .grid import CurvilinearGrid
 
 # The longest segment, as a part of its distance, where nothing is asked: √(q² + u²) is then off by
 # 6e-6 q at most, and a field of white noise by 4e-4 of its range.
@@ -44,7 +43,9 @@ _PARALLEL = 1e-12
 class CurvilinearChord:
     """A segment through a dual cell or a leaf, a curve in its coordinates."""
 
-    def __init__(self, walk: Any, track: SurfaceTrack, segment: Segment) -> None:
+    walk: SmoothWalk
+
+    def __init__(self, walk: SmoothWalk, track: SurfaceTrack, segment: Segment) -> None:
         self.walk, self.track, self.segment = walk, track, segment
 
     @property
@@ -117,9 +118,7 @@ class SmoothWalk(CurvilinearWalk):
 
     approximate = True
 
-    def __init__(
-        self, grid: CurvilinearGrid, edges: tuple[np.ndarray, ...], backend: Backend
-    ) -> None:
+    def __init__(self, grid: SurfaceGrid, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
         super().__init__(grid, edges, backend, True)
         self.centre = grid.kind == "spherical"
         self.length = backend.opaque(float(grid.scale))
@@ -145,6 +144,10 @@ class SmoothWalk(CurvilinearWalk):
     def chord(self, track: SurfaceTrack, segment: Segment) -> CurvilinearChord:
         """Return a segment through its dual cell or leaf."""
         return CurvilinearChord(self, track, segment)
+
+    def corner(self, track: SurfaceTrack, leaving: SurfaceExit) -> Int:
+        """Return the flat number of the lower corner of a dual cell; of dual walks."""
+        raise NotImplementedError
 
     def place(
         self, track: SurfaceTrack, leaving: Any, point: list[Float], own: Arithmetic
@@ -189,7 +192,6 @@ class CurvilinearFieldWalk(SmoothWalk):
     in_cells = False
 
     def corner(self, track: SurfaceTrack, leaving: SurfaceExit) -> Int:
-        """Return the flat number of the lower corner of a dual cell."""
         index = self.cells_near(track, leaving.count)
         return self.backend.UInt(flat(index, self.vertex_strides))
 
@@ -203,7 +205,7 @@ class CurvilinearFieldWalk(SmoothWalk):
         return place
 
 
-def dual_walls(grid: CurvilinearGrid) -> tuple[np.ndarray, ...]:
+def dual_walls(grid: SurfaceGrid) -> tuple[np.ndarray, ...]:
     """Return the walls of the dual cells of a grid."""
     axes = zip(grid.edges, periodic_axes(grid), strict=True)
     return tuple(dual_edges(edges, periodic) for edges, periodic in axes)

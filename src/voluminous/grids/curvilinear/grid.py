@@ -14,6 +14,8 @@ from ...packages import room
 from ..arguments import cell_edges, check_extent, length_unit, plain_points
 from ..contract import CellBox
 from ..structured import StructuredGrid
+from .angles import ANGLE_ROUNDING, FULL_CIRCLE, MIDPLANE, is_closed
+from .surfaces import SurfaceGrid
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -21,12 +23,8 @@ if TYPE_CHECKING:
     from .surfaces import Surfaces
     from .walk import CurvilinearWalk
 
-FULL_CIRCLE, MIDPLANE = 2 * np.pi, 0.5 * np.pi
-# Azimuths and polar angles in single precision end where they should to this.
-ANGLE_ROUNDING = 1e-6
 
-
-class CurvilinearGrid(StructuredGrid):
+class CurvilinearGrid(SurfaceGrid, StructuredGrid):
     """Cells between surfaces of constant coordinates; see `SphericalGrid`, `CylindricalGrid`.
 
     `edges`: the cell walls: lengths in `unit`, angles in radian; `coordinates`: names of the grid's
@@ -82,11 +80,11 @@ class CurvilinearGrid(StructuredGrid):
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, high = self.spans(first, last)
-        return (high - low) * metric(self.coordinates, 0.5 * (low + high))
+        return np.asarray((high - low) * metric(self.coordinates, 0.5 * (low + high)))
 
     def _azimuth(self, x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> np.ndarray:
         angle = np.mod(np.arctan2(y, x) - edges[0], FULL_CIRCLE)
-        return edges[0] + np.where(angle >= FULL_CIRCLE, 0.0, angle)
+        return np.asarray(edges[0] + np.where(angle >= FULL_CIRCLE, 0.0, angle))
 
     @property
     def is_periodic(self) -> bool:
@@ -121,12 +119,6 @@ class CurvilinearGrid(StructuredGrid):
                 f"a {self.kind} grid has no walk of the kind {kind!r}, only "
                 f"{', '.join(map(repr, self.walk_kinds))}; use scheme='first-order'"
             )
-
-    def families(
-        self, edges: tuple[np.ndarray, ...], backend: Backend
-    ) -> tuple[list[Surfaces], Callable[..., Approach]]:
-        """Return the families of surfaces with these walls, and what makes a ray's `Approach`."""
-        raise NotImplementedError
 
     def describe(self) -> dict[str, Any]:
         return {
@@ -271,7 +263,7 @@ class SphericalGrid(CurvilinearGrid):
     @property
     def resolution(self) -> float:
         r, theta, phi = self.edges
-        return min(np.min(np.diff(r) / r[1:]), np.diff(theta).min(), np.diff(phi).min())
+        return float(min(np.min(np.diff(r) / r[1:]), np.diff(theta).min(), np.diff(phi).min()))
 
 
 class CylindricalGrid(CurvilinearGrid):
@@ -367,7 +359,7 @@ class CylindricalGrid(CurvilinearGrid):
     def resolution(self) -> float:
         R, phi, z = self.edges
         high = np.diff(z).min() / max(abs(z[0]), abs(z[-1]))
-        return min(np.min(np.diff(R) / R[1:]), np.diff(phi).min(), high)
+        return float(min(np.min(np.diff(R) / R[1:]), np.diff(phi).min(), high))
 
 
 def _polar_angles(edges: np.ndarray, mirror: bool) -> np.ndarray:
@@ -423,8 +415,3 @@ def _cosine_range(low: float, high: float) -> tuple[float, float]:
     top = np.floor(high / FULL_CIRCLE) >= np.ceil(low / FULL_CIRCLE)
     bottom = np.floor(high / FULL_CIRCLE - 0.5) >= np.ceil(low / FULL_CIRCLE - 0.5)
     return (-1.0 if bottom else float(ends.min()), 1.0 if top else float(ends.max()))
-
-
-def is_closed(edges: np.ndarray) -> bool:
-    """Return True if azimuths span a full circle."""
-    return bool(abs(edges[-1] - edges[0] - FULL_CIRCLE) < 1e-9)

@@ -14,19 +14,13 @@ import numpy as np
 
 from ...errors import InputError
 from ..contract import CellBox
-from ..trees.cells import LeafGrid
 from ..trees.octree_order import Places, checked_flags, levels_from_flags
 from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
 from ..trees.tree import Tree
-from ..trees.vertices import VertexNumbers
-from .grid import (
-    ANGLE_ROUNDING,
-    FULL_CIRCLE,
-    CurvilinearGrid,
-    CylindricalGrid,
-    SphericalGrid,
-)
+from ..trees.vertices import LeafGrid, VertexNumbers
+from .angles import ANGLE_ROUNDING, FULL_CIRCLE
+from .grid import CurvilinearGrid, CylindricalGrid, SphericalGrid
 from .refined_surroundings import RefinedSurroundings, StraightSurroundings
 
 if TYPE_CHECKING:
@@ -44,6 +38,7 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
     """
 
     walk_kinds: tuple[str, ...] = ("cells", "dual")
+    places: Places
     fine_edges: tuple[np.ndarray, ...]
 
     def _finish(self, refined: Any) -> None:

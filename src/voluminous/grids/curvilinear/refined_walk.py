@@ -27,7 +27,6 @@ from .walk import CurvilinearWalk, SurfaceCursor, SurfaceExit, SurfaceTrack, nor
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-    from .refined import RefinedCells
 
 
 @dataclass
@@ -58,11 +57,11 @@ class RefinedExit(SurfaceExit):
 class RefinedWalk(CurvilinearWalk):
     """Rays through a refined spherical or cylindrical grid."""
 
-    grid: RefinedCells
+    grid: Any
 
     def __init__(
         self,
-        grid: RefinedCells,
+        grid: Any,
         edges: tuple[np.ndarray, ...],
         backend: Backend,
         stepped: bool = False,
@@ -178,7 +177,7 @@ def leaf_corners(
 class RefinedFieldWalk(SmoothWalk, RefinedWalk):
     """Rays through a refined grid that know where in its leaves they are."""
 
-    def __init__(self, grid: RefinedCells, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
+    def __init__(self, grid: Any, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
         super().__init__(grid, edges, backend)
         parts = [float(grid.divisions[axis]) for axis in self.axes]
         self.parts = [backend.opaque(p) for p in parts]

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -35,11 +35,23 @@ from ...backend import dr, from_host
 from ...backend.functions import first_true, sharp_angle, unit_interval
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
-from .grid import ANGLE_ROUNDING, FULL_CIRCLE
+from ..contract import Grid
+from .angles import ANGLE_ROUNDING, FULL_CIRCLE
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
     from .approach import Approach
+
+
+class SurfaceGrid(Grid):
+    """A grid of cells between families of surfaces."""
+
+    def families(
+        self, edges: tuple[np.ndarray, ...], backend: Backend
+    ) -> tuple[list[Surfaces], Callable[..., Approach]]:
+        """Return the families of surfaces with these walls, and what makes a ray's `Approach`."""
+        raise NotImplementedError
+
 
 # A coefficient that is zero for all rays is None.
 Form = Sequence[Float]

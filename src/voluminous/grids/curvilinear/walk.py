@@ -20,11 +20,10 @@ from ..box_walk import NEVER
 from ..contract import Corners, Ray, Segment, Walk
 from ..lanes import greater, least, lesser, nearest
 from .approach import Passage, dot, pass_axis
-from .surfaces import Surfaces, ahead, choose, meet, pick_any
+from .surfaces import SurfaceGrid, Surfaces, ahead, choose, meet, pick_any
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-    from .grid import CurvilinearGrid
 
 # Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
 Step = tuple[list[Int], list[Float], Float, Int]
@@ -105,7 +104,7 @@ class CurvilinearWalk(Walk):
 
     def __init__(
         self,
-        grid: CurvilinearGrid,
+        grid: SurfaceGrid,
         edges: tuple[np.ndarray, ...],
         backend: Backend,
         stepped: bool = False,

@@ -168,7 +168,7 @@ def make_tree_axis(
     return kind(edges, extent, top, scale, backend)
 
 
-class Frame(Protocol):
+class BaseWalls(Protocol):
     """Walls of base cells, finest cells in each, and the unit of lengths."""
 
     @property
@@ -182,7 +182,7 @@ class Frame(Protocol):
 class Spacing:
     """Distances along the axes of a grid of boxes, in units of its scale."""
 
-    def __init__(self, grid: Frame, backend: Backend) -> None:
+    def __init__(self, grid: BaseWalls, backend: Backend) -> None:
         kinds = [_Even if is_uniform(edges) else _Uneven for edges in grid.base_edges]
         self.axes = [
             kind(edges / grid.scale, int(parts), backend)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend.types import Int, Mask
 from ...geometry import is_uniform
-from ...packages import room
 from ..arguments import plain_points
-from ..contract import CellBox, Grid
+from ..contract import CellBox
 from .tree import Tree
-from .vertices import Surroundings, VertexNumbers, cells_around
+from .vertices import LeafGrid
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -22,85 +19,6 @@ if TYPE_CHECKING:
 
 # Cells whose corners are computed at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
-
-
-class LeafGrid(Grid):
-    """What grids share whose cells are boxes of a tree, in any coordinates.
-
-    A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
-
-    `levels` (n,): how often each cell's base cell was refined; `base_shape`: number of base cells
-    along each axis; `divisions` (3,): finest units per base cell along each axis.
-    """
-
-    levels: np.ndarray
-    divisions: np.ndarray
-    cells_are_boxes = has_vertices = has_neighbourhood = True
-
-    @functools.cached_property
-    def tree(self) -> Tree:
-        """From places, whole numbers of finest units, to cells."""
-        raise NotImplementedError
-
-    @functools.cached_property
-    def vertex_numbers(self) -> VertexNumbers:
-        """Numbers of the vertices of all cells."""
-        raise NotImplementedError
-
-    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
-        raise NotImplementedError
-
-    def surroundings(self, backend: Backend) -> Surroundings:
-        """Return what finds the cells around vertices in kernels, in double precision."""
-        double = backend.with_precision("double")
-        return self.on_device(double, "surroundings", lambda: Surroundings(self, double))
-
-    def neighbourhood(self, backend: Backend) -> Surroundings:
-        return self.surroundings(backend)
-
-    @property
-    def base_shape(self) -> tuple[int, int, int]:
-        a, b, c = (len(e) - 1 for e in self.base_edges or self.edges)
-        return a, b, c
-
-    @property
-    def size(self) -> int:
-        return len(self.levels)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return (self.size,)
-
-    @functools.cached_property
-    def cells_per_level(self) -> tuple[int, ...]:
-        """Number of cells of each level."""
-        return tuple(int(n) for n in np.bincount(self.levels))
-
-    @property
-    def vertex_count(self) -> int:
-        return self.vertex_numbers.count
-
-    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
-        return cells_around(self, vertex, backend)
-
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
-        lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
-            self, arrays, backend
-        )
-        return lattices
-
-    def describe(self) -> dict[str, Any]:
-        return {
-            **super().describe(),
-            "base": list(self.base_shape),
-            "levels": len(self.cells_per_level),
-            "cells_per_level": list(self.cells_per_level),
-        }
-
-    def _counts(self) -> str:
-        base, levels = "x".join(map(str, self.base_shape)), "/".join(map(str, self.cells_per_level))
-        return f"{self.size} cells, base {base}, per level {levels}"
 
 
 class TreeCells(LeafGrid):
@@ -157,7 +75,7 @@ class TreeCells(LeafGrid):
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, high = self.corners(first, last)
-        return 0.5 * (low + high)
+        return np.asarray(0.5 * (low + high))
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         low, size = self.boxes(first, self.size if last is None else last)

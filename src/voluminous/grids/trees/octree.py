@@ -75,6 +75,7 @@ class OctreeGrid(TreeCells):
     """
 
     kind = "octree"
+    places: Places
     can_be_pruned = True
 
     def __init__(self, x: Any, y: Any, z: Any, refined: Any = None, *, unit: Any = None) -> None:

@@ -75,7 +75,7 @@ class Places:
         for row in starts:  # carried each time: sums over all parts do not fit
             total = _carried((total + row)[:, None], len(self.axes))[:, 0]
             row[:] = total
-        return starts.T
+        return np.asarray(starts.T)
 
     def total(self) -> tuple[int, bool]:
         """Return how many base cells the leaves fill, and whether the last one entirely."""
@@ -347,7 +347,7 @@ def _checked_index(counts: tuple[int, ...], levels: np.ndarray, index: Any) -> n
             f"leaf {k} is outside the domain: its index {index[k].tolist()} at level {levels[k]} "
             f"must be below {end[k].tolist()}"
         )
-    return index
+    return np.asarray(index)
 
 
 def _check_cover(

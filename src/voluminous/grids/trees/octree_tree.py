@@ -94,7 +94,7 @@ def _order(axes: tuple[int, ...], steps: int) -> np.ndarray:
             digits[axis].append(step * len(axes) + k)
     slowest_first = [digit for axis in reversed(axes) for digit in digits[axis]]
     order = np.arange(1 << steps * len(axes)).reshape((2,) * (steps * len(axes)))
-    return order.transpose(slowest_first).reshape(-1)
+    return np.asarray(order.transpose(slowest_first).reshape(-1))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from .octree_order import Places
 from .vertices import VertexNumbers, corner_numbers
 
 if TYPE_CHECKING:
-    from .cells import LeafGrid
+    from .vertices import LeafGrid
 
 # Levels that a lattice spans at most: wider ones are hardly ever worth it (0 to 1 % fewer points).
 _DEEPEST = 3
@@ -37,7 +37,7 @@ def octree_vertices(grid: LeafGrid) -> VertexNumbers:
 
 
 class OctreeLattices:
-    """Lattices over nodes of an octree; see `vertex_numbers.Lattices`."""
+    """Lattices over nodes of an octree; see `vertices.Lattices`."""
 
     def __init__(
         self, grid: LeafGrid, leaf: np.ndarray, level: np.ndarray, depth: np.ndarray

@@ -68,6 +68,7 @@ class PatchGrid(TreeCells):
     """
 
     kind = "patches"
+    patches: Patches
 
     def __init__(self, lower: Any, upper: Any, shape: Any, *, unit: Any = None) -> None:
         self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or space_unit(unit)
@@ -206,7 +207,7 @@ class PatchGrid(TreeCells):
             )
         flat = array.reshape(-1)
         if patches.hidden[patch]:
-            return flat[patches.seen_cells(patch)]
+            return np.asarray(flat[patches.seen_cells(patch)])
         return flat[: patches.visible[patch]]
 
     def unpack(self, flat: np.ndarray) -> list[np.ndarray]:

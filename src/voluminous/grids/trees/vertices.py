@@ -11,21 +11,23 @@ them (400² rays in second order take 0.92 of the time, on tiles of 8³ cells 0.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from ...backend import dr, from_host
 from ...backend.types import Float, Int, Mask
+from ...packages import room
+from ..contract import Grid
 from .axes import Spacing
-from .tree import Cell, TreeLookup
+from .tree import Cell, Tree, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-    from .cells import LeafGrid
 
 # Corners of a cell, or octants around a vertex: below (0) or above along x, y and z.
 OCTANTS = tuple(itertools.product((0, 1), repeat=3))
@@ -203,3 +205,83 @@ def corner_numbers(
     x, y, z = np.stack([planes, rows, np.ones_like(rows)]) * scale
     numbers[:, 1] = x << (2 * _STRIDE_BITS) | y << _STRIDE_BITS | z
     return numbers
+
+
+class LeafGrid(Grid):
+    """What grids share whose cells are boxes of a tree, in any coordinates.
+
+    A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
+
+    `levels` (n,): how often each cell's base cell was refined; `base_shape`: number of base cells
+    along each axis; `divisions` (3,): finest units per base cell along each axis.
+    """
+
+    levels: np.ndarray
+    divisions: np.ndarray
+    fine_edges: tuple[np.ndarray, ...] = ()
+    cells_are_boxes = has_vertices = has_neighbourhood = True
+
+    @functools.cached_property
+    def tree(self) -> Tree:
+        """From places, whole numbers of finest units, to cells."""
+        raise NotImplementedError
+
+    @functools.cached_property
+    def vertex_numbers(self) -> VertexNumbers:
+        """Numbers of the vertices of all cells."""
+        raise NotImplementedError
+
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
+        raise NotImplementedError
+
+    def surroundings(self, backend: Backend) -> Surroundings:
+        """Return what finds the cells around vertices in kernels, in double precision."""
+        double = backend.with_precision("double")
+        return self.on_device(double, "surroundings", lambda: Surroundings(self, double))
+
+    def neighbourhood(self, backend: Backend) -> Surroundings:
+        return self.surroundings(backend)
+
+    @property
+    def base_shape(self) -> tuple[int, int, int]:
+        a, b, c = (len(e) - 1 for e in self.base_edges or self.edges)
+        return a, b, c
+
+    @property
+    def size(self) -> int:
+        return len(self.levels)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.size,)
+
+    @functools.cached_property
+    def cells_per_level(self) -> tuple[int, ...]:
+        """Number of cells of each level."""
+        return tuple(int(n) for n in np.bincount(self.levels))
+
+    @property
+    def vertex_count(self) -> int:
+        return self.vertex_numbers.count
+
+    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
+        return cells_around(self, vertex, backend)
+
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
+        lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
+            self, arrays, backend
+        )
+        return lattices
+
+    def describe(self) -> dict[str, Any]:
+        return {
+            **super().describe(),
+            "base": list(self.base_shape),
+            "levels": len(self.cells_per_level),
+            "cells_per_level": list(self.cells_per_level),
+        }
+
+    def _counts(self) -> str:
+        base, levels = "x".join(map(str, self.base_shape)), "/".join(map(str, self.cells_per_level))
+        return f"{self.size} cells, base {base}, per level {levels}"

@@ -23,7 +23,7 @@ from .tree import Cell, Orientation, Tree, TreeLookup
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-    from .cells import TreeCells
+    from .vertices import LeafGrid
 
 
 @dataclass
@@ -70,7 +70,7 @@ class TreeExit:
 class TreeWalk(BoxWalk):
     """Rays through a tree of Cartesian cells; see `grids.contract.Walk`."""
 
-    def __init__(self, grid: TreeCells, tree: Tree, backend: Backend) -> None:
+    def __init__(self, grid: LeafGrid, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
         edges, scale = grid.base_edges, grid.scale
         # Along uneven axes distances are known within one base cell at a time.
@@ -247,7 +247,7 @@ class TreeFieldWalk(TreeWalk):
     is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
     """
 
-    def __init__(self, grid: TreeCells, tree: Tree, backend: Backend) -> None:
+    def __init__(self, grid: LeafGrid, tree: Tree, backend: Backend) -> None:
         super().__init__(grid, tree, backend)
         self.has_gaps = self.holes
 

@@ -94,12 +94,12 @@ class FITSImage:
 def images(path: Path) -> list[FITSImage]:
     """Return all non-empty images of a file."""
     with opened(path) as hdus:
-        found = [
+        candidates = [
             FITSImage(path, number, hdu.header, hdu.shape[::-1])
             for number, hdu in enumerate(hdus)
             if hdu.is_image and card(hdu.header, "GROUPS") is not True
         ]
-    return [image for image in found if min(image.shape, default=0) > 0]
+    return [image for image in candidates if min(image.shape, default=0) > 0]
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def scaled(stored: np.ndarray, header: Header) -> np.ndarray:
         return stored
     if dtype.kind != "f":  # adding half of the range flips the highest bit
         unsigned = stored.astype(f"=u{dtype.itemsize}", casting="unsafe")
-        return (unsigned ^ unsigned.dtype.type(1 << 8 * dtype.itemsize - 1)).view(dtype)
+        return np.asarray((unsigned ^ unsigned.dtype.type(1 << 8 * dtype.itemsize - 1)).view(dtype))
     values: np.ndarray = stored.astype(dtype)
     values *= scale
     values += zero
@@ -169,9 +169,9 @@ def scaled(stored: np.ndarray, header: Header) -> np.ndarray:
     return values
 
 
-def cubes(found: Sequence[FITSImage], hdu: Any = None, plane: Any = None) -> list[Cube]:
+def cubes(candidates: Sequence[FITSImage], hdu: Any = None, plane: Any = None) -> list[Cube]:
     """Return the cubes of a file, or of one HDU if it is given."""
-    listed = list(found) if hdu is None else [_named(found, hdu)]
+    listed = list(candidates) if hdu is None else [_named(candidates, hdu)]
     some = [image for image in listed if len(image.real_axes) >= 3]
     if not some:
         flat = ", ".join(f"{image}: {' x '.join(map(str, image.shape))}" for image in listed[:8])
@@ -191,9 +191,9 @@ def cubes(found: Sequence[FITSImage], hdu: Any = None, plane: Any = None) -> lis
     ]
 
 
-def _named(found: Sequence[FITSImage], hdu: Any) -> FITSImage:
-    names = {str(image.number): image for image in found}
-    names |= {image.title.upper(): image for image in reversed(found) if image.title}
+def _named(candidates: Sequence[FITSImage], hdu: Any) -> FITSImage:
+    names = {str(image.number): image for image in candidates}
+    names |= {image.title.upper(): image for image in reversed(candidates) if image.title}
     key = str(hdu).strip().upper()
     if key not in names:
         raise unknown_name("HDU", str(hdu), names)

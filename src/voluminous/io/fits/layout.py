@@ -64,9 +64,8 @@ class CubePlace:
 
     def arrange(self, stored: np.ndarray) -> np.ndarray:
         """Return a view of a NumPy-ordered array in the grid's axis order."""
-        return stored.transpose([2 - axis for axis in self.axes])[
-            tuple(slice(None, None, -1 if flip else 1) for flip in self.flipped)
-        ]
+        senses = tuple(slice(None, None, -1 if flip else 1) for flip in self.flipped)
+        return np.asarray(stored.transpose([2 - axis for axis in self.axes])[senses])
 
     def agrees(self, other: CubePlace) -> bool:
         """Return True if another cube has the same cells in the same order."""
@@ -77,11 +76,11 @@ class CubePlace:
             return True
         corners = np.vstack([np.zeros(3), np.diag(self.grid.shape) - np.eye(3)])
         try:
-            found = other.wcs.wcs_world2pix(self.wcs.wcs_pix2world(corners, 0), 0)
+            result = other.wcs.wcs_world2pix(self.wcs.wcs_pix2world(corners, 0), 0)
         except ValueError:  # outside the other cube's projection
             return False
         kinds = [list(w.wcs.ctype) for w in (self.wcs, other.wcs)]
-        return kinds[0] == kinds[1] and bool(np.all(np.abs(found - corners) < _SAME))
+        return kinds[0] == kinds[1] and bool(np.all(np.abs(result - corners) < _SAME))
 
     def pointing(self) -> dict[str, Any]:
         """Return the sky position of the cube's centre and its orientation, in degrees.
@@ -94,8 +93,8 @@ class CubePlace:
         middle = 0.5 * (np.array(self.grid.shape) - 1)
         lon, lat, _ = self.wcs.wcs_pix2world(middle[None], 0)[0]
         angle = float(np.rad2deg(np.arctan2(*linear_part(self.wcs)[:2, 1])))
-        told: dict[str, Any] = {"center": [float(lon), float(lat)]}
-        return told | ({"posang": angle} if abs(angle) > _TURNED else {})
+        described: dict[str, Any] = {"center": [float(lon), float(lat)]}
+        return described | ({"posang": angle} if abs(angle) > _TURNED else {})
 
 
 def place_of(cube: Cube, options: Mapping[str, Any]) -> CubePlace:
@@ -113,22 +112,22 @@ def place_of(cube: Cube, options: Mapping[str, Any]) -> CubePlace:
     if unit is None and card(header, UNIT):  # we wrote it
         unit = card(header, UNIT)
         depth = card(header, DEPTH) if depth is None and per_value is None else depth
-    found = world(cube.image, cube.axes, options.get("velocity"), options.get("rest"))
-    wcs = found[0]
+    result = world(cube.image, cube.axes, options.get("velocity"), options.get("rest"))
+    wcs = result[0]
     (x, y), own = _plane(wcs, parse_unit(unit))
     edges, centers, measure = _third_axis(wcs, header)
     if is_place(wcs):
         if depth is not None or per_value is not None:
             raise InputError("depth and spectral_scale are for cubes whose third axis is no length")
         grid = CartesianGrid(x, y, _converted(edges, measure, own), unit=own)
-        return CubePlace(grid, *found[1:], wcs)
+        return CubePlace(grid, *result[1:], wcs)
     scale = _scale(edges, (x, y), own, depth, per_value, measure)
     half = 0.5 * scale * float(np.ptp(edges))
     z = (edges - 0.5 * (edges[0] + edges[-1])) * scale
     if is_uniform(edges):  # a difference of large numbers would not be uniform
         z = np.linspace(-half, half, len(edges))
     third = ThirdAxis(axis_name(wcs), centers, measure)
-    return CubePlace(CartesianGrid(x, y, z, unit=own), *found[1:], wcs, third)
+    return CubePlace(CartesianGrid(x, y, z, unit=own), *result[1:], wcs, third)
 
 
 def _third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:

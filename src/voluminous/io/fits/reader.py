@@ -54,10 +54,10 @@ class FITSReader(Reader):
 
     def holds_image(self, path: Path) -> bool:
         try:
-            found = images(path)
+            candidates = images(path)
         except Exception:  # damaged: reading it raises the error
             return False
-        return _is_picture(found) or not any(len(image.real_axes) >= 3 for image in found)
+        return _is_picture(candidates) or not any(len(image.real_axes) >= 3 for image in candidates)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         every, third = _cubes(path, options)
@@ -100,17 +100,17 @@ class FITSReader(Reader):
         write(volume, path)
 
 
-def _is_picture(found: list[FITSImage]) -> bool:
-    header = found[0].header if found and found[0].number == 0 else {}
+def _is_picture(candidates: list[FITSImage]) -> bool:
+    header = candidates[0].header if candidates and candidates[0].number == 0 else {}
     return card(header, _CREATOR) == "voluminous" and _TEXT in header
 
 
 def _cubes(path: Path, options: dict[str, Any]) -> tuple[list[Cube], ThirdAxis | None]:
     """Return the cubes of a file, and the third axis of the first if it is a field of its own."""
-    found = images(path)
-    if _is_picture(found):
+    candidates = images(path)
+    if _is_picture(candidates):
         raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
-    every = cubes(found, options.get("hdu"), options.get("plane"))
+    every = cubes(candidates, options.get("hdu"), options.get("plane"))
     third = place_of(every[0], options).third
     known = third is not None and third.name in {cube.name for cube in every}
     return every, None if known else third

@@ -84,4 +84,4 @@ def _spellings(text: str) -> Iterator[str]:
 
 
 def _spelled(text: str) -> str:
-    return _WORD.sub(lambda found: _MEANT.get(found[0].lower(), found[0]), text)
+    return _WORD.sub(lambda word: _MEANT.get(word[0].lower(), word[0]), text)

@@ -116,8 +116,8 @@ def _put_one_matrix(header: Header, count: int, pixels: int) -> None:
 
     wcslib accepts one form for all axes and assumes steps of 1 for axes given in another.
     """
-    found = {key: match for key in header if (match := _MATRIX.fullmatch(key))}
-    values = {(m[1], int(m[2]), int(m[3])): float(card(header, key)) for key, m in found.items()}
+    cards = {key: match for key in header if (match := _MATRIX.fullmatch(key))}
+    values = {(m[1], int(m[2]), int(m[3])): float(card(header, key)) for key, m in cards.items()}
     by_matrix = {i for (kind, i, _), value in values.items() if kind == "CD" and value}
     axes = range(1, count + 1)
     rows = {}
@@ -127,7 +127,7 @@ def _put_one_matrix(header: Header, count: int, pixels: int) -> None:
         rows[i] = [values.get(("CD", i, j), 0.0) for j in axes] if i in by_matrix else own
         if i not in by_matrix and (not any(own) or card(header, f"CROTA{i}", 0.0)):
             raise ValueError(f"CDELT{i} is missing, or CROTA{i} beside CD cards of others")
-    for key, match in found.items():
+    for key, match in cards.items():
         if by_matrix or (match[1] == "CD" and "CDELT1" in header):  # all zero: no information
             del header[key]
     for i, row in rows.items():

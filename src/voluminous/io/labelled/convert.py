@@ -178,7 +178,7 @@ def _described(data: xarray.Dataset, place: str) -> str:
 
 def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
     """Return the variables that can be fields, without those that only describe others."""
-    found = {
+    result = {
         str(name): array
         for name, array in data.data_vars.items()
         if array.ndim >= 3 and array.dtype.kind in "fiub"
@@ -190,7 +190,7 @@ def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
         for key in _HELPERS
     )
     helpers = {word for text in texts for word in text.split()}
-    return {name: array for name, array in found.items() if name not in helpers} or found
+    return {name: array for name, array in result.items() if name not in helpers} or result
 
 
 def _chosen(data: xarray.Dataset, fields: Any) -> dict[str, str]:

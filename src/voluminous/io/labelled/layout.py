@@ -88,7 +88,7 @@ class NamedLayout:
         kept = [str(dim) for dim in array.dims if dim in self.dims]
         values = plain_values(array).reshape([array.sizes[dim] for dim in kept])
         senses = tuple(slice(None, None, -1 if line.flipped else None) for line in self.lines)
-        return values.transpose([kept.index(dim) for dim in self.dims])[senses]
+        return np.asarray(values.transpose([kept.index(dim) for dim in self.dims])[senses])
 
 
 def layout_of(

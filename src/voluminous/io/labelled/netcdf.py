@@ -88,10 +88,10 @@ def _check_size(path: Path) -> None:
 
 
 def _groups(path: Path) -> list[str]:
-    found: list[str] = []
+    result: list[str] = []
     with opened(path) as file:
-        file.visititems(lambda place, item: found.append(place) if hasattr(item, "keys") else None)
-    return found
+        file.visititems(lambda place, item: result.append(place) if hasattr(item, "keys") else None)
+    return result
 
 
 class GRIBReader(LabelledReader):

@@ -72,8 +72,8 @@ class DICOMReader(VoxelReader):
     @by_library("pydicom")  # elements are converted when they are first asked for
     def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
         with _quiet():
-            header, found = _slices(path, series)
-        slices, placement, times = stacked(found, time)
+            header, result = _slices(path, series)
+        slices, placement, times = stacked(result, time)
         if header.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
             placement = replace(placement, space="")
         shape = (int(header.Columns), int(header.Rows), len(slices))
@@ -154,11 +154,11 @@ def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
         raise FileFormatError("it is a Siemens mosaic; convert it to NIfTI with 'dcm2niix'")
     if first.get("SamplesPerPixel", 1) != 1:
         raise FileFormatError("expected one value per pixel, but its pictures are coloured")
-    found: list[DicomSlice] = []
+    result: list[DicomSlice] = []
     for file, header in headers:
         with reading(file, "a DICOM file"):
-            found += slices_of(file, header)
-    return first, found
+            result += slices_of(file, header)
+    return first, result
 
 
 def _chosen(path: Path, series: Any) -> _Headers:
@@ -216,15 +216,15 @@ def _named(groups: dict[str, _Headers], series: Any) -> str:
     for uid, headers in groups.items():
         number, text = (headers[0][1].get(f"Series{key}") for key in ("Number", "Description"))
         names[uid] = (uid, "" if number is None else str(number), str(text or ""))
-    found = [uid for uid in groups if series is None or str(series) in names[uid]]
-    if len(found) == 1:
-        return found[0]
+    result = [uid for uid in groups if series is None or str(series) in names[uid]]
+    if len(result) == 1:
+        return result[0]
     listed = "\n".join(
         f"  series={names[uid][1]!r}: {names[uid][2]!r}, {headers[0][1].get('Modality')}, "
         f"{len(headers)} files, {uid}"
         for uid, headers in groups.items()
     )
-    asked = "several series" if series is None else f"{len(found)} series {series!r}"
+    asked = "several series" if series is None else f"{len(result)} series {series!r}"
     raise InputError(f"there are {asked}; choose one by its number, text or UID:\n{listed}")
 
 

@@ -77,8 +77,8 @@ def _offset_frames(header: Any, count: int) -> list[Any]:
 
 def _slice(path: Path, header: Any, number: int, places: list[Any]) -> DicomSlice:
     def one(sequence: str, keyword: str, default: float) -> float:
-        found = _numbers(places, sequence, keyword, 1)
-        return default if found is None else float(found[0])
+        numbers = _numbers(places, sequence, keyword, 1)
+        return default if numbers is None else float(numbers[0])
 
     measures, values = "PixelMeasuresSequence", "PixelValueTransformationSequence"
     spacing = _numbers(places, measures, "PixelSpacing", 2)
@@ -115,10 +115,10 @@ def _numbers(places: list[Any], sequence: str, keyword: str, count: int) -> np.n
         value = (inner[0] if inner else place).get(keyword)
         if value is None or str(value) in ("", "[]"):
             continue
-        found = np.atleast_1d(np.asarray(value, float))
-        if found.shape != (count,) or not np.isfinite(found).all():
+        numbers = np.atleast_1d(np.asarray(value, float))
+        if numbers.shape != (count,) or not np.isfinite(numbers).all():
             raise FileFormatError(f"{keyword} must be {count} numbers, got {value}")
-        return found
+        return numbers
     return None
 
 
@@ -219,11 +219,11 @@ def read_values(
     for path, group in groupby(ordered, key=lambda pair: pair[1].path):
         with reading(path, "a DICOM image"), by_library("pydicom"):
             pixels = np.asarray(pydicom.dcmread(path).pixel_array).reshape(-1, *shape[1::-1])
-            for k, found in group:
-                stored = pixels[found.number]
+            for k, part in group:
+                stored = pixels[part.number]
                 if dtype.kind == "f":
-                    np.multiply(stored, found.slope, out=out[k], casting="unsafe")
-                    out[k] += dtype.type(found.intercept)
+                    np.multiply(stored, part.slope, out=out[k], casting="unsafe")
+                    out[k] += dtype.type(part.intercept)
                 else:  # the result fits, what is between may not
-                    out[k] = stored.astype(np.int64) * int(found.slope) + int(found.intercept)
-    return out.transpose()
+                    out[k] = stored.astype(np.int64) * int(part.slope) + int(part.intercept)
+    return np.asarray(out.transpose())

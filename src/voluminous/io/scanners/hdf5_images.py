@@ -75,7 +75,7 @@ class ImarisReader(VoxelReader):
 def _load_channel(path: Path, place: str, shape: tuple[int, ...], number: int) -> np.ndarray:
     with opened(path) as file:
         values = read(data_set(path, file[f"{place}/Channel {number}"], "Data"))
-    return values.transpose()[tuple(slice(n) for n in shape)]
+    return np.asarray(values.transpose()[tuple(slice(n) for n in shape)])
 
 
 def _text(group: h5py.Group, name: str) -> str:
@@ -131,4 +131,4 @@ class ITKReader(VoxelReader):
 def _load_component(path: Path, component: int) -> np.ndarray:
     with opened(path) as file:
         values = read(data_set(path, file[_ITK], "VoxelData"))
-    return (values[..., component] if values.ndim == 4 else values).transpose()
+    return np.asarray((values[..., component] if values.ndim == 4 else values).transpose())

@@ -92,7 +92,7 @@ class MetaImageReader(VoxelReader):
 
         def load(number: int) -> np.ndarray:
             block = stored.read(step * (count // times), (*shape[2::-1], channels))
-            return block[..., number].transpose()
+            return np.asarray(block[..., number].transpose())
 
         vector = VECTOR if channels == 3 and dtype.kind == "f" else ()
         return Voxels(

@@ -68,7 +68,7 @@ class Arrangement:
     def put(self, values: np.ndarray) -> np.ndarray:
         """Return a view of an array in the file's order, (n0, n1, n2), in the grid's."""
         turned = values.transpose(self.order)
-        return turned[tuple(slice(None, None, -1 if b else 1) for b in self.backward)]
+        return np.asarray(turned[tuple(slice(None, None, -1 if b else 1) for b in self.backward)])
 
 
 def arranged(shape: tuple[int, ...], placement: Placement) -> Arrangement:

@@ -143,10 +143,10 @@ def _stack(file: tifffile.TiffFile) -> tuple[int, Any]:
 def _sizes(series: Any) -> dict[str, int]:
     """Return the sizes of the axes that have any; refuses axes of unknown meaning."""
     pairs = zip(series.axes, series.shape, strict=True)
-    kept = [(axis, int(n)) for axis, n in pairs if n != 1 or axis in "XY"]
-    sizes = dict(kept)
+    remaining = [(axis, int(n)) for axis, n in pairs if n != 1 or axis in "XY"]
+    sizes = dict(remaining)
     third = _third(sizes)
-    strange = set(sizes) - {*"XYTCS", third} or len(sizes) < len(kept)
+    strange = set(sizes) - {*"XYTCS", third} or len(sizes) < len(remaining)
     if third and (strange or not set("XY") <= set(sizes) or min(sizes.values()) < 1):
         raise FileFormatError(
             "expected axes X, Y, Z (or one unnamed), and perhaps channels C, samples S and time T, "
@@ -181,7 +181,7 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
     # Axes of size one that mean nothing may be left.
     order = [left.index(axis) for axis in ("X", "Y", third)]
     order += [k for k in range(len(left)) if k not in order]
-    return values.transpose(order).reshape([values.shape[k] for k in order[:3]])
+    return np.asarray(values.transpose(order).reshape([values.shape[k] for k in order[:3]]))
 
 
 def _check_pages(path: Path, pages: Sequence[Any]) -> None:
@@ -234,8 +234,8 @@ def _channels(file: Any, number: int, count: int) -> list[Channel]:
 
 def _pixels(file: Any, number: int) -> ElementTree.Element:
     """Return OME's description of a series, which are in the order of the images."""
-    found = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
-    return found[number] if number < len(found) else ElementTree.Element("Pixels")
+    result = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
+    return result[number] if number < len(result) else ElementTree.Element("Pixels")
 
 
 def _imagej_channels(notes: Mapping[str, Any], count: int) -> list[Channel]:
@@ -288,7 +288,7 @@ class PicturesReader(VoxelReader):
                         f"{slices[0].name} is one of {first.shape} {first.dtype}"
                     )
                 out[number] = picture[..., sample]
-            return out.transpose()
+            return np.asarray(out.transpose())
 
         return Voxels(
             shape=shape,
@@ -306,11 +306,11 @@ def _slices(directory: Path) -> list[Path]:
     """Return the pictures of a directory, in the order of their numbers; none if it is another."""
     with os.scandir(directory) as entries:
         names = [e.name for e in entries if not e.name.startswith(".") and e.is_file()]
-    found = [n for n in names if n.lower().endswith(_SUFFIXES) and _NUMBER.search(Path(n).stem)]
-    others = {Path(name).suffix.lower() for name in names if name not in found}
-    if len({_NUMBER.sub("#", name) for name in found}) != 1 or not others <= _NOTES:
+    result = [n for n in names if n.lower().endswith(_SUFFIXES) and _NUMBER.search(Path(n).stem)]
+    others = {Path(name).suffix.lower() for name in names if name not in result}
+    if len({_NUMBER.sub("#", name) for name in result}) != 1 or not others <= _NOTES:
         return []
-    ordered = sorted(found, key=lambda name: [int(number) for number in _NUMBER.findall(name)])
+    ordered = sorted(result, key=lambda name: [int(number) for number in _NUMBER.findall(name)])
     return [directory / name for name in ordered]
 
 
@@ -331,4 +331,4 @@ def _picture(path: Path) -> np.ndarray:
                 kind, values = picture.mode, np.asarray(picture)
         if kind not in _MODES:
             raise FileFormatError(f"expected rows and columns of values, got {kind}")
-    return values if values.ndim == 3 else values[..., None]
+    return np.asarray(values if values.ndim == 3 else values[..., None])

@@ -42,12 +42,12 @@ class VTKReader(DatasetReader):
 
     def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
         with open(path, "rb") as file:
-            found = _DIMENSIONS.search(file.read(4096))
+            result = _DIMENSIONS.search(file.read(4096))
         size = path.stat().st_size
         # VTK takes memory as announced, and ends the process where there is not that much.
-        if found and math.prod(max(int(n) - 1, 1) for n in found.groups()) > 8 * size:
+        if result and math.prod(max(int(n) - 1, 1) for n in result.groups()) > 8 * size:
             raise FileFormatError(
-                f"{found[0].decode()} are more than a file of {size} bytes holds; it is cut short"
+                f"{result[0].decode()} are more than a file of {size} bytes holds; it is cut short"
             )
         reader = vtk("vtkIOLegacy").vtkGenericDataObjectReader()
         reader.SetFileName(str(path))
@@ -100,9 +100,9 @@ class PyVistaReader(DatasetReader):
         if not parts:
             raise InputError("there are no points in it")
         # What is alone need not be a mesh: it may be image data.
-        found = dataset_of(parts[0] if len(parts) == 1 else mesh, resolution)
-        found.meta.update(meta)
-        return found
+        result = dataset_of(parts[0] if len(parts) == 1 else mesh, resolution)
+        result.meta.update(meta)
+        return result
 
 
 def _check_survival(path: Path) -> None:

@@ -94,7 +94,7 @@ class Uneven:
 def _edges(line: np.ndarray, at: str, width: float) -> np.ndarray:
     """Return the edges of the cells around ascending points, or between them."""
     if len(line) == 1:
-        return line[0] + np.array([-0.5, 0.5]) * width
+        return np.asarray(line[0] + np.array([-0.5, 0.5]) * width)
     if at == POINT:
         return edges_of_centers(line)
     # A grid of equal cells is faster, and files round coordinates.
@@ -173,12 +173,12 @@ class Dataset:
     def fields(self, upright: bool = True) -> dict[str, tuple[str, DataArray, int]]:
         """Return, by place, the name, array and component of all fields; preferred ones first."""
         preferred = self.preferred()
-        found = {}
+        result = {}
         for array in sorted(self.arrays, key=lambda array: array.at != preferred):
             for k, ending in enumerate(array.endings(upright)):
                 place = f"{array.place}/{ending[1:]}" if ending else array.place
-                found[place] = (field_name(array.name + ending), array, k)
-        return found
+                result[place] = (field_name(array.name + ending), array, k)
+        return result
 
     def infos(self) -> tuple[FieldInfo, ...]:
         """Return descriptions of the fields in this data set."""
@@ -244,17 +244,17 @@ class ArrangedArrays:
 
 def common_place(chosen: Chosen) -> str:
     """Return where the values of all fields are: at points, or in cells."""
-    found = {array.at for array, _ in chosen.values()}
-    if len(found) > 1:
+    result = {array.at for array, _ in chosen.values()}
+    if len(result) > 1:
         listed = "; ".join(
             f"{at}s: " + ", ".join(n for n, (array, _) in chosen.items() if array.at == at)
-            for at in sorted(found)
+            for at in sorted(result)
         )
         raise InputError(
             "values at points and in cells are on different grids; choose fields of one kind "
             f"({listed})"
         )
-    return found.pop()
+    return result.pop()
 
 
 class DatasetReader(Reader):

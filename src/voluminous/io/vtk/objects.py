@@ -151,8 +151,8 @@ def lazy_dataset(module: str, kind: str, path: Path) -> Dataset:
         points = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True))
         size = points * array.components * array.dtype.itemsize
         check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")
-        found = arrays_of(read(extent, array.place))
-        return next(a for a in found if (a.at, a.name) == (array.at, array.name)).load()
+        matches = arrays_of(read(extent, array.place))
+        return next(a for a in matches if (a.at, a.name) == (array.at, array.name)).load()
 
     # Read one cell to get the types, components and units of the arrays.
     ends = zip(extent[::2], extent[1::2], strict=True)
@@ -215,10 +215,10 @@ def _meta(dataset: Any, title: str) -> dict[str, Any]:
         elif array.IsA("vtkDataArray") and 0 < array.GetNumberOfValues() <= _MOST_NUMBERS:
             numbers = _numpy(array).ravel().tolist()
             meta[name] = numbers[0] if len(numbers) == 1 else numbers
-    found = _TIME_IN_TITLE.search(title)
-    if found and "time" not in meta:
+    matches = _TIME_IN_TITLE.search(title)
+    if matches and "time" not in meta:
         with contextlib.suppress(ValueError):
-            meta["time"] = float(found[1])
+            meta["time"] = float(matches[1])
     return meta if title in ("", _NO_TITLE) else {"title": title, **meta}
 
 
@@ -270,11 +270,11 @@ def leaves(mesh: Any) -> list[Any]:
     """Return the data sets in a composite one, or the only one there is."""
     if not mesh.IsA("vtkCompositeDataSet"):
         return [mesh]
-    steps, found = mesh.NewIterator(), []
+    steps, matches = mesh.NewIterator(), []
     while not steps.IsDoneWithTraversal():
-        found.append(steps.GetCurrentDataObject())
+        matches.append(steps.GetCurrentDataObject())
         steps.GoToNextItem()
-    return [part for part in found if part.IsA("vtkDataSet")]
+    return [part for part in matches if part.IsA("vtkDataSet")]
 
 
 def _prepared(part: Any) -> Any:

@@ -92,7 +92,7 @@ def _write(volume: Volume, mesh: Any, path: Path, kind: str) -> None:
 
 def _columns(volume: Volume) -> list[tuple[str, tuple[str, ...]]]:
     """Return the arrays to write: a field each, or the three of a vector that fit together."""
-    done, found = set(), []
+    done, result = set(), []
     kinds = {
         name: (known["dtype"], volume.units[name])
         for name, known in volume.describe()["fields"].items()
@@ -103,5 +103,5 @@ def _columns(volume: Volume) -> list[tuple[str, tuple[str, ...]]]:
         alike = {kinds.get(part) for part in parts} == {kinds[name]}
         if name != base and alike and base not in kinds:
             done |= set(parts)
-            found.append((base, parts))
-    return found + [(name, (name,)) for name in volume.fields if name not in done]
+            result.append((base, parts))
+    return result + [(name, (name,)) for name in volume.fields if name not in done]

@@ -56,8 +56,8 @@ class VTKXMLReader(Reader):
         tag = _FIRST_TAG.match(head)
         if tag is None:
             return False
-        found = _TYPE.search(tag[1])
-        return not self.kind or (found is not None and found[1].decode() == self.kind)
+        result = _TYPE.search(tag[1])
+        return not self.kind or (result is not None and result[1].decode() == self.kind)
 
     def read(
         self,
@@ -68,15 +68,15 @@ class VTKXMLReader(Reader):
         resolution: Any = None,
         **options: Any,
     ) -> Volume:
-        found = _opened(path, resolution)
-        if isinstance(found, Dataset):
-            return found.volume(fields, unit)
-        return patches(found, fields, unit)
+        result = _opened(path, resolution)
+        if isinstance(result, Dataset):
+            return result.volume(fields, unit)
+        return patches(result, fields, unit)
 
     def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        found = _opened(path, resolution)
+        result = _opened(path, resolution)
         # Several patches: report the shapes of the first one.
-        return (found if isinstance(found, Dataset) else alike(found)[0]).infos()
+        return (result if isinstance(result, Dataset) else alike(result)[0]).infos()
 
 
 class VTIReader(VTKXMLReader):
@@ -140,7 +140,7 @@ def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> Blocks:
         raise InputError(
             f"it is a series of {len(times)} times; open one of them:\n{listed(steps)}"
         )
-    found: Blocks = {}
+    result: Blocks = {}
     others, why = [], ""
     for name, element in elements:
         inside(path.parent, element.GetAttribute("file"))
@@ -148,7 +148,7 @@ def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> Blocks:
         label = f"{name} ({file})" if name else str(file)
         try:
             with placed(file.name):
-                found[label] = _dataset(file, tree(file))
+                result[label] = _dataset(file, tree(file))
         except FileFormatError:
             raise
         except InputError as error:
@@ -156,16 +156,16 @@ def _blocks(path: Path, kind: str, elements: list[tuple[str, Any]]) -> Blocks:
             why = str(error)
     if not elements:
         raise FileFormatError("it names no files of data")
-    if not found and len(others) == 1:
+    if not result and len(others) == 1:
         raise InputError(why)
-    if not found:
+    if not result:
         raise InputError(f"none of its blocks is a regular grid{ADVICE}:\n{listed(others)}")
     if others:
         warnings.warn(
             f"{path.name}: blocks that are no regular grids are left out:\n{listed(others)}",
             stacklevel=2,
         )
-    return found
+    return result
 
 
 def _named(element: Any, above: str) -> Iterator[tuple[str, Any]]:

@@ -47,16 +47,16 @@ class ZarrReader(NamedArraysReader):
             arrays = arrays_in(root, "" if lone or only is None else only)
             if not arrays:
                 raise FileFormatError("there is no array in this Zarr store")
-            found = {}
+            result = {}
             for place, array in arrays.items():
                 unit = known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
                 shape = tuple(int(n) for n in array.shape)
                 load = functools.partial(_values, array)
-                found[place or stem] = Entry(shape, np.dtype(array.dtype), unit, load)
-            yield found
+                result[place or stem] = Entry(shape, np.dtype(array.dtype), unit, load)
+            yield result
 
 
-def _values(array: zarr.Array, index: Any = ...) -> np.ndarray:
+def _values(array: zarr.Array[Any], index: Any = ...) -> np.ndarray:
     return np.asarray(array[index])
 
 

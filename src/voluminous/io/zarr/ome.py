@@ -72,31 +72,31 @@ class OMEZarrReader(VoxelReader):
         unit: Any = None,
     ) -> Voxels:
         with opened(path) as root:
-            found = _chosen_image(root, image)
-            arrays = [checked(root[place]) for place, *_ in found.levels]
-            number = _level_number(arrays, found, level)
-            sizes = dict(zip(found.axes, arrays[number].shape, strict=True))
+            result = _chosen_image(root, image)
+            arrays = [checked(root[place]) for place, *_ in result.levels]
+            number = _level_number(arrays, result, level)
+            sizes = dict(zip(result.axes, arrays[number].shape, strict=True))
             dtype = np.dtype(arrays[number].dtype)
         times, count = sizes.get("t", 1), sizes.get("c", 1)
         if time is None and times > 1:
             raise InputError(f"there are {times} times; choose one with time=0 … time={times - 1}")
         step = 0 if time is None else _numbered("time", time, times)
         numbers = range(count) if channel is None else [_numbered("channel", channel, count)]
-        channels = (*found.channels, *[{}] * count)
-        place, scale, shift = found.levels[number]
+        channels = (*result.channels, *[{}] * count)
+        place, scale, shift = result.levels[number]
         shape = tuple(sizes[axis] for axis in AXES)
         if bounds is not None or spacing is not None:
-            placement = equal_voxels(shape, spacing, unit or found.unit, bounds)
+            placement = equal_voxels(shape, spacing, unit or result.unit, bounds)
         else:
-            placement = Placement(shift, np.diag(scale), unit or found.unit)
+            placement = Placement(shift, np.diag(scale), unit or result.unit)
 
         def load(component: int) -> np.ndarray:
             chosen = {"t": step, "c": numbers[component]}
             with opened(path) as root:
                 array: Any = checked(root[place])
-                values = np.asarray(array[tuple(chosen.get(a, slice(None)) for a in found.axes)])
-            left = [axis for axis in found.axes if axis not in chosen]
-            return values.transpose([left.index(axis) for axis in AXES])
+                values = np.asarray(array[tuple(chosen.get(a, slice(None)) for a in result.axes)])
+            left = [axis for axis in result.axes if axis not in chosen]
+            return np.asarray(values.transpose([left.index(axis) for axis in AXES]))
 
         return Voxels(
             shape=shape,
@@ -125,9 +125,9 @@ class _Multiscale(NamedTuple):
 
 def _multiscales(node: Any) -> Mapping[str, Any] | None:
     """Return the attributes that have ``multiscales``: version 0.5 has them in ``ome``."""
-    for found in (node.attrs.get("ome"), dict(node.attrs)):
-        if isinstance(found, Mapping) and isinstance(found.get("multiscales"), list):
-            return found
+    for result in (node.attrs.get("ome"), dict(node.attrs)):
+        if isinstance(result, Mapping) and isinstance(result.get("multiscales"), list):
+            return result
     return None
 
 
@@ -198,20 +198,20 @@ def _channels(attributes: Mapping[str, Any]) -> tuple[Channel, ...]:
     """Return the channels in ``omero``, which gives colours as RRGGBB."""
     omero = attributes.get("omero")
     listed = omero.get("channels") if isinstance(omero, Mapping) else None
-    found: list[Channel] = []
+    result: list[Channel] = []
     for entry in listed if isinstance(listed, list) else []:
         given = entry if isinstance(entry, Mapping) else {}
         try:
             code = bytes.fromhex(str(given.get("color", "")).lstrip("#"))
             window = given.get("window")
             ends = [window["start"], window["end"]] if isinstance(window, Mapping) else None
-            found.append(channel(given.get("label"), code, ends))
+            result.append(channel(given.get("label"), code, ends))
         except (KeyError, TypeError, ValueError):  # a name is worth more than a wrong colour
-            found.append(channel(given.get("label")))
-    return tuple(found)
+            result.append(channel(given.get("label")))
+    return tuple(result)
 
 
-def _level_number(arrays: Sequence[zarr.Array], image: _Multiscale, asked: Any) -> int:
+def _level_number(arrays: Sequence[zarr.Array[Any]], image: _Multiscale, asked: Any) -> int:
     """Return the resolution asked for, or the finest of which a picture fits into memory."""
     for array, (place, *_) in zip(arrays, image.levels, strict=True):
         if len(array.shape) != len(image.axes) or 0 in array.shape:

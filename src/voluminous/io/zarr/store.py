@@ -52,7 +52,7 @@ def opened(path: Path) -> Iterator[Any]:
                 archive.close()
 
 
-def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array]:
+def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array[Any]]:
     """Return the arrays at a place and below it; that of a lone array is the empty string."""
     node = node[place] if place else node
     if not hasattr(node, "members"):
@@ -63,18 +63,18 @@ def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array]:
     return {start + name: checked(found[name]) for name in ordered if hasattr(found[name], "shape")}
 
 
-def checked(array: Any) -> zarr.Array:
+def checked(array: Any) -> zarr.Array[Any]:
     """Return the array, after checking that its chunks fit into memory."""
     chunks = tuple(int(n) for n in array.chunks)
     if any(n < 1 for n in chunks) or any(int(n) < 0 for n in array.shape):
         raise FileFormatError(f"{array.path!r} has shape {array.shape} in pieces of {chunks}")
     size = math.prod(chunks) * array.dtype.itemsize
     check_memory(size, f"one piece {chunks} of {array.path!r}", "store it in smaller chunks")
-    found: zarr.Array = array
+    found: zarr.Array[Any] = array
     return found
 
 
-def dimensions(array: zarr.Array) -> tuple[str, ...] | None:
+def dimensions(array: zarr.Array[Any]) -> tuple[str, ...] | None:
     """Return the names of an array's dimensions, or None; a single number has none of them."""
     names: Any = array.attrs.get("_ARRAY_DIMENSIONS")
     if array.metadata.zarr_format == 3:
