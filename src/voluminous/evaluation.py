@@ -82,7 +82,7 @@ class Evaluation(ABC):
                 out = np.empty(size, dtype=kind)
             out[first:last] = result
         assert out is not None
-        return out.reshape(self.grid.shape)
+        return np.asarray(out.reshape(self.grid.shape))
 
     def evaluate_cells(
         self, expression: Expression, first: int, last: int, *, double: bool = False

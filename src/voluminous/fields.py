@@ -193,6 +193,6 @@ def _advice(name: str, shape: tuple[int, ...], grid: Grid) -> str:
         return f"; give each component a field of its own, such as {name}_x"
     if shape == ():
         return "; one number everywhere is np.full(grid.shape, number)"
-    if shape == (np.prod(grid.shape),):
+    if shape == (int(np.prod(grid.shape)),):
         return f"; reshape it ({index}, the last one fastest)"
     return ""

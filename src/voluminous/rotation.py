@@ -33,7 +33,7 @@ def image_axes(incl: float, phi: float, posang: float) -> np.ndarray:
         Angles in degrees.
     """
     rotation = _about_z(phi) @ _about_x(incl) @ _about_z(posang)
-    return rotation.T
+    return np.asarray(rotation.T)
 
 
 def _about_z(degrees: float) -> np.ndarray:

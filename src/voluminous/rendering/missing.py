@@ -150,7 +150,7 @@ def filled(grid: Grid, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
 
     Cells without a valid neighbour get the mean of the field; they are not visible.
     """
-    out = array.copy()
+    out: np.ndarray = array.copy()
     flat = out.reshape(-1)
     flat[missing] = flat[~missing].mean(dtype=np.float64)
     means = _means_in_boxes(array, missing) if grid.is_structured else _means(grid, array, missing)

@@ -122,7 +122,7 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
     if antialias != "radmc3d" or not grid.is_rectilinear:
         return int(samples)
     ratio = max(frame.pixel) / grid.first_cell_width()
-    count = 2 ** math.ceil(math.log2(max(ratio, 1.0)))
+    count: int = 1 << math.ceil(math.log2(max(ratio, 1.0)))
     if count > _MOST_SAMPLES:
         raise InputError(
             f"flux conservation needs {count} x {count} rays per pixel here (a pixel is "

@@ -44,7 +44,7 @@ class Lanes:
     def pixels(self) -> np.ndarray:
         """Flat indices of the pixels, for lanes of a whole picture."""
         target = np.asarray(self.target)
-        return target[target != _NOBODY]
+        return np.asarray(target[target != _NOBODY])
 
 
 def some_lanes(

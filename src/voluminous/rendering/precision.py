@@ -11,7 +11,8 @@ from ..errors import UnitsError
 from ..expressions import Expression, NumpyOps
 from ..expressions.expression import on_one_side
 from ..fields import coordinates
-from ..media.contract import Feature, Medium
+from ..media.context import Feature
+from ..media.contract import Medium
 from ..units import is_quantity, plain
 from ..volume import Volume
 

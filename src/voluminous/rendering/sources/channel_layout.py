@@ -85,7 +85,8 @@ class PerChannel:
 
     def key(self) -> Hashable:
         """Return the key of everything that the values depend on, besides the fields."""
-        return self.medium.key()
+        key: Hashable = self.medium.key()
+        return key
 
     def values(self, fields: dict[str, Float], context: Context) -> list[Float]:
         """Return the values per unit length."""
@@ -252,10 +253,10 @@ class SharedProfiles:
         mixed = heights[0] * emission[0]
         for height, values in zip(heights[1:], emission[1:], strict=True):
             mixed += height * values
-        return mixed
+        return np.asarray(mixed)
 
     def brightest_channel(self, emission: list[np.ndarray]) -> np.ndarray:
-        return np.abs(self._mixed(emission, self.color)).max(axis=0)
+        return np.asarray(np.abs(self._mixed(emission, self.color)).max(axis=0))
 
     def normalise(self, largest: list[float]) -> None:
         """Do nothing: shapes are near one, and colours already have a unit."""
