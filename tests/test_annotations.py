@@ -10,8 +10,8 @@ from PIL import Image as Pillow
 import voluminous as vm
 from voluminous.errors import InputError, UnknownNameError
 from voluminous.image.annotate.marks import compass_arrows, time_text, triad_arrows
-from voluminous.image.annotate.scales import FieldValues, counts, of_medium, quantity_name
 from voluminous.image.lengths import bar_length
+from voluminous.image.scales import FieldValues, counts, of_medium, quantity_name
 
 ALL_OFF = {"scale_bar": False, "triad": False, "compass": False, "color_bar": False, "time": False}
 SEEN = {"type": "orthographic", "incl": 60.0, "phi": 30.0, "posang": 0.0}

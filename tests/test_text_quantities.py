@@ -37,7 +37,7 @@ def with_astropy(number, unit):
 
 
 def as_text(number, unit):
-    return f"{number} {unit}"
+    return f"{float(number)} {unit}"  # as a quantity is described
 
 
 @pytest.mark.parametrize("thing", THINGS)

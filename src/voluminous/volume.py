@@ -209,7 +209,7 @@ class Volume(Evaluation):
         """
         if (derived := self._derived(name)) is None:
             self._check_field(name)
-            view = self._fields[name].view()
+            view: np.ndarray = self._fields[name].view()
         else:
             for argument in derived.arguments:
                 self.check_names(argument)
@@ -301,12 +301,13 @@ class Volume(Evaluation):
     @property
     def waiting(self) -> tuple[str, ...]:
         """Names of the deferred fields, which are read from their file at first use."""
-        return self._fields.waiting
+        names: tuple[str, ...] = self._fields.waiting
+        return names
 
     @property
     def bytes_waiting(self) -> int:
         """Bytes that `load` would take."""
-        return self._fields.bytes_waiting(self.grid.size)
+        return int(self._fields.bytes_waiting(self.grid.size))
 
     def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
         """Read deferred fields within a context that adds the file name to errors."""
@@ -443,7 +444,8 @@ class Volume(Evaluation):
         Σ f V is conserved to rounding. To and from other grids they are estimated with
         ``samples**3`` points in each of the smaller cells; a constant stays constant.
         """
-        return resampled_volume(self, grid, fields, fill, samples)
+        resampled: Volume = resampled_volume(self, grid, fields, fill, samples)
+        return resampled
 
     def unfolded(self, phi: int | None = None, theta: int | None = None) -> Volume:
         """Return a volume without mirror images and, with `phi`, without axisymmetric cells.
@@ -482,7 +484,8 @@ class Volume(Evaluation):
         >>> disc.unfolded(phi=64).grid.shape
         (2, 64, 1)
         """
-        return unfolded_volume(self, phi, theta)
+        unfolded: Volume = unfolded_volume(self, phi, theta)
+        return unfolded
 
     def slice(
         self,

@@ -53,6 +53,7 @@ class Accessor:
         return "<voluminous: .to_volume(…), .render(…)>"
 
 
+_attach: Any
 for _kind, _attach in (
     (xarray.DataArray, xarray.register_dataarray_accessor),
     (xarray.Dataset, xarray.register_dataset_accessor),

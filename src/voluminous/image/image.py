@@ -485,7 +485,8 @@ class Image:
         InputError
             If the camera has no ``stereo``, or there are other channels.
         """
-        return room("image.anaglyph").anaglyph(self)
+        both: Image = room("image.anaglyph").anaglyph(self)
+        return both
 
     def annotate(self, **options: Any) -> Any:
         """Return the picture with a scale bar, axes, colour bars …; its pixels stay unchanged.

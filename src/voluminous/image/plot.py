@@ -86,7 +86,7 @@ def add_bars(
 
     Axes give up space for the bars; `known` are further arguments of `scales_of`.
     """
-    from .annotate.scales import scales_of
+    from .scales import scales_of
 
     bars: list[tuple[Any, str]]
     if shows_one_channel(image, options):

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..figures import new_figure
-from .annotate.scales import scales_of
 from .image import Image
 from .plot import add_bars, new_axes
+from .scales import scales_of
 from .tone import (
     OPTIONS,
     automatic_exposure,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..units import UnitLike
-    from .annotate.scales import Scale
+    from .scales import Scale
 
 _PANEL = 4.0  # inches
 # Options that define the norm of one channel.

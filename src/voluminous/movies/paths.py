@@ -385,7 +385,7 @@ def _between(at: list[int], rows: np.ndarray, times: np.ndarray) -> np.ndarray:
     k = np.clip(np.searchsorted(at, times, side="right") - 1, 0, len(at) - 2)
     t = ((times - np.asarray(at)[k]) / np.diff(at)[k])[:, None]
     low, high = rows[k], rows[k + 1]
-    places = low + t * (high - low)
+    places: np.ndarray = low + t * (high - low)
     wide, narrow, now = (np.exp(r[:, 5:6]) for r in (low, high, places))
     # What the way of the middle has in common with the zoom: w(t) - w(0) over w(1) - w(0).
     change = narrow - wide

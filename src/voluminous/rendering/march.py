@@ -119,8 +119,9 @@ def march(
         return (left,)
 
     body = visit if leaps or walk.has_gaps else step
-    (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
-    return state
+    end: MarchState
+    (end,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
+    return end
 
 
 def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:

@@ -136,12 +136,13 @@ def _visible(
         if source.edges:
             count, _ = edges_ahead(whole, source.edges)
             good, widest = good & (count == 0), 1.0
-    return dr.if_stmt(
+    solved: Path = dr.if_stmt(
         args=(cubics, values, length, budget, nothing, found),
         cond=good,
         true_fn=last_argument,
         false_fn=functools.partial(_in_panels, source, backward, widest),
     )
+    return solved
 
 
 def _stretch(
@@ -303,8 +304,9 @@ def _in_panels(
         return (PanelState(*place, scalars, dr.select(good, over(front, back), state.path)),)
 
     state = PanelState(real(0), real(widest), [own[0] for own in values], nothing)
-    (state,) = dr.while_loop((state,), going_on, step, label="panels")
-    return state.path
+    end: PanelState
+    (end,) = dr.while_loop((state,), going_on, step, label="panels")
+    return end.path
 
 
 def _straight(source: Any, cubics: Polynomials, values: Values, length: Float) -> Mask:
@@ -386,7 +388,10 @@ def _up_to_edge(source: Any, panel: SubPanel, values: Values) -> Cut:
         panel = dr.if_stmt((values, uncut[0]), several, cut, last_argument)
         return panel, count > 0, hidden
 
-    return dr.if_stmt((values, (panel, nowhere, nowhere)), visible, to_first_edge, last_argument)
+    shorter: Cut = dr.if_stmt(
+        (values, (panel, nowhere, nowhere)), visible, to_first_edge, last_argument
+    )
+    return shorter
 
 
 def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, solved: Path) -> Path:
@@ -403,4 +408,5 @@ def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, solv
         layer.error = [zero, zero, source.numbers.brightness(layer.emission)]
         return over(layer, solved) if backward else over(solved, layer)
 
-    return dr.if_stmt((panel, solved), passed, layered, last_argument)
+    result: Path = dr.if_stmt((panel, solved), passed, layered, last_argument)
+    return result

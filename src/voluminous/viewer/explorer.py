@@ -458,7 +458,10 @@ class Client:
             raise InputError(f"{expression.text} has no {'positive ' * logarithmic}finite values")
         counts, edges = np.histogram(values, bins)
         low, high = np.quantile(values[:: max(1, len(values) // 100_000)], [5e-4, 1 - 5e-4])
-        back = (lambda v: 10.0**v) if logarithmic else (lambda v: v)
+
+        def back(value: Any) -> Any:
+            return 10.0**value if logarithmic else value
+
         return {
             "counts": counts.tolist(),
             "edges": _listed(back(edges)),

@@ -106,4 +106,5 @@ def from_float16(head: dict[str, Any], payload: bytes) -> np.ndarray:
     codes = np.ascontiguousarray(apart.T).view("<u2").reshape(-1, nx)
     codes = np.cumsum(codes, axis=1, dtype=np.uint16)
     planes = codes.view("<f2").astype(np.float64).reshape(channels, ny, nx)
-    return np.moveaxis(np.ldexp(planes, head["low"]), 0, 2)[::-1]
+    intensity: np.ndarray = np.moveaxis(np.ldexp(planes, head["low"]), 0, 2)[::-1]
+    return intensity

@@ -214,7 +214,8 @@ class Painter:
             np.minimum(np.arange(n) * have // n, have - 1)
             for n, have in zip((ny, nx), intensity.shape[:2], strict=True)
         )
-        return intensity[rows][:, columns].reshape(ny * nx, channels).copy()
+        larger: np.ndarray = intensity[rows][:, columns].reshape(ny * nx, channels).copy()
+        return larger
 
     def _is_wanted_elsewhere(self, page: Page, shot: Shot, now: float) -> bool:
         if page.session.wanted != shot.wish:

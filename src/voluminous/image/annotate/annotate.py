@@ -11,6 +11,7 @@ import numpy as np
 from ...colormaps import opaque_color
 from ...errors import InputError
 from ..plot import add_bars, plot
+from ..scales import FieldValues, Scale, counts, scales_of
 from ..tone import OPTIONS as DISPLAY
 from ..tone import check_options, chosen, display_values
 from .marks import (
@@ -25,8 +26,7 @@ from .marks import (
     time_text,
     triad_arrows,
 )
-from .scales import FieldValues, counts, draw_color_bar, scales_of
-from .sheet import Annotated, AxesSheet, Sheet, letter_height
+from .sheet import LINE, NUMBERS, Annotated, AxesSheet, Sheet, letter_height
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,3 +134,31 @@ OPTIONS = frozenset(
     for name, parameter in inspect.signature(annotate).parameters.items()
     if parameter.kind is parameter.KEYWORD_ONLY
 )
+
+
+# Widths in letter heights.
+_GAP, _BAR, _COUNTS = 1.0, 1.1, 2.8
+
+
+def draw_color_bar(sheet: Sheet, scale: Scale, histogram: np.ndarray | None, start: float) -> float:
+    """Draw a bar as high as the picture, with a histogram, from x = `start`; return its end."""
+    em, ink, height = sheet.em, sheet.ink, float(sheet.height)
+    x = start + _GAP * em
+    if histogram is not None:
+        beside = sheet.axes(x, 0.0, _COUNTS * em, height, gid="histogram")
+        edges = np.linspace(0.0, 1.0, len(histogram) + 1)
+        look: dict[str, Any] = {"color": ink, "alpha": 0.45}
+        beside.stairs(histogram, edges, orientation="horizontal", fill=True, **look)
+        beside.set(xlim=(1.05, 0.0), ylim=(0.0, 1.0))
+        beside.set_axis_off()
+        x += _COUNTS * em
+    axes = sheet.axes(x, 0.0, _BAR * em, height, gid="color-bar")
+    bar: Any = sheet.figure.colorbar(scale.mappable, cax=axes)
+    bar.outline.set(linewidth=LINE * em, edgecolor=ink)
+    sheet.style_ticks(axes)
+    axes.yaxis.get_offset_text().set(fontsize=NUMBERS * em, color=ink, ha="left")
+    label = axes.set_ylabel(scale.label, fontsize=em, color=ink, labelpad=0.5 * em)
+    long = label.get_window_extent(sheet.canvas.get_renderer()).height
+    if long > height:
+        label.set_fontsize(em * height / long)
+    return sheet.end(axes)

@@ -21,7 +21,6 @@ from .. import metadata
 from ..tone import display_values, over_black
 
 if TYPE_CHECKING:
-    from ..annotate import Annotated
     from ..image import Image
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -52,16 +51,16 @@ def encode(
     if annotate is not False:
         if bits != 8:
             raise InputError("annotated pictures have 8 bits; leave bits= out, or annotate=")
-        return _annotated(image, annotate, {**display, "transparent": transparent}).png()
+        content: bytes = _annotated(image, annotate, {**display, "transparent": transparent}).png()
+        return content
     pixels = display_values(image, transparent, display, bits)
     return encode_pixels(pixels[::-1], metadata.texts(image))
 
 
-def _annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Annotated:
+def _annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Any:
     if annotate is not True and not isinstance(annotate, dict):
         raise InputError(f"annotate must be True or a dict of options, got {annotate!r}")
-    result: Annotated = image.annotate(**options, **({} if annotate is True else annotate))
-    return result
+    return image.annotate(**options, **({} if annotate is True else annotate))
 
 
 @functools.wraps(encode)

@@ -116,7 +116,9 @@ def _as_dataset(data: Any) -> xarray.Dataset:
     if isinstance(data, xarray.Dataset):
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())
         # A copy: decoding takes attributes away from what it is given.
-        return xarray.decode_cf(data.copy(), False, decode_times=False) if packed else data
+        if packed:
+            data = xarray.decode_cf(data.copy(), False, decode_times=False)
+        return data  # type: ignore[no-any-return]
     if not isinstance(data, xarray.DataArray):
         raise InputError(
             f"from_xarray takes an xarray.DataArray or Dataset, got {type(data).__name__}"

@@ -197,6 +197,7 @@ class CornerValues:
             size=full(0.0)[0],
         )
         octant = dr.zeros(self.backend.UInt, lanes)
+        stencil: VertexStencil
         _, stencil = dr.while_loop((octant, start), more, add, label="stencil")
         return stencil
 

@@ -8,21 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...colormaps import get_colormap
-from ...errors import UnknownNameError
-from ...expressions import Expression
-from ...units import parse_unit
-from ..lengths import labelled, pretty_unit
-from ..tone import display, one_channel, shows_one_channel
-from .sheet import LINE, NUMBERS
+from ..colormaps import get_colormap
+from ..errors import UnknownNameError
+from ..expressions import Expression
+from ..units import parse_unit
+from .lengths import labelled, pretty_unit
+from .tone import display, one_channel, shows_one_channel
 
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Colormap, Normalize
 
-    from ...volume import Volume
-    from ..image import Image
-    from .sheet import Sheet
+    from ..volume import Volume
+    from .image import Image
 
 Span = tuple[float, float]
 Spans = Callable[[str, str], "Span | None"]
@@ -44,8 +42,6 @@ _DECADES = 30.0
 _BESIDE, _AROUND = 3.0, 0.08
 # Norms of colormaps that have a bar: whether they are logarithmic.
 _NORMS = {None: False, "linear": False, "Normalize": False, "log": True, "LogNorm": True}
-# Widths in letter heights.
-_GAP, _BAR, _COUNTS = 1.0, 1.1, 2.8
 # A histogram samples at most _CELLS cells, in _PIECES evenly spaced pieces.
 _CELLS, _PIECES, _BINS = 1 << 20, 128, 60
 # Percentiles that limit the range: single outliers must not set it.
@@ -271,30 +267,6 @@ def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
     rows = colormap(np.linspace(0.0, 1.0, _ENTRIES))[:, :3]
     bar = ListedColormap(_displayed(rows, options, 1.0))
     return Scale(labelled(part["expr"], pretty_unit(unit)), norm, bar, part["expr"], unit)
-
-
-def draw_color_bar(sheet: Sheet, scale: Scale, histogram: np.ndarray | None, start: float) -> float:
-    """Draw a bar as high as the picture, with a histogram, from x = `start`; return its end."""
-    em, ink, height = sheet.em, sheet.ink, float(sheet.height)
-    x = start + _GAP * em
-    if histogram is not None:
-        beside = sheet.axes(x, 0.0, _COUNTS * em, height, gid="histogram")
-        edges = np.linspace(0.0, 1.0, len(histogram) + 1)
-        look: dict[str, Any] = {"color": ink, "alpha": 0.45}
-        beside.stairs(histogram, edges, orientation="horizontal", fill=True, **look)
-        beside.set(xlim=(1.05, 0.0), ylim=(0.0, 1.0))
-        beside.set_axis_off()
-        x += _COUNTS * em
-    axes = sheet.axes(x, 0.0, _BAR * em, height, gid="color-bar")
-    bar: Any = sheet.figure.colorbar(scale.mappable, cax=axes)
-    bar.outline.set(linewidth=LINE * em, edgecolor=ink)
-    sheet.style_ticks(axes)
-    axes.yaxis.get_offset_text().set(fontsize=NUMBERS * em, color=ink, ha="left")
-    label = axes.set_ylabel(scale.label, fontsize=em, color=ink, labelpad=0.5 * em)
-    long = label.get_window_extent(sheet.canvas.get_renderer()).height
-    if long > height:
-        label.set_fontsize(em * height / long)
-    return sheet.end(axes)
 
 
 class FieldValues:
