@@ -20,7 +20,12 @@ from websockets.http11 import Response
 import voluminous as vm
 
 STATIC = Path(__file__).parents[2] / "src/voluminous/viewer/static"
-TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
+TYPES = {
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".html": "text/html",
+    ".svg": "image/svg+xml",
+}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'"
@@ -33,7 +38,9 @@ def colormaps() -> dict[str, str]:
 
     table = np.linspace(0, 1, 256)
     return {
-        name: base64.b64encode((matplotlib.colormaps[name](table)[:, :3] * 255).round().astype(np.uint8).tobytes()).decode()
+        name: base64.b64encode(
+            (matplotlib.colormaps[name](table)[:, :3] * 255).round().astype(np.uint8).tobytes()
+        ).decode()
         for name in MAPS
     }
 
@@ -89,13 +96,23 @@ class Fake:
             given = {k: v for k, v in table.items() if k not in ("type", "hidden")}
             if table.get("hidden"):
                 continue
-            made = {"gaussian": vm.Gaussian, "rectangle": vm.Rectangle, "isosurface": vm.Isosurface, "colormap": vm.Colormap, "table": vm.Table}[table["type"]](**given)
+            made = {
+                "gaussian": vm.Gaussian,
+                "rectangle": vm.Rectangle,
+                "isosurface": vm.Isosurface,
+                "colormap": vm.Colormap,
+                "table": vm.Table,
+            }[table["type"]](**given)
             total = made if total is None else total + made
         return total
 
     def camera(self, size: tuple[int, int]) -> vm.Camera:
-        given = {k: v for k, v in self.document["camera"].items() if k not in ("type", "resolution")}
-        kind = vm.Perspective if self.document["camera"]["type"] == "perspective" else vm.Orthographic
+        given = {
+            k: v for k, v in self.document["camera"].items() if k not in ("type", "resolution")
+        }
+        kind = (
+            vm.Perspective if self.document["camera"]["type"] == "perspective" else vm.Orthographic
+        )
         return kind(**given, resolution=size)
 
     def render(self, size: tuple[int, int]) -> tuple[vm.Camera, vm.Image]:
@@ -173,15 +190,39 @@ class Fake:
         values = np.log10(density) if m.get("expr", "").startswith("log10") else density
         if m["kind"] == "histogram":
             low, high = float(values.min()), float(values.max())
-            edges = np.geomspace(low, high, m["bins"] + 1) if m["log"] else np.linspace(low, high, m["bins"] + 1)
+            edges = (
+                np.geomspace(low, high, m["bins"] + 1)
+                if m["log"]
+                else np.linspace(low, high, m["bins"] + 1)
+            )
             counts, _ = np.histogram(values, edges)
-            return {"edges": edges.tolist(), "counts": counts.tolist(), "unit": "" if values is not density else "cm-3", "low": low, "high": high, "log": m["log"]}
+            return {
+                "edges": edges.tolist(),
+                "counts": counts.tolist(),
+                "unit": "" if values is not density else "cm-3",
+                "low": low,
+                "high": high,
+                "log": m["log"],
+            }
         if m["kind"] == "slice":
             index = min(int(m["at"] * density.shape[m["axis"]]), density.shape[m["axis"]] - 1)
             cut = np.take(values, index, axis=m["axis"]).T.astype("<f4")
-            return {"width": cut.shape[1], "height": cut.shape[0], "data": base64.b64encode(cut.tobytes()).decode(), "low": float(cut.min()), "high": float(cut.max()), "unit": "cm-3"}
+            return {
+                "width": cut.shape[1],
+                "height": cut.shape[0],
+                "data": base64.b64encode(cut.tobytes()).decode(),
+                "low": float(cut.min()),
+                "high": float(cut.max()),
+                "unit": "cm-3",
+            }
         if m["kind"] == "export":
-            return {"name": "core.toml", "mime": "text/plain", "text": "[camera]\nincl = 60\n" if m["what"] == "toml" else "import voluminous as vm\n"}
+            return {
+                "name": "core.toml",
+                "mime": "text/plain",
+                "text": "[camera]\nincl = 60\n"
+                if m["what"] == "toml"
+                else "import voluminous as vm\n",
+            }
         return self.probe(m)
 
     def probe(self, m: dict) -> dict:
@@ -212,7 +253,13 @@ def static(connection, request):
     path = STATIC / (request.path.split("?")[0].lstrip("/") or "index.html")
     if path.parent != STATIC or not path.is_file():
         return connection.respond(HTTPStatus.NOT_FOUND, "no such file\n")
-    headers = Headers({"Content-Type": TYPES[path.suffix], "Content-Security-Policy": POLICY, "Connection": "close"})
+    headers = Headers(
+        {
+            "Content-Type": TYPES[path.suffix],
+            "Content-Security-Policy": POLICY,
+            "Connection": "close",
+        }
+    )
     return Response(200, "OK", headers, path.read_bytes())
 
 
@@ -281,4 +328,10 @@ async def talk(fake: Fake, socket) -> None:
 
 def start(fake: Fake, port: int = 0):
     """Return a context manager: the server, at ``sockets[0]``'s port."""
-    return serve(lambda s: talk(fake, s), "127.0.0.1", port, process_request=static, subprotocols=["voluminous.v1"])
+    return serve(
+        lambda s: talk(fake, s),
+        "127.0.0.1",
+        port,
+        process_request=static,
+        subprotocols=["voluminous.v1"],
+    )

@@ -36,7 +36,10 @@ OPTIONS = [
 
 
 def limits(values: np.ndarray) -> list[list[float]]:
-    return [[float(c.min()), float(c[c > 0].min(initial=1e30)), float(c.max())] for c in np.moveaxis(values, -1, 0)]
+    return [
+        [float(c.min()), float(c[c > 0].min(initial=1e30)), float(c.max())]
+        for c in np.moveaxis(values, -1, 0)
+    ]
 
 
 def tones() -> dict:
@@ -44,18 +47,48 @@ def tones() -> dict:
 
     random = np.random.default_rng(1)
     cases = []
-    for channels, given in [(3, OPTIONS), (1, [{}, {"stretch": "asinh"}]), (2, [{}]), (5, [{"exposure": 0.5}])]:
+    for channels, given in [
+        (3, OPTIONS),
+        (1, [{}, {"stretch": "asinh"}]),
+        (2, [{}]),
+        (5, [{"exposure": 0.5}]),
+    ]:
         values = (10.0 ** random.uniform(-4, 0.5, (3, 5, channels))).astype(np.float32)
         values[0, 0] = 0.0
         image = vm.Image(values)
         for options in given:
-            shown = {"channels": channels, "exposure": automatic(image, options), "limits": limits(values)}
-            cases.append({"options": options, "shown": shown, "values": values.reshape(-1, channels).tolist(), "rgb": image.to_rgb(**options).reshape(-1, 3).tolist()})
+            shown = {
+                "channels": channels,
+                "exposure": automatic(image, options),
+                "limits": limits(values),
+            }
+            cases.append(
+                {
+                    "options": options,
+                    "shown": shown,
+                    "values": values.reshape(-1, channels).tolist(),
+                    "rgb": image.to_rgb(**options).reshape(-1, 3).tolist(),
+                }
+            )
     signed = random.normal(size=(3, 5, 1)).astype(np.float32)
     image = vm.Image(signed)
     shown = {"channels": 1, "exposure": image.exposure, "limits": limits(signed)}
-    cases.append({"options": {}, "shown": shown, "values": signed.reshape(-1, 1).tolist(), "rgb": image.to_rgb().reshape(-1, 3).tolist()})
-    tables = {n: (matplotlib.colormaps[n](np.linspace(0, 1, 256))[:, :3] * 255).round().astype(int).ravel().tolist() for n in ("gray", "viridis", "inferno", "RdBu_r")}
+    cases.append(
+        {
+            "options": {},
+            "shown": shown,
+            "values": signed.reshape(-1, 1).tolist(),
+            "rgb": image.to_rgb().reshape(-1, 3).tolist(),
+        }
+    )
+    tables = {
+        n: (matplotlib.colormaps[n](np.linspace(0, 1, 256))[:, :3] * 255)
+        .round()
+        .astype(int)
+        .ravel()
+        .tolist()
+        for n in ("gray", "viridis", "inferno", "RdBu_r")
+    }
     return {"cases": cases, "tables": tables}
 
 
@@ -63,12 +96,22 @@ def automatic(image: vm.Image, options: dict) -> float:
     """The exposure that a server tells: that of the channels as they are mixed."""
     from voluminous.image.tone import automatic_exposure, mixed_channels
 
-    return automatic_exposure(mixed_channels(image.intensity, options.get("channels"), options.get("mix"))[1])
+    return automatic_exposure(
+        mixed_channels(image.intensity, options.get("channels"), options.get("mix"))[1]
+    )
 
 
 def main() -> None:
     random = np.random.default_rng(2)
-    angles = [[0, 0, 0], [90, 0, 0], [90, 90, 0], [60, 30, 0], [180, 20, 10], [45, -120, 77], [127.3, 211.1, -33.3]]
+    angles = [
+        [0, 0, 0],
+        [90, 0, 0],
+        [90, 90, 0],
+        [60, 30, 0],
+        [180, 20, 10],
+        [45, -120, 77],
+        [127.3, 211.1, -33.3],
+    ]
     towards = random.normal(size=(6, 3))
     values = (10.0 ** random.uniform(-3, 1, (5, 7, 2))).astype(np.float32)
     low = 3.0 - 14
@@ -85,7 +128,12 @@ def main() -> None:
         "tones": tones(),
     }  # fmt: skip
     tones_, told["tones"] = told["tones"], None
-    rounded = {**told, "tones": json.loads(json.dumps(tones_), parse_float=lambda text: float(f"{float(text):.6g}"))}
+    rounded = {
+        **told,
+        "tones": json.loads(
+            json.dumps(tones_), parse_float=lambda text: float(f"{float(text):.6g}")
+        ),
+    }
     Path(__file__).with_name("fixtures.json").write_text(json.dumps(rounded) + "\n")
     assert len(log_jpeg(values, low, 3.0)) > 100
 

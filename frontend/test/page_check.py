@@ -46,7 +46,9 @@ async def settled(page, seconds: float = 25.0, rests: str = "true") -> None:
     quiet = 0
     for _ in range(int(20 * seconds)):
         await page.wait_for_timeout(50)
-        frame, exact = await page.evaluate("() => { const d = document.querySelector('.vlm').dataset; return [d.frame, d.exact]; }")
+        frame, exact = await page.evaluate(
+            "() => { const d = document.querySelector('.vlm').dataset; return [d.frame, d.exact]; }"
+        )
         still = not FAKE[0].painting and frame == str(FAKE[0].numbers) and exact == rests
         quiet = quiet + 1 if still else 0
         if quiet == 16:
@@ -71,7 +73,9 @@ async def same(page, fake: Fake, name: str, codes: float, percentile: float = 99
     shown, expected = await pixels(page), fake.last.to_rgb(**fake.document["image"])
     fits = shown.shape == expected.shape
     off = np.percentile(np.abs(shown - expected), percentile) * 255 if fits else np.inf
-    check(name, fits and shown.std() > 0.01 and off <= codes, f"off by {off:.1f} codes, {shown.shape}")
+    check(
+        name, fits and shown.std() > 0.01 and off <= codes, f"off by {off:.1f} codes, {shown.shape}"
+    )
 
 
 async def main() -> None:
@@ -82,7 +86,14 @@ async def main() -> None:
         browser = await play.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
         page = await browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme="dark")
         trouble: list[str] = []
-        page.on("console", lambda m: m.type in ("error", "warning") and "GPU stall" not in m.text and trouble.append(m.text))
+        page.on(
+            "console",
+            lambda m: (
+                m.type in ("error", "warning")
+                and "GPU stall" not in m.text
+                and trouble.append(m.text)
+            ),
+        )
         page.on("pageerror", lambda e: trouble.append(str(e)))
         fake.refines = False
         await page.goto(f"http://127.0.0.1:{port}/#token=secret")
@@ -111,7 +122,11 @@ async def main() -> None:
         await settled(page)
         looks = sent(fake, "look")[before:]
         numbers = [m["n"] for m in looks]
-        check("a drag sends looks", moving >= 3 and looks[-1]["moving"] is False and numbers == sorted(numbers), moving)
+        check(
+            "a drag sends looks",
+            moving >= 3 and looks[-1]["moving"] is False and numbers == sorted(numbers),
+            moving,
+        )
         check("dragging right turns phi up", looks[-1]["camera"]["phi"] > 30, looks[-1]["camera"])
         await same(page, fake, "after the drag", 2)
 
@@ -168,12 +183,20 @@ async def main() -> None:
         await page.mouse.move(spot["x"] + spot["width"] / 2, spot["y"] + spot["height"] / 2)
         await page.mouse.down()
         for i in range(1, 6):
-            await page.mouse.move(spot["x"] + spot["width"] / 2 + 5 * i, spot["y"] + spot["height"] / 2 - 2 * i)
+            await page.mouse.move(
+                spot["x"] + spot["width"] / 2 + 5 * i, spot["y"] + spot["height"] / 2 - 2 * i
+            )
             await page.wait_for_timeout(30)
         await page.mouse.up()
         await page.wait_for_timeout(300)
         sets = sent(fake, "set")
-        check("a peak is dragged", len(sets) >= 2 and sets[-1]["moving"] is False and sets[-1]["patch"][0][0] == "medium.0.center", sets[-1:])
+        check(
+            "a peak is dragged",
+            len(sets) >= 2
+            and sets[-1]["moving"] is False
+            and sets[-1]["patch"][0][0] == "medium.0.center",
+            sets[-1:],
+        )
         await handle.focus()
         await page.keyboard.press("ArrowRight")
         await page.wait_for_timeout(200)
@@ -244,7 +267,10 @@ async def main() -> None:
         await page.wait_for_timeout(800)
         fake.slow = 0.0
         check("says hello again", len(sent(fake, "hello")) == 1)
-        check("a camera that was not shown is asked for again", [m["camera"] for m in sent(fake, "look")] == [turned])
+        check(
+            "a camera that was not shown is asked for again",
+            [m["camera"] for m in sent(fake, "look")] == [turned],
+        )
         await settled(page)
         await same(page, fake, "after a cut connection", 2)
 
