@@ -111,14 +111,14 @@ def from_xarray(
     return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
 
 
-def _as_dataset(data: Any) -> xarray.Dataset:
+def _as_dataset(data: Any) -> Any:
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())
         # A copy: decoding takes attributes away from what it is given.
         if packed:
             data = xarray.decode_cf(data.copy(), False, decode_times=False)
-        return data  # type: ignore[no-any-return]
+        return data
     if not isinstance(data, xarray.DataArray):
         raise InputError(
             f"from_xarray takes an xarray.DataArray or Dataset, got {type(data).__name__}"
