@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
-from voluminous.viewer.explorer import Explorer, python_of, tables_of
+from voluminous.viewer.explorer import Explorer, tables_of
 from voluminous.viewer.session import QUIET, SIZES, Session
+from voluminous.viewer.share import python_of
 
 GRID = vm.CartesianGrid.uniform(16, (-1, 1))
 AXIS = np.linspace(-0.95, 0.95, 16)
@@ -280,6 +281,7 @@ def test_a_page_is_welcomed_and_gets_a_preview_and_the_exact_picture(explorer, v
     welcome, _ = page.wait(lambda m: m["kind"] == "welcome")
     assert welcome["volume"]["fields"][0]["name"] == "a"
     assert welcome["volume"]["bounds"] == [[-1, 1]] * 3
+    assert welcome["volume"]["name"] == "volume.npz"
     preview, _ = page.wait(lambda m: m["kind"] == "frame")
     assert preview["codec"] == "log-jpeg"
     assert not preview["exact"]
@@ -390,7 +392,7 @@ def test_exports_make_the_same_picture(explorer, volume, tmp_path):
     scene = page.ask("export", what="toml", width=96)["text"]
     (tmp_path / "scene.toml").write_text(scene)
     assert vm.Scene.load(tmp_path / "scene.toml").medium == SHELL + CORE
-    assert "what must be" in page.ask("export", what="passwd")["error"]
+    assert "'passwd'" in page.ask("export", what="passwd")["error"]
 
 
 def test_a_follower_sees_what_the_leader_does_and_changes_nothing(explorer):
@@ -407,6 +409,7 @@ def test_a_series_in_time(volume, tmp_path):
     for k in range(3):
         vm.Volume(GRID, a=VALUES * (1 - 0.1 * k)).save(tmp_path / f"{k}.npz")
     explorer = Explorer(sorted(tmp_path.glob("*.npz")), SHELL, CAMERA)
+    assert explorer.describe()["name"] == "0.npz"
     page = Page(explorer)
     last = page.put("time", index=2)
     page.wait(lambda m: m["kind"] == "frame" and m["exact"] and m["revision"] >= 1)
@@ -460,5 +463,16 @@ def test_an_error_of_the_renderer_is_told_and_the_next_picture_comes(explorer):
     page.exact(last)
 
 
-def test_python_of_a_scene_is_code(explorer):
-    compile(python_of(explorer.scene((64, 48))), "scene.py", "exec")
+def test_python_of_a_scene_makes_its_volume():
+    shell = {"type": "gaussian", "expr": "twice", "center": 2.0, "sigma": 0.5, "color": 1.0}
+    scene = vm.Scene(
+        {
+            "volume": {"model": "sphere", "resolution": 8, "derived": {"twice": "2 * inside"}},
+            "medium": [{**shell, "opacity": 0.3, "path_length": 0.1}],
+            "camera": {"resolution": 8},
+        }
+    )
+    code = python_of(scene).partition("image.save")[0]
+    scope: dict = {}
+    exec(code, scope)
+    np.testing.assert_array_equal(scope["image"].intensity, scene.render().intensity)

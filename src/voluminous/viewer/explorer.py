@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -30,6 +29,7 @@ from ..volume import Volume
 from .document import Document, shown
 from .painter import Painter, Shot
 from .session import Session
+from .share import IN_MEMORY, exported
 
 PROTOCOL = 1
 _MOST_BINS, _MOST_SIDE = 4096, 8192
@@ -39,7 +39,6 @@ _MOST_CELLS = 1 << 24
 _EDITED = 1.0
 # Inputs a second; more are a fault or an attack.
 _MOST_INPUTS = 240
-_FORMATS = {"png": "image/png", "exr": "image/x-exr", "fits": "application/fits"}
 _MAPS = ("viridis", "inferno", "magma", "cividis", "gray", "coolwarm", "turbo")
 
 Send = Callable[[dict[str, Any], bytes], None]
@@ -110,7 +109,7 @@ class Explorer:
 
     def _source(self) -> dict[str, Any]:
         one = self.series[self.index]
-        return {"path": "volume.npz" if isinstance(one, Volume) else str(one)}
+        return {"path": IN_MEMORY if isinstance(one, Volume) else str(one)}
 
     @property
     def medium(self) -> Medium | None:
@@ -191,9 +190,9 @@ class Explorer:
                 low, high = (_number(f(array)) for f in (np.nanmin, np.nanmax))
             unit = unit_name(volume.field_unit(name))
             fields.append({"name": name, "unit": unit, "min": low, "max": high})
-        source = self.series[self.index]
+        source = self.document.settings["volume"]
         return {
-            "name": "volume" if isinstance(source, Volume) else Path(source).name,
+            "name": Path(str(source.get("path") or source.get("model"))).name,
             "unit": unit_name(volume.unit),
             "bounds": volume.grid.bounds.tolist(),
             "shape": list(getattr(volume.grid, "shape", ())),
@@ -511,19 +510,7 @@ class Client:
         if not 1 <= width <= _MOST_SIDE:
             raise InputError(f"width must be from 1 to {_MOST_SIDE} pixels, got {width}")
         size = width, max(1, round(width * ny / nx))
-        scene = self.explorer.scene(size)
-        if what == "toml":
-            return {"name": "scene.toml", "mime": "application/toml", "text": scene.dumps()}
-        if what == "python":
-            return {"name": "scene.py", "mime": "text/x-python", "text": python_of(scene)}
-        if what not in _FORMATS:
-            raise InputError(f"what must be one of {', '.join([*_FORMATS, 'toml', 'python'])}")
-        image = scene.render(progress=False)
-        with tempfile.TemporaryDirectory() as directory:
-            path = Path(directory) / f"picture.{what}"
-            scene.save_image(image, path)
-            data = base64.b64encode(path.read_bytes()).decode()
-        return {"name": path.name, "mime": _FORMATS[what], "data": data}
+        return exported(self.explorer.scene(size), str(what))
 
     def _cancel(self, message: dict[str, Any]) -> dict[str, Any]:
         return {}
@@ -557,22 +544,6 @@ def tables_of(medium: Medium) -> list[dict[str, Any]]:
 def _view(camera: Camera) -> dict[str, Any]:
     """Return a camera's table without its pixels: each page has its own."""
     return {key: value for key, value in camera.describe().items() if key != "resolution"}
-
-
-def python_of(scene: Scene) -> str:
-    """Return a script that makes the picture."""
-    settings = scene.to_dict()
-    path = settings["volume"].get("path", "volume.npz")
-    media = [f"vm.{part!r}" for part in scene.medium.components()]
-    joined = "\nmedium += ".join(media)
-    options = "".join(f", {key}={value!r}" for key, value in scene.render_options.items())
-    shown = "".join(f", {key}={value!r}" for key, value in scene.image_options.items())
-    return (
-        f"import voluminous as vm\n\nvolume = vm.open({path!r})\nmedium = {joined}\n"
-        f"camera = vm.{scene.camera!r}\n"
-        f"image = vm.render(volume, medium, camera{options})\n"
-        f'image.save("picture.png"{shown})\n'
-    )
 
 
 def _colormaps() -> dict[str, str]:
