@@ -112,8 +112,12 @@ class _Bar:
             self.bar.close()
 
 
-def _is_seen() -> bool:
+def in_jupyter() -> bool:
+    """Return whether the code runs in a kernel of Jupyter."""
     shell: Any = sys.modules.get("IPython")
     shell = None if shell is None else shell.get_ipython()
-    notebook = shell is not None and "IPKernelApp" in shell.config
-    return notebook or sys.stderr.isatty()
+    return shell is not None and "IPKernelApp" in shell.config
+
+
+def _is_seen() -> bool:
+    return in_jupyter() or sys.stderr.isatty()

@@ -165,3 +165,10 @@ def finite_degrees(value: Any, what: str) -> float:
     if not np.isfinite(angle):
         raise InputError(f"{what} must be finite, got {angle}")
     return angle
+
+
+def sight_from(eye: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return unit vectors from a point to others (3, n); zero where they are the same."""
+    away = np.asarray(points) - eye[:, None]
+    distance = np.linalg.norm(away, axis=0)
+    return np.asarray(away / np.where(distance > 0, distance, 1.0))

@@ -13,7 +13,7 @@ from ..errors import InputError, check_name
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, described, is_quantity, plain
-from .contract import Camera, Frame, finite_degrees, pixel_counts, vector
+from .contract import Camera, Frame, finite_degrees, pixel_counts, sight_from, vector
 from .stereo import SEEN_TWICE, check_stereo, doubled, one_eye
 
 if TYPE_CHECKING:
@@ -174,9 +174,7 @@ class Panorama(Camera):
         return ("panorama", self.projection, self.stereo) if own else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
-        away = np.asarray(points) - vector(self.position, "position", grid.unit)[:, None]
-        distance = np.linalg.norm(away, axis=0)
-        return np.asarray(away / np.where(distance > 0, distance, 1.0))
+        return sight_from(vector(self.position, "position", grid.unit), points)
 
     def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if self.stereo is not None:

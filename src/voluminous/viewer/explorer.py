@@ -124,12 +124,12 @@ class Explorer:
         made: Camera = build_camera(self.document.settings["camera"])
         return made
 
-    def scene(self, resolution: tuple[int, int] | None = None) -> Scene:
+    def scene(self, resolution: int | tuple[int, int] | None = None) -> Scene:
         """Return what is on the screen as a scene."""
         settings = {k: v for k, v in self.document.settings.items() if k != "bookmarks"}
         camera = dict(settings["camera"])
         if resolution is not None:
-            camera["resolution"] = list(resolution)
+            camera["resolution"] = plain_value(resolution)
         settings |= {"medium": shown(settings), "camera": camera}
         return Scene(settings, volume=self.volume)
 
@@ -296,7 +296,6 @@ class Client:
                 "presets": [name for name in dir(presets) if not name.startswith("_")],
                 "channels": 3 if explorer.medium is None else explorer.medium.channels,
                 "colormaps": _colormaps(),
-                "token": None,
             }
         )
         self.tell_document()
@@ -512,9 +511,6 @@ class Client:
         size = width, max(1, round(width * ny / nx))
         return exported(self.explorer.scene(size), str(what))
 
-    def _cancel(self, message: dict[str, Any]) -> dict[str, Any]:
-        return {}
-
 
 # Keys of the messages of a page.
 _KINDS: dict[str, Sequence[str]] = {
@@ -532,7 +528,6 @@ _KINDS: dict[str, Sequence[str]] = {
     "slice": ("id", "expr", "axis", "at", "size"),
     "suggest": ("id", "name"),
     "export": ("id", "what", "width"),
-    "cancel": ("id",),
 }
 
 

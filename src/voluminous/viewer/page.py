@@ -217,11 +217,6 @@ class Server:
             if not explorer.pages and time.monotonic() - explorer.active_at > self.idle:
                 self._server.should_exit = True
 
-    def cut(self) -> None:
-        """End all connections; pages come back by themselves."""
-        for connection in list(self._server.server_state.connections):
-            connection.loop.call_soon_threadsafe(connection.transport.abort)
-
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until it has ended; return whether it has."""
         return self._ended.wait(seconds)

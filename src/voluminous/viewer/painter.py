@@ -8,7 +8,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..cameras.contract import vector
 from ..errors import VoluminousError
 from ..image import Image
 from ..media import Coefficients, Medium
+from ..progress import silent
 from ..rendering.api import in_steps, render
 from ..schemes.pre_integrated import PreIntegrated
 from ..volume import Volume
@@ -65,6 +66,11 @@ class Shot:
     revision: int
     table: dict[str, Any]
     editing: bool = False
+
+    @property
+    def drawn(self) -> Medium:
+        """What `render` is given: a transparent medium, if none is drawn."""
+        return _NOTHING if self.medium is None else self.medium
 
 
 class Painter:
@@ -185,16 +191,14 @@ class Painter:
             page.send({"kind": "notice", "level": "warning", "text": str(warning.message)})
 
     def _steps(self, shot: Shot) -> Any:
-        medium = shot.medium if shot.medium is not None else _NOTHING
         return in_steps(
-            shot.volume, medium, shot.camera, seconds=_BATCH, progress=_silent, **shot.options
+            shot.volume, shot.drawn, shot.camera, seconds=_BATCH, progress=silent, **shot.options
         )
 
     def _quietly(self, shot: Shot, *, first_order: bool = False) -> np.ndarray:
         """Return a quick picture's intensities; warnings are for the picture at rest."""
-        medium = shot.medium if shot.medium is not None else _NOTHING
         scheme = shot.options.get("scheme")
-        if first_order or "dual" not in shot.volume.grid.walk_kinds or medium.discrete:
+        if first_order or "dual" not in shot.volume.grid.walk_kinds or shot.drawn.discrete:
             scheme = "first-order"
         elif scheme is None and shot.editing:
             # Where steps can be wide takes 30 ms to find out for 128³ cells, and saves 10.
@@ -203,13 +207,12 @@ class Painter:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             options = {**shot.options, **quick, "bounds": False, "progress": False}
-            return render(shot.volume, medium, shot.camera, **options).intensity
+            return render(shot.volume, shot.drawn, shot.camera, **options).intensity
 
     def _first(self, shot: Shot, channels: int, nx: int, ny: int) -> np.ndarray:
         """Return what is shown of pixels that are not done: the quick picture, made larger."""
         small = shot.camera.replace(resolution=(max(1, nx // 2), max(1, ny // 2)))
-        quick = Shot(**{**vars(shot), "camera": small})
-        intensity = self._quietly(quick)
+        intensity = self._quietly(replace(shot, camera=small))
         rows, columns = (
             np.minimum(np.arange(n) * have // n, have - 1)
             for n, have in zip((ny, nx), intensity.shape[:2], strict=True)
@@ -261,10 +264,6 @@ class Painter:
 
 
 _NOTHING = Coefficients(["0", "0", "0"], "0")
-
-
-def _silent(done: int, total: int) -> None:
-    """Report nothing."""
 
 
 def _look(shot: Shot) -> str:

@@ -61,7 +61,7 @@ class Session:
     level: int = 1
     first_order: bool = False
     _good: int = 0
-    _in_flight: deque[tuple[int, float, float]] = field(default_factory=deque)
+    _in_flight: deque[tuple[int, float]] = field(default_factory=deque)
     _way: float = 0.0
     _kernel: float = 0.02
 
@@ -97,14 +97,14 @@ class Session:
     def sent(self, frame: int, wish: int, now: float, kernel: float, *, preview: bool) -> None:
         """Note a frame: the wish that it shows, and how long its kernel took."""
         self.shown = max(self.shown, wish)
-        self._in_flight.append((frame, now, kernel))
+        self._in_flight.append((frame, now))
         if preview:
             self._kernel += 0.3 * (kernel - self._kernel)
             self._adapt(kernel)
 
     def seen(self, frame: int, now: float) -> None:
         """Take the page's word that it has drawn a frame."""
-        for number, at, _ in list(self._in_flight):
+        for number, at in list(self._in_flight):
             if number <= frame:
                 self._in_flight.popleft()
             if number == frame:

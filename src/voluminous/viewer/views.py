@@ -9,6 +9,7 @@ from typing import Any
 from ..cameras import Camera
 from ..image import Image
 from ..media import Medium
+from ..progress import in_jupyter
 from ..scene import Scene
 from .explorer import Explorer
 from .page import Server
@@ -59,16 +60,7 @@ class View:
         **options
             Those of `render`.
         """
-        scene = self.scene
-        if resolution is not None:
-            scene = Scene(
-                {
-                    **scene.to_dict(),
-                    "camera": {**scene.to_dict()["camera"], "resolution": resolution},
-                },
-                volume=scene.volume(),
-            )
-        return scene.render(**options)
+        return self._explorer.scene(resolution).render(**options)
 
     def close(self) -> None:
         """End the page and its server."""
@@ -143,18 +135,12 @@ def view(
             **options,
         )
     explorer = Explorer(volume, medium, camera, settings)
-    if _in_notebook() if notebook is None else notebook:
+    if notebook is None:
+        notebook = in_jupyter() or "marimo" in sys.modules
+    if notebook:
         return View(explorer, None, make_widget(explorer))
     server = Server(explorer, port=port)
     server.start()
     if browser:
         server.open_browser()
     return View(explorer, server, None)
-
-
-def _in_notebook() -> bool:
-    if "marimo" in sys.modules:
-        return True
-    shell: Any = sys.modules.get("IPython")
-    shell = None if shell is None else shell.get_ipython()
-    return shell is not None and "IPKernelApp" in shell.config
