@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import threading
 import time
+import zipfile
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image as Pillow
 
 import voluminous as vm
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
-from voluminous.viewer.explorer import Explorer, tables_of
+from voluminous.viewer.explorer import Explorer
 from voluminous.viewer.session import QUIET, SIZES, Session
-from voluminous.viewer.share import python_of
+from voluminous.viewer.share import python_of, tables_of
 
 GRID = vm.CartesianGrid.uniform(16, (-1, 1))
 AXIS = np.linspace(-0.95, 0.95, 16)
@@ -367,12 +371,142 @@ def test_histograms_slices_and_suggestions(explorer, volume):
     assert cut["high"] == pytest.approx(2 * VALUES[:, :, 8].max())
     assert "error" not in page.ask("suggest", name=None)
     assert repr(explorer.medium) == repr(vm.suggest_medium(volume))
-    assert "no preset" in page.ask("suggest", name="gold")["error"]
+    assert "'gold'" in page.ask("suggest", name="gold")["error"]
+
+
+def test_thumbnails_are_pictures_of_presets(explorer):
+    page = Page(explorer)
+    presets = page.wait(lambda m: m["kind"] == "welcome")[0]["presets"]
+    assert {"bone", "lung"} <= set(presets)
+    assert all(hasattr(vm.presets, name) for name in presets)
+    reply = page.ask("thumbnail", name=None)
+    picture = Pillow.open(io.BytesIO(base64.b64decode(reply["data"])))
+    assert picture.size == (96, 80)
+    assert np.asarray(picture).std() > 10
+    assert "'gold'" in page.ask("thumbnail", name="gold")["error"]
+
+
+def test_a_highlight_is_where_rays_go_through_the_values(explorer):
+    """Values above 0.5 are in a sphere of radius sqrt(ln 2) around the middle."""
+    page = Page(explorer, size=(100, 100))
+    page.put("look", camera={"type": "orthographic", "incl": 0, "phi": 0, "width": 2}, moving=False)
+    reply = page.ask("highlight", expr="a", low=0.5, high=1.0)
+    assert (reply["width"], reply["height"]) == (100, 100)
+    seen = np.frombuffer(base64.b64decode(reply["data"]), np.uint8).reshape(100, 100) / 255.0
+    x = (np.arange(100) + 0.5) / 50 - 1
+    squares = np.log(2) - x[:, None] ** 2 - x**2
+    chord = np.sqrt(np.maximum(squares, 0) / np.log(2))
+    # The root of the length is sent. Cells are an eighth wide: at the edge, where the length falls
+    # steeply, the sphere of the cubic between them is a little smaller.
+    inside = chord > 0.4
+    np.testing.assert_allclose(seen[inside] ** 2, chord[inside], atol=0.1)
+    assert not seen[squares < -0.03].any()
+    assert not any(
+        np.frombuffer(
+            base64.b64decode(page.ask("highlight", expr="a", low=5, high=6)["data"]), np.uint8
+        )
+    )
+    assert "low" in page.ask("highlight", expr="a", low=1.0, high=0.5)["error"]
+    assert "nothing" in page.ask("highlight", expr="nothing", low=0.0, high=0.5)["error"]
+
+
+def test_a_scene_is_loaded_but_not_its_volume(explorer, volume, tmp_path):
+    page, other = Page(explorer), Page(explorer)
+    scene = vm.Scene(
+        {"volume": {"path": "/etc/passwd"}, "medium": CORE, "camera": CAMERA.replace(incl=5)}
+    )
+    assert "error" not in page.ask("load", text=scene.dumps())
+    for each in (page, other):
+        frame, payload = each.wait(
+            lambda m: m["kind"] == "frame" and m["exact"] and m["camera"].get("incl") == 5
+        )
+    image = vm.render(volume, CORE, CAMERA.replace(incl=5, resolution=(48, 40)))
+    np.testing.assert_allclose(
+        frames.from_float16(frame, payload), image.intensity, atol=2e-3 * image.intensity.max()
+    )
+    assert explorer.document.settings["volume"] == {"path": "volume.npz"}
+    for text in ("medium = 3", "[[medium]", '[[medium]]\ntype = "gold"', "", "[volume]"):
+        assert "error" in page.ask("load", text=text)
+    background = '[[medium]]\ntype="coefficients"\nemissivity="a"\nextinction="a"\n'
+    background += '[render]\nbackground = "/etc/passwd"'
+    assert "background" in page.ask("load", text=background)["error"]
+    assert explorer.medium == CORE
+    page.put("undo")
+    page.wait(lambda m: m["kind"] == "document" and len(m["document"]["medium"]) == 2)
+
+
+VIEWS = [{"type": "orthographic", "incl": i, "phi": 0, "width": 2.5} for i in (0, 30, 70)]
+
+
+@pytest.mark.parametrize(
+    ("path", "what"),
+    [
+        ({"kind": "orbit", "turns": 0.5}, "gif"),
+        ({"kind": "zoom", "factor": 4}, "png"),
+        ({"kind": "keyframes", "cameras": VIEWS, "ease": "linear"}, "png"),
+    ],
+)
+def test_a_film_is_made_and_sent(explorer, path, what):
+    page = Page(explorer)
+    reply = page.ask("film", path=path, frames=5, width=24, what=what)
+    data = io.BytesIO(base64.b64decode(reply["data"]))
+    if what == "gif":
+        film = Pillow.open(data)
+        assert (film.n_frames, film.size) == (5, (24, 20))
+    else:
+        bundle = zipfile.ZipFile(data)
+        names = [f"film_{k:04d}.png" for k in range(5)]
+        assert bundle.namelist() == names
+        pictures = [np.asarray(Pillow.open(bundle.open(name))) for name in names]
+        assert pictures[0].shape == (20, 24, 3)
+        assert not np.array_equal(pictures[0], pictures[-1])
+    told = [m["done"] for m, _ in page.messages if m["kind"] == "progress"]
+    assert told == [0.2, 0.4, 0.6, 0.8, 1.0]
+
+
+def test_a_film_over_a_series(volume, tmp_path):
+    for k in range(3):
+        vm.Volume(GRID, a=VALUES * (1 - 0.1 * k)).save(tmp_path / f"{k}.npz")
+    explorer = Explorer(sorted(tmp_path.glob("*.npz")), SHELL, CAMERA)
+    page = Page(explorer)
+    reply = page.ask("film", path={"kind": "still"}, frames=3, width=24, what="gif", series=True)
+    film = Pillow.open(io.BytesIO(base64.b64decode(reply["data"])))
+    assert film.n_frames == 3
+    explorer.close()
+
+
+def test_a_film_is_cancelled_and_questions_do_not_wait_for_it(explorer):
+    page = Page(explorer)
+    page.exact(0)
+    path = {"kind": "orbit"}
+    page.say("film", id=1000, path=path, frames=9999, width=200, what="png")
+    page.wait(lambda m: m["kind"] == "progress" and m["id"] == 1000)
+    assert "intensity" in page.ask("probe", x=0.5, y=0.5)
+    assert "one film" in page.ask("film", path=path, frames=2, what="gif")["error"]
+    page.say("cancel", of=1000)
+    reply, _ = page.wait(lambda m: m["kind"] == "reply" and m["id"] == 1000)
+    assert reply["error"] == "cancelled"
+    for wrong in (
+        {"path": path, "frames": 0},
+        {"path": {"kind": "spiral"}, "frames": 2},
+        {"path": 3, "frames": 2},
+        {"path": {"kind": "keyframes", "cameras": VIEWS}, "frames": 2},
+        {"path": path, "frames": 2, "what": "avi"},
+        {"path": path, "frames": 2, "width": 1_000_000},
+    ):
+        assert "error" in page.ask("film", **wrong)
+
+
+def test_a_film_ends_with_its_page(explorer):
+    page, other = Page(explorer), Page(explorer)
+    page.say("film", id=1, path={"kind": "orbit"}, frames=9999, width=64, what="png")
+    page.wait(lambda m: m["kind"] == "progress")
+    page.client.close()
+    page.wait(lambda m: m["kind"] == "reply" and m["id"] == 1)
+    assert "data" in other.ask("film", path={"kind": "still"}, frames=1, width=24, what="gif")
 
 
 def test_exports_make_the_same_picture(explorer, volume, tmp_path):
-    import base64
-
     page = Page(explorer)
     page.exact(0)
     text = page.ask("export", what="python", width=96)["text"]

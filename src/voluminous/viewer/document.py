@@ -126,6 +126,8 @@ def check(settings: dict[str, Any]) -> Medium | None:
     if tables := shown(settings):
         medium = build_medium(tables)
     build_camera(settings["camera"])
+    if isinstance(settings.get("render", {}).get("background"), str):  # no page names a file
+        raise InputError("[render] background: the explorer shows no picture as background")
     render_options(settings.get("render", {}))
     image_options(settings.get("image", {}), 3 if medium is None else medium.channels)
     return medium

@@ -5,19 +5,18 @@ from __future__ import annotations
 import base64
 import threading
 import time
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..calibration import presets, suggest_medium
+from ..calibration import presets
 from ..cameras import Camera
 from ..errors import InputError, VoluminousError
-from ..expressions import Expression
 from ..io import open as open_volume
-from ..measuring import probe
 from ..media import Medium
 from ..rendering import framed
 from ..rendering.framing import first_medium
@@ -26,15 +25,13 @@ from ..scene.sections import build_camera, build_medium, render_options
 from ..scene.settings import plain_value
 from ..units import unit_name
 from ..volume import Volume
-from .document import Document, shown
+from .document import Document, Patch, shown
 from .painter import Painter, Shot
+from .questions import QUESTIONS, number
 from .session import Session
-from .share import IN_MEMORY, exported
+from .share import IN_MEMORY, tables_of
 
 PROTOCOL = 1
-_MOST_BINS, _MOST_SIDE = 4096, 8192
-# Cells of a histogram; of more, every second, third …
-_MOST_CELLS = 1 << 24
 # Seconds after a change of a medium in which another is expected.
 _EDITED = 1.0
 # Inputs a second; more are a fault or an attack.
@@ -74,12 +71,16 @@ class Explorer:
         self._framed = camera is not None
         camera = framed(self.volume, medium) if camera is None else camera
         others = settings or {}
+        rest = dict(others.get("render", {}))
+        if isinstance(rest.get("background"), str):
+            rest.pop("background")
+            warnings.warn("the explorer shows no picture as background", stacklevel=2)
         self.document = Document(
             {
                 "volume": others.get("volume") or self._source(),
                 "medium": tables_of(medium),
                 "camera": _view(camera),
-                "render": dict(others.get("render", {})),
+                "render": rest,
                 "image": dict(others.get("image", {})),
                 "bookmarks": list(others.get("bookmarks", [])),
             },
@@ -88,8 +89,9 @@ class Explorer:
         self._lock = threading.RLock()
         self._clients: list[Client] = []
         self.active_at, self.edited_at = time.monotonic(), -1e9
-        self.painter = Painter(lambda: list(self._clients), self._shot)
+        self.painter = Painter(lambda: list(self._clients), self.shot)
         self.desk = ThreadPoolExecutor(1, thread_name_prefix="desk")
+        self.filming = threading.Lock()
 
     def _opened(self, index: int) -> Volume:
         one = self.series[index]
@@ -158,7 +160,7 @@ class Explorer:
         """Number of pages."""
         return len(self._clients)
 
-    def _shot(self, page: Any, size: tuple[int, int]) -> Shot:
+    def shot(self, page: Any, size: tuple[int, int]) -> Shot:
         with self._lock:
             settings, revision = self.document.settings, self.document.revision
             wish, number = page.session.wanted, page.session.input
@@ -187,7 +189,7 @@ class Explorer:
                 low = high = None
             else:
                 array = volume.array(name)
-                low, high = (_number(f(array)) for f in (np.nanmin, np.nanmax))
+                low, high = (number(f(array)) for f in (np.nanmin, np.nanmax))
             unit = unit_name(volume.field_unit(name))
             fields.append({"name": name, "unit": unit, "min": low, "max": high})
         source = self.document.settings["volume"]
@@ -210,12 +212,15 @@ class Client:
         self.explorer, self._send = explorer, send
         self.session = Session(dict(explorer.document.settings["camera"]), visible=False)
         self._inputs: list[float] = []
+        self._cancelled: set[Any] = set()
+        self._closed = False
 
     def send(self, message: dict[str, Any], payload: bytes = b"") -> None:
         self._send(message, payload)
 
     def close(self) -> None:
         """The page is gone."""
+        self._closed = True
         self.explorer.leave(self)
 
     def receive(self, message: Any) -> None:
@@ -225,12 +230,13 @@ class Client:
             self.notice("error", "a message must be an object with a kind")
             return
         kind = message["kind"]
-        known = _KINDS.get(kind)
+        question = kind in QUESTIONS
+        known = ("id", *QUESTIONS[kind][1]) if question else _KINDS.get(kind)
         if known is None or not set(message) <= {"kind", *known}:
             self.notice("error", f"unknown message {kind!r}, or unknown keys in it")
             return
         try:
-            if "id" in known:
+            if question and kind != "film":
                 self.explorer.desk.submit(self._answer, message)
             else:
                 getattr(self, f"_{kind}")(message)
@@ -293,7 +299,7 @@ class Client:
                 "revision": explorer.document.revision,
                 "volume": explorer.describe(),
                 "series": {"count": len(explorer.series), "index": explorer.index},
-                "presets": [name for name in dir(presets) if not name.startswith("_")],
+                "presets": list(presets.__all__),
                 "channels": 3 if explorer.medium is None else explorer.medium.channels,
                 "colormaps": _colormaps(),
             }
@@ -330,17 +336,26 @@ class Client:
             return
         moving = message.get("moving") is True
         patch = [(str(path), value) for path, value in message["patch"]]
-        number = self.session.input = int(message["n"])
-        with self.explorer._lock:
-            document = self.explorer.document
-            document.apply(patch, str(message.get("label", "")), moving=moving)
+        self.session.input = int(message["n"])
+        self.change(patch, str(message.get("label", "")), moving=moving)
+
+    def change(self, patch: Patch, label: str, *, moving: bool = False) -> None:
+        """Change the document, and paint it for all pages."""
+        explorer = self.explorer
+        if not self.session.leader:
+            return
+        with explorer._lock:
+            explorer.document.apply(patch, label, moving=moving)
+            if any(path.startswith("camera") for path, _ in patch):
+                for client in explorer._clients:
+                    client.session.camera = dict(explorer.document.settings["camera"])
         if all(path.startswith(("image.", "bookmarks")) for path, _ in patch):
-            for client in list(self.explorer._clients):  # the pages do it: nothing is painted
+            for client in list(explorer._clients):  # the pages do it: nothing is painted
                 client.tell_document()
             return
-        self.session.want(time.monotonic(), moving=moving, number=number)
-        self.explorer.edited_at = time.monotonic()
-        self.explorer.changed(self, moving=moving)
+        self.session.want(time.monotonic(), moving=moving)
+        explorer.edited_at = time.monotonic()
+        explorer.changed(self, moving=moving)
 
     def _undo(self, message: dict[str, Any]) -> None:
         self._step(message, self.explorer.document.undo)
@@ -389,131 +404,45 @@ class Client:
     # --- questions ----------------------------------------------------------------------------
 
     def _answer(self, message: dict[str, Any]) -> None:
-        reply = {"kind": "reply", "id": message.get("id")}
+        answer, _ = QUESTIONS[message["kind"]]
+        identity = message.get("id")
+        reply = {"kind": "reply", "id": identity}
+
+        def progress(done: int, total: int) -> None:
+            if self._closed or identity in self._cancelled:
+                raise InputError("cancelled")
+            self.send({"kind": "progress", "id": identity, "done": done / max(total, 1)})
+
         try:
-            reply |= getattr(self, f"_{message['kind']}")(message)
+            reply |= answer(self, message, progress)
         except VoluminousError as error:
             reply["error"] = str(error)
         except Exception as error:  # an answer must come, or the page waits
             reply["error"] = f"{type(error).__name__}: {error}"
         self.send(reply)
 
-    def _probe(self, message: dict[str, Any]) -> dict[str, Any]:
-        size = self.session.size
-        shot = self.explorer._shot(self, size)
-        if shot.medium is None:
-            raise InputError("nothing is drawn; show a medium first")
-        x, y = (
-            min(int(_part(message, name) * n), n - 1) for name, n in zip("xy", size, strict=True)
-        )
-        pixel = (x, y)
-        known = ("scheme", "tolerance", "precision", "device", "order", "cutoff")
-        options = {k: v for k, v in shot.options.items() if k in known}
-        ray = probe(shot.volume, shot.medium, shot.camera, pixel, progress=False, **options)
-        reply: dict[str, Any] = {
-            "x": message["x"],
-            "y": message["y"],
-            "pixel": list(pixel),
-            "intensity": _listed(ray.intensity),
-            "tau": _listed(ray.optical_depth),
-            "unit": ray.units.get("length", ""),
-            "units": {k: str(v) for k, v in ray.units.items()},
-            "distance": _listed(0.5 * (ray.begin + ray.end)),
-            "fields": {name: _listed(values) for name, values in ray.fields.items()},
-            "scalars": {name: _listed(values) for name, values in ray.scalars.items()},
-            "emissivity": [_listed(row) for row in ray.j.T],
-            "extinction": [_listed(row) for row in ray.alpha.T],
-            "optical_depth": [_listed(row) for row in ray.depth.T],
-            "accumulated": [_listed(row) for row in ray.gathered.T],
-            "depth": None,
-            "point": None,
-            "values": {},
-        }
-        light = ray.gathered.sum(axis=1)
-        if len(light) and light[-1] > 0.0:
-            k = int(np.searchsorted(light, 0.5 * light[-1]))
-            before = light[k - 1] if k else 0.0
-            part = (0.5 * light[-1] - before) / max(light[k] - before, 1e-300)
-            reply["depth"] = float(ray.begin[k] + part * (ray.end[k] - ray.begin[k]))
-            reply["point"] = _listed(ray.position[k])
-            reply["values"] = {name: _number(v[k]) for name, v in ray.scalars.items()}
-            reply["contribution"] = _listed(np.diff(light, prepend=0.0))
-        return reply
+    def _film(self, message: dict[str, Any]) -> None:
+        """Make a film in a thread of its own: other questions need not wait for it."""
+        explorer = self.explorer
+        if not self._may_change() or not explorer.filming.acquire(blocking=False):
+            text = "one film at a time: wait for the other, or cancel it"
+            self.send({"kind": "reply", "id": message.get("id"), "error": text})
+            return
 
-    def _histogram(self, message: dict[str, Any]) -> dict[str, Any]:
-        bins = int(message.get("bins", 256))
-        if not 1 <= bins <= _MOST_BINS:
-            raise InputError(f"bins must be from 1 to {_MOST_BINS}, got {bins}")
-        volume = self.explorer.volume
-        expression = Expression(str(message["expr"]))
-        values = np.asarray(volume.evaluate(expression)).ravel()
-        values = values[:: max(1, len(values) // _MOST_CELLS)]
-        values = values[np.isfinite(values)]
-        logarithmic = message.get("log") is True
-        if logarithmic:
-            values = np.log10(values[values > 0])
-        if not len(values):
-            raise InputError(f"{expression.text} has no {'positive ' * logarithmic}finite values")
-        counts, edges = np.histogram(values, bins)
-        low, high = np.quantile(values[:: max(1, len(values) // 100_000)], [5e-4, 1 - 5e-4])
+        def make() -> None:
+            try:
+                self._answer(message)
+            finally:
+                explorer.filming.release()
 
-        def back(value: Any) -> Any:
-            return 10.0**value if logarithmic else value
+        threading.Thread(target=make, name="film", daemon=True).start()
 
-        return {
-            "counts": counts.tolist(),
-            "edges": _listed(back(edges)),
-            "low": _number(back(low)),
-            "high": _number(back(high)),
-            "unit": unit_name(volume.expression_unit(expression)),
-            "log": logarithmic,
-        }
-
-    def _slice(self, message: dict[str, Any]) -> dict[str, Any]:
-        volume, axis = self.explorer.volume, int(message["axis"])
-        size = min(int(message.get("size", 256)), 1024)
-        low, high = volume.grid.bounds[axis]
-        place = low + _part(message, "at") * (high - low) * (1.0 - 1e-9)
-        cut = volume.slice(str(message["expr"]), "xyz"[axis], float(place), resolution=max(size, 1))
-        values = np.asarray(cut.values, dtype="<f4")
-        finite = values[np.isfinite(values)]
-        ends = (finite.min(), finite.max()) if len(finite) else (0.0, 1.0)
-        return {
-            "width": values.shape[1],
-            "height": values.shape[0],
-            "data": base64.b64encode(np.nan_to_num(values, nan=float(ends[0])).tobytes()).decode(),
-            "low": _number(ends[0]),
-            "high": _number(ends[1]),
-            "unit": unit_name(volume.expression_unit(Expression(str(message["expr"])))),
-            "extent": _listed(cut.extent),
-        }
-
-    def _suggest(self, message: dict[str, Any]) -> dict[str, Any]:
-        name = message.get("name")
-        known = [n for n in dir(presets) if not n.startswith("_")]
-        if name is not None and name not in known:
-            raise InputError(f"there is no preset {name!r}; there are {', '.join(known)}")
-        volume = self.explorer.volume
-        medium = suggest_medium(volume) if name is None else getattr(presets, name)(volume)
-        tables = tables_of(medium)
-        if self._may_change():
-            with self.explorer._lock:
-                self.explorer.document.apply([("medium", tables)], name or "suggested media")
-            self.explorer.changed(None)
-        return {}
-
-    def _export(self, message: dict[str, Any]) -> dict[str, Any]:
-        what = message["what"]
-        nx, ny = self.session.size
-        width = int(message.get("width", nx))
-        if not 1 <= width <= _MOST_SIDE:
-            raise InputError(f"width must be from 1 to {_MOST_SIDE} pixels, got {width}")
-        size = width, max(1, round(width * ny / nx))
-        return exported(self.explorer.scene(size), str(what))
+    def _cancel(self, message: dict[str, Any]) -> None:
+        self._cancelled.add(message["of"])
 
 
-# Keys of the messages of a page.
-_KINDS: dict[str, Sequence[str]] = {
+# Keys of the messages of a page that are no questions.
+_KINDS: dict[str, tuple[str, ...]] = {
     "hello": ("protocol", "size", "scale", "leader"),
     "look": ("n", "camera", "moving"),
     "size": ("n", "size", "scale"),
@@ -523,17 +452,8 @@ _KINDS: dict[str, Sequence[str]] = {
     "seen": ("frame",),
     "visible": ("on",),
     "time": ("n", "index"),
-    "probe": ("id", "x", "y"),
-    "histogram": ("id", "expr", "bins", "log"),
-    "slice": ("id", "expr", "axis", "at", "size"),
-    "suggest": ("id", "name"),
-    "export": ("id", "what", "width"),
+    "cancel": ("of",),
 }
-
-
-def tables_of(medium: Medium) -> list[dict[str, Any]]:
-    """Return a medium's parts as tables of a scene file."""
-    return [plain_value(part.describe()) for part in medium.components()]
 
 
 def _view(camera: Camera) -> dict[str, Any]:
@@ -551,20 +471,3 @@ def _colormaps() -> dict[str, str]:
         ).decode()
         for name in _MAPS
     }
-
-
-def _part(message: dict[str, Any], name: str) -> float:
-    value = float(message[name])
-    if not 0.0 <= value <= 1.0:
-        raise InputError(f"{name} must be from 0 to 1, got {value}")
-    return value
-
-
-def _number(value: Any) -> float | None:
-    number = float(value)
-    return number if np.isfinite(number) else None
-
-
-def _listed(values: Any) -> list[float | None]:
-    """Return numbers as JSON has them: what is not finite is null."""
-    return [_number(value) for value in np.asarray(values, dtype=np.float64).ravel()]

@@ -1,18 +1,26 @@
-"""What can be taken away from the explorer: pictures, the scene as a file, and as a script."""
+"""What can be taken away from the explorer: pictures, films, the scene as file and script."""
 
 from __future__ import annotations
 
 import base64
 import tempfile
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..errors import check_name
+from ..cameras import Camera
+from ..errors import InputError, check_name
+from ..media import Medium
+from ..movies import dolly, keyframes, movie, orbit, zoom
 from ..scene import Scene
+from ..scene.sections import build_camera
+from ..scene.settings import plain_value
 
 # The file that scene and script of a volume in memory speak of.
 IN_MEMORY = "volume.npz"
 _PICTURES = {"png": "image/png", "exr": "image/x-exr", "fits": "application/fits"}
+_FILMS = {"mp4": "video/mp4", "gif": "image/gif", "webp": "image/webp", "png": "application/zip"}
 
 
 def exported(scene: Scene, what: str) -> dict[str, Any]:
@@ -28,6 +36,76 @@ def exported(scene: Scene, what: str) -> dict[str, Any]:
         scene.save_image(image, path)
         data = base64.b64encode(path.read_bytes()).decode()
     return {"name": path.name, "mime": _PICTURES[what], "data": data}
+
+
+def filmed(
+    scene: Scene,
+    volumes: Any,
+    path: dict[str, Any],
+    frames: int,
+    *,
+    what: str,
+    fps: float,
+    progress: Callable[[int, int], None],
+) -> dict[str, Any]:
+    """Return name, kind and content of a film; pictures come in a zip file.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the first camera.
+    volumes : Volume or sequence
+        A sequence is a series in time.
+    path : dict
+        ``kind`` "orbit" (with ``turns``), "zoom" or "dolly" (``factor``), "keyframes" (``cameras``
+        as tables, ``ease``) or "still".
+    """
+    check_name("film", what, _FILMS)
+    cameras = _path(scene.camera, path, frames)
+    with tempfile.TemporaryDirectory() as directory:
+        target = Path(directory) / f"film.{what}"
+        files = movie(
+            volumes,
+            scene.medium,
+            cameras,
+            target,
+            fps=fps,
+            picture=scene.image_options,
+            progress=progress,
+            **scene.render_options,
+        )
+        if what == "png":
+            target = target.with_suffix(".zip")
+            with zipfile.ZipFile(target, "w") as bundle:
+                for file in files:
+                    bundle.write(file, file.name)
+        data = base64.b64encode(target.read_bytes()).decode()
+    return {"name": target.name, "mime": _FILMS[what], "data": data}
+
+
+def _path(camera: Camera, path: dict[str, Any], frames: int) -> list[Camera]:
+    kind = path.get("kind")
+    check_name("path", kind, ("orbit", "zoom", "dolly", "keyframes", "still"))
+    if kind == "orbit":
+        return orbit(camera, float(path.get("turns", 1.0)), frames)
+    if kind in ("zoom", "dolly"):
+        return (zoom if kind == "zoom" else dolly)(camera, float(path["factor"]), frames)
+    if kind == "still":
+        return [camera] * frames
+    tables = path["cameras"]
+    if not 2 <= len(tables) <= frames:
+        raise InputError(
+            f"{frames} frames go through 2 to {frames} views, got {len(tables)}: keep views first"
+        )
+    size = camera.arguments()["resolution"]
+    cameras = [build_camera({**table, "resolution": plain_value(size)}) for table in tables]
+    steps = [round(k * (frames - 1) / (len(cameras) - 1)) for k in range(len(cameras))]
+    return keyframes(list(zip(steps, cameras, strict=True)), str(path.get("ease", "smooth")))
+
+
+def tables_of(medium: Medium) -> list[dict[str, Any]]:
+    """Return a medium's parts as tables of a scene file."""
+    return [plain_value(part.describe()) for part in medium.components()]
 
 
 def python_of(scene: Scene) -> str:

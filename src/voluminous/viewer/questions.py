@@ -1,0 +1,265 @@
+"""What a page asks and is answered: rays, histograms, slices, pictures, films.
+
+Each function takes the page and its message, and returns the content of the reply. They run in
+threads of their own; ``progress`` tells how far a long one is.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..calibration import presets, suggest_medium
+from ..errors import InputError, check_name
+from ..expressions import Expression
+from ..measuring import probe
+from ..media import Medium, Rectangle
+from ..rendering import render
+from ..scene import settings
+from ..units import is_count, unit_name
+from ..volume import Volume
+from .session import scaled
+from .share import IN_MEMORY, exported, filmed, tables_of
+
+if TYPE_CHECKING:
+    from .explorer import Client
+
+Answer = dict[str, Any]
+Progress = Callable[[int, int], None]
+
+_MOST_BINS, _MOST_SIDE, _MOST_FRAMES = 4096, 8192, 10_000
+# Cells of a histogram; of more, every second, third …
+_MOST_CELLS = 1 << 24
+# Pixels of a preset's picture, and of one that shows where values are.
+_SMALL, _COARSE = 96, 300
+_QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
+_RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "order", "cutoff")
+
+
+def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return the ray through a point of the picture."""
+    size = page.session.size
+    shot = page.explorer.shot(page, size)
+    if shot.medium is None:
+        raise InputError("nothing is drawn; show a medium first")
+    x, y = (min(int(_part(message, name) * n), n - 1) for name, n in zip("xy", size, strict=True))
+    options = {k: v for k, v in shot.options.items() if k in _RAY_OPTIONS}
+    ray = probe(shot.volume, shot.medium, shot.camera, (x, y), progress=False, **options)
+    reply: Answer = {
+        "x": message["x"],
+        "y": message["y"],
+        "pixel": [x, y],
+        "intensity": listed(ray.intensity),
+        "tau": listed(ray.optical_depth),
+        "unit": ray.units.get("length", ""),
+        "units": {k: str(v) for k, v in ray.units.items()},
+        "distance": listed(0.5 * (ray.begin + ray.end)),
+        "fields": {name: listed(values) for name, values in ray.fields.items()},
+        "scalars": {name: listed(values) for name, values in ray.scalars.items()},
+        "emissivity": [listed(row) for row in ray.j.T],
+        "extinction": [listed(row) for row in ray.alpha.T],
+        "optical_depth": [listed(row) for row in ray.depth.T],
+        "accumulated": [listed(row) for row in ray.gathered.T],
+        "depth": None,
+        "point": None,
+        "values": {},
+    }
+    light = ray.gathered.sum(axis=1)
+    if len(light) and light[-1] > 0.0:
+        k = int(np.searchsorted(light, 0.5 * light[-1]))
+        before = light[k - 1] if k else 0.0
+        part = (0.5 * light[-1] - before) / max(light[k] - before, 1e-300)
+        reply["depth"] = float(ray.begin[k] + part * (ray.end[k] - ray.begin[k]))
+        reply["point"] = listed(ray.position[k])
+        reply["values"] = {name: number(v[k]) for name, v in ray.scalars.items()}
+        reply["contribution"] = listed(np.diff(light, prepend=0.0))
+    return reply
+
+
+def ask_histogram(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return how many cells have which values."""
+    bins = int(message.get("bins", 256))
+    if not 1 <= bins <= _MOST_BINS:
+        raise InputError(f"bins must be from 1 to {_MOST_BINS}, got {bins}")
+    volume = page.explorer.volume
+    expression = Expression(str(message["expr"]))
+    values = np.asarray(volume.evaluate(expression)).ravel()
+    values = values[:: max(1, len(values) // _MOST_CELLS)]
+    values = values[np.isfinite(values)]
+    logarithmic = message.get("log") is True
+    if logarithmic:
+        values = np.log10(values[values > 0])
+    if not len(values):
+        raise InputError(f"{expression.text} has no {'positive ' * logarithmic}finite values")
+    counts, edges = np.histogram(values, bins)
+    low, high = np.quantile(values[:: max(1, len(values) // 100_000)], [5e-4, 1 - 5e-4])
+
+    def back(value: Any) -> Any:
+        return 10.0**value if logarithmic else value
+
+    return {
+        "counts": counts.tolist(),
+        "edges": listed(back(edges)),
+        "low": number(back(low)),
+        "high": number(back(high)),
+        "unit": unit_name(volume.expression_unit(expression)),
+        "log": logarithmic,
+    }
+
+
+def ask_slice(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return the values in a plane across an axis."""
+    volume, axis = page.explorer.volume, int(message["axis"])
+    size = min(int(message.get("size", 256)), 1024)
+    low, high = volume.grid.bounds[axis]
+    place = low + _part(message, "at") * (high - low) * (1.0 - 1e-9)
+    cut = volume.slice(str(message["expr"]), "xyz"[axis], float(place), resolution=max(size, 1))
+    values = np.asarray(cut.values, dtype="<f4")
+    finite = values[np.isfinite(values)]
+    ends = (finite.min(), finite.max()) if len(finite) else (0.0, 1.0)
+    return {
+        "width": values.shape[1],
+        "height": values.shape[0],
+        "data": text_of(np.nan_to_num(values, nan=float(ends[0])).tobytes()),
+        "low": number(ends[0]),
+        "high": number(ends[1]),
+        "unit": unit_name(volume.expression_unit(Expression(str(message["expr"])))),
+        "extent": listed(cut.extent),
+    }
+
+
+def ask_highlight(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return where in the picture values are: lengths of rays through them, hidden or not."""
+    low, high = float(message["low"]), float(message["high"])
+    if not low < high:
+        raise InputError(f"low must be less than high, got {low} and {high}")
+    factor = min(1.0, _COARSE / max(page.session.size))
+    shot = page.explorer.shot(page, scaled(page.session.size, factor))
+    # So thin that it hides nothing of itself.
+    medium = Rectangle(
+        str(message["expr"]),
+        center=0.5 * (low + high),
+        half_width=0.5 * (high - low),
+        color=[1.0],
+        opacity=1e-6,
+    )
+    image = render(shot.volume, medium, shot.camera, **_QUICK)
+    seen = np.nan_to_num(image.intensity[::-1, :, 0])
+    top = float(seen.max(initial=0.0))
+    codes = np.sqrt(np.clip(seen / top, 0.0, 1.0)) * 255.0 if top > 0.0 else np.zeros_like(seen)
+    ny, nx = codes.shape
+    return {"width": nx, "height": ny, "data": text_of((codes + 0.5).astype(np.uint8).tobytes())}
+
+
+def ask_thumbnail(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return a small picture of a preset."""
+    from PIL import Image as Pillow
+
+    medium = _preset(page.explorer.volume, message.get("name"))
+    shot = page.explorer.shot(page, scaled(page.session.size, _SMALL / page.session.size[0]))
+    image = render(shot.volume, medium, shot.camera, **_QUICK)
+    file = io.BytesIO()
+    Pillow.fromarray((image.to_rgb() * 255.0 + 0.5).astype(np.uint8)).save(file, "PNG")
+    return {"mime": "image/png", "data": text_of(file.getvalue())}
+
+
+def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Set the media of a preset, or the suggested ones."""
+    name = message.get("name")
+    tables = tables_of(_preset(page.explorer.volume, name))
+    page.change([("medium", tables)], name or "suggested media")
+    return {}
+
+
+def ask_load(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Set what a scene file says, but for its volume."""
+    told = settings.plain_sections(
+        {"volume": {"path": IN_MEMORY}, **settings.loads(str(message["text"]))}
+    )
+    told["camera"].pop("resolution", None)
+    names = [name for name in ("medium", "camera", "render", "image") if told[name]]
+    page.change([(name, told[name]) for name in names], "another scene")
+    return {}
+
+
+def ask_export(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return a picture, or the scene as a text."""
+    scene = page.explorer.scene(_pixels(page, message))
+    return exported(scene, str(message["what"]))
+
+
+def ask_film(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return a film."""
+    frames: Any = message.get("frames")
+    if not is_count(frames, _MOST_FRAMES):
+        raise InputError(f"frames must be a number from 1 to {_MOST_FRAMES}, got {frames!r}")
+    explorer = page.explorer
+    path = message["path"]
+    if not isinstance(path, dict):
+        raise InputError(f"path must be an object, got {path!r}")
+    return filmed(
+        explorer.scene(_pixels(page, message)),
+        explorer.series if message.get("series") is True else explorer.volume,
+        path,
+        int(frames),
+        what=str(message.get("what", "mp4")),
+        fps=float(message.get("fps", 30.0)),
+        progress=progress,
+    )
+
+
+QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[str, ...]]] = {
+    "probe": (ask_probe, ("x", "y")),
+    "histogram": (ask_histogram, ("expr", "bins", "log")),
+    "slice": (ask_slice, ("expr", "axis", "at", "size")),
+    "highlight": (ask_highlight, ("expr", "low", "high")),
+    "thumbnail": (ask_thumbnail, ("name",)),
+    "suggest": (ask_suggest, ("name",)),
+    "load": (ask_load, ("text",)),
+    "export": (ask_export, ("what", "width")),
+    "film": (ask_film, ("path", "frames", "fps", "width", "what", "series")),
+}
+"""Function and keys of each kind of question, besides ``id``."""
+
+
+def _preset(volume: Volume, name: Any) -> Medium:
+    if name is None:
+        return suggest_medium(volume)
+    check_name("preset", name, presets.__all__)
+    made: Medium = getattr(presets, name)(volume)
+    return made
+
+
+def _pixels(page: Client, message: Answer) -> tuple[int, int]:
+    nx, ny = page.session.size
+    width = int(message.get("width", nx))
+    if not 1 <= width <= _MOST_SIDE:
+        raise InputError(f"width must be from 1 to {_MOST_SIDE} pixels, got {width}")
+    return width, max(1, round(width * ny / nx))
+
+
+def _part(message: Answer, name: str) -> float:
+    value = float(message[name])
+    if not 0.0 <= value <= 1.0:
+        raise InputError(f"{name} must be from 0 to 1, got {value}")
+    return value
+
+
+def text_of(data: bytes) -> str:
+    """Return bytes as base64."""
+    return base64.b64encode(data).decode()
+
+
+def number(value: Any) -> float | None:
+    """Return a number as JSON has it: what is not finite is null."""
+    plain = float(value)
+    return plain if np.isfinite(plain) else None
+
+
+def listed(values: Any) -> list[float | None]:
+    """Return numbers as JSON has them."""
+    return [number(value) for value in np.asarray(values, dtype=np.float64).ravel()]
