@@ -2,10 +2,12 @@
 
 import { fit, fromSide, otherType, tableOf, type View } from "./camera";
 import { listen } from "./gestures";
+import { Highlight } from "./highlight";
 import { Keys } from "./keys";
 import { build, type Layout } from "./layout";
 import { Legend } from "./legend";
 import { Overlay } from "./overlay";
+import { linkOf, sceneOf, SECTIONS } from "./share";
 import { Stage } from "./stage";
 import { Store } from "./store";
 import { h } from "./ui/dom";
@@ -20,6 +22,7 @@ export class App {
   readonly store: Store;
   readonly overlay: Overlay;
   readonly legend: Legend;
+  readonly highlight = new Highlight(this);
   readonly root: HTMLElement;
   readonly layout: Layout;
   readonly keys: Keys;
@@ -99,13 +102,19 @@ export class App {
     this.model.send(message);
   }
 
-  /** Ask for something; the promise keeps the answer. */
-  ask(kind: string, what: Table, progress?: (part: number) => void): Promise<Message> {
+  /** Ask for something; the promise keeps the answer, and the number by which it can be cancelled. */
+  ask(kind: string, what: Table, progress?: (part: number) => void): Promise<Message> & { id: number } {
     const id = ++this.asked;
-    return new Promise((done, failed) => {
+    const answer = new Promise<Message>((done, failed) => {
       this.waiting.set(id, { done, failed, progress });
       this.send({ kind, id, ...what });
     });
+    return Object.assign(answer, { id });
+  }
+
+  /** Whether the exact picture of the newest input is there. */
+  get rests(): boolean {
+    return !this.moving && !this.isBehind && this.root.dataset.exact === "true";
   }
 
   private number(): number {
@@ -169,14 +178,26 @@ export class App {
     this.store.receive(message);
     // A server that was started anew has the file's scene; what was on the screen goes back to it.
     if (restarted) {
-      const names = ["medium", "camera", "render", "image"].filter((name) => mine[name] !== undefined);
-      this.store.set(names.map((name) => [name, mine[name]]), "restored");
+      this.put(mine, "restored");
     } else if (again) {
       this.store.resend();
       if (this.lostLook && view) this.look(view, false);
     }
     this.layout.welcomed();
     this.resized();
+    if (!again && this.model.link?.includes("scene=")) this.load(this.model.link).catch((error) => this.notice(error.message, "error"));
+  }
+
+  /** Take media, camera, render and image of a scene: one step of the history. */
+  private put(scene: Table, label: string): void {
+    this.store.set(SECTIONS.filter((name) => scene[name] !== undefined).map((name) => [name, scene[name]]), label);
+  }
+
+  /** Show the scene of a link, or of the text of a scene file. */
+  async load(text: string): Promise<void> {
+    const scene = await sceneOf(text);
+    if (scene) this.put(scene, "shared scene");
+    else await this.ask("load", { text });
   }
 
   private async frame(head: FrameHead, bytes: Uint8Array): Promise<void> {
@@ -194,9 +215,8 @@ export class App {
       this.stage.view = { ...frameView, pivot: view?.pivot ?? null };
     }
     this.layout.badge(head);
-    this.root.dataset.n = String(head.n);
-    this.root.dataset.frame = String(head.number);
-    this.root.dataset.exact = String(head.exact);
+    Object.assign(this.root.dataset, { n: head.n, frame: head.number, exact: head.exact });
+    this.highlight.renew();
   }
 
   private answered(n: number | undefined): void {
@@ -215,6 +235,7 @@ export class App {
     if (this.follows) return;
     this.stage.view = view;
     this.moving = moving;
+    this.highlight.hide();
     this.overlay.pivot = view.pivot;
     this.stage.redraw();
     const waiting = this.wanted !== null;
@@ -363,6 +384,11 @@ export class App {
       area.remove();
     }
     this.notice(`${what} copied`, "info");
+  }
+
+  async copyLink(): Promise<void> {
+    const page = this.root.closest(".vlm-page") ? location.origin + location.pathname : "";
+    await this.copy(await linkOf(this.store.document, page), "Link");
   }
 
   async copyScene(what: "python" | "toml"): Promise<void> {

@@ -3,7 +3,7 @@
 import type { App } from "./app";
 import { button, h, refill } from "./ui/dom";
 import { choice, numberField } from "./ui/fields";
-import { fromBase64 } from "./wire";
+import { fromBase64, type Table } from "./wire";
 
 interface Dialog {
   element: HTMLDialogElement;
@@ -51,6 +51,32 @@ export function download(name: string, mime: string, data: Uint8Array | string):
   setTimeout(() => URL.revokeObjectURL(address), 10000);
 }
 
+/** A bar for something that takes time, and the way to have the file that comes of it. */
+export function fileMaker(app: App): { bar: HTMLProgressElement; make(kind: string, what: Table): Promise<boolean>; cancel(): void } {
+  const bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "progress" });
+  let id = 0;
+  return {
+    bar,
+    async make(kind, what) {
+      Object.assign(bar, { hidden: false, value: 0 });
+      try {
+        const answer = app.ask(kind, what, (part) => (bar.value = part));
+        id = answer.id;
+        const reply = await answer;
+        download(reply.name, reply.mime, reply.text ?? fromBase64(reply.data));
+        return true;
+      } catch (error) {
+        const { message } = error as Error;
+        app.notice(message, message === "cancelled" ? "info" : "error");
+        return false;
+      } finally {
+        bar.hidden = true;
+      }
+    },
+    cancel: () => app.send({ kind: "cancel", of: id }),
+  };
+}
+
 const KINDS: Record<string, string> = {
   "PNG, as shown": "png",
   "FITS, intensities": "fits",
@@ -58,12 +84,11 @@ const KINDS: Record<string, string> = {
   "Scene (TOML)": "toml",
   "Python script": "python",
 };
-const ENDINGS: Record<string, string> = { toml: "toml", python: "py" };
 
 export function saveDialog(app: App): Dialog {
   let kind = "png";
   let width = 2000;
-  const bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "progress" });
+  const maker = fileMaker(app);
   const size = numberField("Width", "pixels", (value) => (width = Math.max(1, Math.round(value))));
   size.update(width);
   const kinds = choice("Format", Object.keys(KINDS), (name) => {
@@ -71,17 +96,8 @@ export function saveDialog(app: App): Dialog {
     size.element.hidden = kind === "toml" || kind === "python";
   });
   const save = async () => {
-    bar.hidden = false;
-    try {
-      const what = kind === "toml" || kind === "python" ? { what: kind } : { what: kind, width };
-      const reply = await app.ask("export", what, (part) => (bar.value = part));
-      const name = reply.name ?? `voluminous.${ENDINGS[kind] ?? kind}`;
-      download(name, reply.mime ?? "text/plain", reply.text ?? fromBase64(reply.data));
-      made.element.close();
-    } catch (error) {
-      app.notice((error as Error).message, "error");
-    }
-    bar.hidden = true;
+    const what = kind === "toml" || kind === "python" ? { what: kind } : { what: kind, width };
+    if (await maker.make("export", what)) made.element.close();
   };
   const screen = () =>
     app.stage.canvas.toBlob(async (blob) => {
@@ -91,7 +107,7 @@ export function saveDialog(app: App): Dialog {
     "Save",
     kinds.element,
     size.element,
-    bar,
+    maker.bar,
     h("p", { class: "vlm-hint" }, "Drawn anew by the server at this width, with the scene in the header. What is on the screen is saved at once, as it is."),
     h("div", { class: "vlm-actions" }, button("Screen as PNG", "Save what is seen, without asking the server", screen), button("Save", "Save", () => void save(), "save")),
   );

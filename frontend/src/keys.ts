@@ -129,6 +129,7 @@ export class Keys {
       { keys: ["ctrl+Z", "ctrl+y", "U"], shown: "Ctrl Y or U", words: "redo", group, act: () => app.redo() },
       { keys: ["c"], shown: "c", words: "copy as Python", group, act: () => void app.copyScene("python") },
       { keys: ["C"], shown: "C", words: "copy as scene (TOML)", group, act: () => void app.copyScene("toml") },
+      { keys: ["l"], shown: "l", words: "copy a link to this scene", group, act: () => void app.copyLink() },
       { keys: ["s"], shown: "s", words: "save a picture or the scene", group, act: () => app.layout.save() },
       { keys: ["m"], shown: "m", words: "show or hide the panels", group: other, act: () => app.layout.togglePanels() },
       { keys: ["?", "h"], shown: "?", words: "this list", group: other, act: () => app.layout.help() },

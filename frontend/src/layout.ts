@@ -56,7 +56,7 @@ export function build(app: App): Layout {
   const stageBox = h(
     "div",
     { class: "vlm-stage", role: "region", "aria-label": "picture" },
-    stage.canvas, app.overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices,
+    stage.canvas, app.highlight.element, app.overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices,
   );
 
   const views = viewsPanel(app);

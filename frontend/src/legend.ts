@@ -2,7 +2,7 @@
 // show, with their colours where they are.
 
 import type { App } from "./app";
-import { given, isShell, profile, strengthOf, widthName } from "./media";
+import { given, isShell, shareAt, strengthOf, widthName } from "./media";
 import { gradient } from "./panels/media";
 import { valueAt } from "./tone";
 import { colorOf } from "./ui/color";
@@ -73,31 +73,14 @@ export class Legend {
     const { open } = this.app.store;
     const sum = [0, 0, 0];
     for (const { medium, i } of media) {
-      let color: number[] = [1, 1, 1];
-      let weight = 0;
-      if (medium.type === "isosurface") {
-        weight = Math.abs(x - (given(medium, "level", open, i) ?? NaN)) < 1.5 * step ? 1 : 0;
-        color = colorOf(medium.color ?? [1, 1, 1]);
-      } else if (medium.type === "colormap") {
-        const table = this.app.stage.tables.get(medium.cmap);
-        const [a, b] = [given(medium, "vmin", open, i), given(medium, "vmax", open, i)];
-        if (table && a !== null && b !== null) {
-          const k = 3 * Math.min(255, Math.max(0, Math.floor(((x - a) / (b - a)) * 256)));
-          color = [...table.subarray(k, k + 3)].map((v) => v / 255);
-          weight = 1;
-        }
-      } else {
-        weight = Math.min(1, profile(medium, x, open, i) / (strengthOf(medium) || 1));
-        color = colorOf(medium.color ?? medium.colors?.[nearest(medium.values ?? [], x)] ?? [1, 1, 1]);
-      }
+      const surface = medium.type === "isosurface";
+      const { tau, light } = shareAt(medium, x, open, i, this.app.stage.tables);
+      const near = Math.abs(x - (given(medium, "level", open, i) ?? NaN)) < 1.5 * step ? 1 : 0;
+      const weight = surface ? near : Math.min(1, tau / (strengthOf(medium) || 1));
+      const color = colorOf(surface ? medium.color ?? 1 : light.length ? light : 1);
       const most = Math.max(...color) || 1;
       for (let k = 0; k < 3; k++) sum[k] += (weight * color[k]) / most;
     }
     return sum;
   }
-}
-
-function nearest(values: any[], x: number): number {
-  const away = values.map((v) => Math.abs(Number.parseFloat(v) - x));
-  return away.indexOf(Math.min(...away));
 }

@@ -2,7 +2,8 @@
 // of an expression. Strength is an optical depth: of one crossing of a shell or a surface.
 
 import type { Patch } from "./store";
-import { pretty, numberOf, likewise } from "./ui/format";
+import { colorOf } from "./ui/color";
+import { pretty, numberOf, likewise, lengthIn } from "./ui/format";
 import type { Table } from "./wire";
 
 export const TYPES = ["gaussian", "rectangle", "isosurface", "colormap", "table", "coefficients"];
@@ -85,24 +86,57 @@ export function strengthened(medium: Table, index: number, tau: number, locked: 
 /** Whether emission can follow the strength: colours of surfaces and colormaps do so by definition. */
 export const canLock = (medium: Table): boolean => isShell(medium) || medium.type === "table";
 
-/** Strength over the value x, where a shape has one. */
-export function profile(medium: Table, x: number, open: Table, index: number): number {
+/** What one path length of a medium has where its expression is x: optical depth, and light per channel. */
+export interface Share {
+  tau: number;
+  /** Empty if it depends on another expression. */
+  light: number[];
+}
+
+const lightOf = (color: any): number[] => (Array.isArray(color) ? color : typeof color === "string" ? colorOf(color) : typeof color === "number" ? [color] : []);
+
+export function shareAt(medium: Table, x: number, open: Table, index: number, maps: Map<string, Uint8Array>): Share {
   const tau = strengthOf(medium);
-  const center = given(medium, "center", open, index);
-  const width = given(medium, widthName(medium), open, index);
-  if (medium.type === "gaussian" && center !== null && width) return tau * Math.exp(-0.5 * ((x - center) / width) ** 2);
-  if (medium.type === "rectangle" && center !== null && width) return Math.abs(x - center) <= width ? tau : 0;
-  if (medium.type === "colormap") return tau;
-  if (medium.type === "table") {
-    const values = numbers(medium.values);
-    const opacities = [medium.opacities ?? 0].flat().map((o: any) => mean(numbers(o)));
-    const i = values.findIndex((v) => v >= x);
-    if (i < 0 || x < values[0]) return 0;
-    if (i === 0) return opacities[0];
-    const t = (x - values[i - 1]) / (values[i] - values[i - 1]);
-    return (1 - t) * (opacities[i - 1] ?? 0) + t * (opacities[i] ?? 0);
+  const number = (name: string) => given(medium, name, open, index) ?? NaN;
+  if (isShell(medium)) {
+    const away = (x - number("center")) / number(widthName(medium));
+    const part = medium.type === "gaussian" ? Math.exp(-0.5 * away ** 2) || 0 : Math.abs(away) <= 1 ? 1 : 0;
+    return { tau: part * tau, light: lightOf(medium.color ?? 1).map((v) => part * v) };
   }
-  return 0;
+  if (medium.type === "colormap") {
+    const f = medium.norm === "log" ? Math.log : (v: number) => v;
+    const place = (f(x) - f(number("vmin"))) / (f(number("vmax")) - f(number("vmin")));
+    const map = maps.get(medium.cmap);
+    const at = 3 * Math.min(255, Math.max(0, Math.floor(256 * place)));
+    return { tau, light: map && at >= 0 ? [...map.subarray(at, at + 3)].map((v) => (tau * v) / 255) : [] };
+  }
+  if (medium.type !== "table") return { tau: 0, light: [] };
+  // Linear in between, and constant beyond the ends.
+  const values = numbers(medium.values);
+  const above = values.findIndex((v) => v >= x);
+  const b = above < 0 ? values.length - 1 : above;
+  const a = above < 0 ? b : Math.max(0, b - 1);
+  const t = b > a ? (x - values[a]) / (values[b] - values[a]) : 0;
+  const between = (list: number[]) => (1 - t) * list[a] + t * (list[b] ?? list[a]);
+  const lights = values.map((_, k) => lightOf(medium.colors?.[k]));
+  const opacities = values.map((_, k) => mean(numbers(Array.isArray(medium.opacities) ? medium.opacities[k] : medium.opacities ?? 0)));
+  return { tau: between(opacities), light: lights[0].map((_, c) => between(lights.map((light) => light[c]))) };
+}
+
+/**
+ * Extinction and emission (per channel) of all media together, per unit of length, where an expression has
+ * the values xs; null if there are none, or one's path length has a unit that the page does not know.
+ */
+export function totals(media: Table[], expr: string, xs: number[], open: Table, maps: Map<string, Uint8Array>, channels: number, unit: string) {
+  const parts = media.flatMap((medium, i) => {
+    if (medium.hidden || medium.expr !== expr || medium.type === "isosurface") return [];
+    const own = lengthIn(medium.path_length, unit) ?? (numberOf(medium.path_length) === null ? open[`medium.${i}.path_length`] : NaN);
+    return [xs.map((x) => shareAt(medium, x, open, i, maps)).map(({ tau, light }) => ({ alpha: tau / own, j: light.map((v) => v / own) }))];
+  });
+  const sum = (of: (share: { alpha: number; j: number[] }) => number) => xs.map((_, k) => parts.reduce((all, part) => all + of(part[k]), 0));
+  const alpha = sum((share) => share.alpha);
+  const j = [...Array(channels).keys()].map((c) => sum((share) => share.j[c] ?? share.j[0] ?? 0));
+  return parts.length && alpha.every(Number.isFinite) ? { alpha, j } : null;
 }
 
 /** Words for a strength: what one crossing takes away. */

@@ -8,18 +8,17 @@ const TOKEN = "voluminous-token";
 const SHORTEST_MS = 250;
 const LONGEST_MS = 8000;
 
-/** The token comes behind the #, which is sent to nobody, and does not stay in the address. */
-function token(): string {
-  const given = /(?:^#|&)token=([^&]+)/.exec(location.hash)?.[1];
-  if (given) {
-    sessionStorage.setItem(TOKEN, given);
-    history.replaceState(null, "", location.pathname + location.search);
-  }
-  return sessionStorage.getItem(TOKEN) ?? "";
-}
+/** The token comes behind the #, which is sent to nobody, and does not stay in the address; nor does a scene. */
+const link = location.hash;
+const given = /[#&]token=([^&]+)/.exec(link)?.[1];
+if (given) sessionStorage.setItem(TOKEN, given);
+if (link) history.replaceState(null, "", location.pathname + location.search);
+// Another link, pasted into the address of this page.
+addEventListener("hashchange", () => location.reload());
 
 class Socket implements Model {
   readonly follows = new URLSearchParams(location.search).has("follow");
+  readonly link = link;
   private socket: WebSocket | null = null;
   private listeners = new Map<string, ((...args: any[]) => void)[]>();
   private wait = SHORTEST_MS;
@@ -85,7 +84,7 @@ class Socket implements Model {
 const address = new URL("ws", location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 address.hash = "";
-const model = new Socket(address.href, token());
+const model = new Socket(address.href, sessionStorage.getItem(TOKEN) ?? "");
 const el = document.createElement("main");
 document.body.classList.add("vlm-page");
 document.body.append(el);

@@ -92,10 +92,33 @@ export function fromBase64(text: string): Uint8Array {
   return bytes;
 }
 
+export function toBase64(bytes: Uint8Array): string {
+  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+}
+
+/** One question at a time: of all that come meanwhile only the newest follows. */
+export function newest<T>(ask: (what: T) => Promise<void>): (what: T) => void {
+  let next: { what: T } | null = null;
+  let busy = false;
+  return async (what) => {
+    next = { what };
+    if (busy) return;
+    busy = true;
+    while (next) {
+      const now = next.what;
+      next = null;
+      await ask(now);
+    }
+    busy = false;
+  };
+}
+
 /** What the explorer needs of anywidget's model; the page makes one over a websocket. */
 export interface Model {
   /** Only watches: sends no changes. */
   follows?: boolean;
+  /** A link to a scene, with which the page was opened. */
+  link?: string;
   on(event: string, callback: (...args: any[]) => void): void;
   off?(event: string, callback?: (...args: any[]) => void): void;
   send(content: any, callbacks?: any, buffers?: ArrayBuffer[]): void;

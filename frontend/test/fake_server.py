@@ -215,6 +215,24 @@ class Fake:
                 "high": float(cut.max()),
                 "unit": "cm-3",
             }
+        if m["kind"] == "thumbnail":
+            out = io.BytesIO()
+            tint = sum(map(ord, m["name"] or "")) % 200 + 40
+            Picture.new("RGB", (96, 72), (tint, 60, 240 - tint)).save(out, "JPEG")
+            return {"mime": "image/jpeg", "data": base64.b64encode(out.getvalue()).decode()}
+        if m["kind"] == "highlight":
+            light = self.last.intensity.mean(axis=-1)[::-1]
+            part = (255 * light / light.max()).astype(np.uint8)
+            return {
+                "width": part.shape[1],
+                "height": part.shape[0],
+                "data": base64.b64encode(part.tobytes()).decode(),
+            }
+        if m["kind"] == "load":
+            if "[[medium]]" not in m["text"]:
+                raise ValueError("there is no [[medium]]")
+            self.change([("image.exposure", 3.0)], "load")
+            return {}
         if m["kind"] == "export":
             return {
                 "name": "core.toml",
@@ -287,6 +305,17 @@ async def talk(fake: Fake, socket) -> None:
                     break
             fake.painting = wake.is_set()
 
+    async def film(m: dict) -> None:
+        reply = {"name": "film.gif", "mime": "image/gif", "data": base64.b64encode(b"GIF").decode()}
+        try:
+            for k in range(30):
+                await asyncio.sleep(0.1)
+                await socket.send(json.dumps({"kind": "progress", "id": m["id"], "done": k / 30}))
+        except asyncio.CancelledError:
+            reply = {"error": "cancelled"}
+        await socket.send(json.dumps({"kind": "reply", "id": m["id"], **reply}))
+
+    films: dict[int, asyncio.Task] = {}
     painter = asyncio.create_task(paint())
     try:
         async for text in socket:
@@ -311,12 +340,23 @@ async def talk(fake: Fake, socket) -> None:
             elif kind in ("undo", "redo"):
                 fake.step(kind == "undo")
                 await socket.send(json.dumps(fake.told(n)))
-            elif kind in ("probe", "histogram", "slice", "export"):
+            elif kind == "film":
+                films[m["id"]] = asyncio.create_task(film(m))
+                continue
+            elif kind == "cancel":
+                films[m["of"]].cancel()
+                continue
+            elif kind in (
+                "probe", "histogram", "slice", "export", "load", "thumbnail", "highlight",
+            ):  # fmt: skip
                 try:
                     reply = await asyncio.to_thread(fake.answer, m)
                 except Exception as error:  # the page shows it
                     reply = {"error": repr(error)}
                 await socket.send(json.dumps({"kind": "reply", "id": m["id"], **reply}))
+                if kind == "load" and "error" not in reply:
+                    await socket.send(json.dumps(fake.told(n)))
+                    wake.set()
                 continue
             elif kind == "suggest":
                 await socket.send(json.dumps({"kind": "reply", "id": m["id"]}))

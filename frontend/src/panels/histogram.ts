@@ -3,7 +3,7 @@
 // of the optical depth, as eyes need it; counts are logarithmic too, since halos are faint.
 
 import type { App } from "../app";
-import { another, colorFor, given, isShell, profile, strengthened, strengthOf, STRONGEST, WEAKEST, widthName } from "../media";
+import { another, colorFor, given, isShell, shareAt, strengthened, strengthOf, STRONGEST, WEAKEST, widthName } from "../media";
 import type { Patch } from "../store";
 import { vivid } from "../ui/color";
 import { refill, svg } from "../ui/dom";
@@ -45,13 +45,25 @@ export class Histogram {
   constructor(
     private app: App,
     private choose: (index: number) => void,
+    private hovered: (value: number | null) => void,
+    private drawn: () => void,
   ) {
     this.element.append(this.back, this.front);
     this.element.addEventListener("wheel", (event) => this.zoom(event), { passive: false });
+    this.element.addEventListener("pointermove", (event) => this.hover(event.buttons ? null : this.mouse(event)[0]));
+    this.element.addEventListener("pointerleave", () => this.hover(null));
     this.element.addEventListener("dblclick", () => {
       this.domain = null;
       this.draw();
     });
+  }
+
+  /** Tell what is under the pointer, or under the handle that has the focus. */
+  private hover(x: number | null): void {
+    this.hovered(x === null ? null : this.fromX(x));
+    const few = 4;
+    const [low, high] = [this.fromX((x ?? 0) - few), this.fromX((x ?? 0) + few)];
+    this.app.highlight.ask(x === null || !this.data ? null : { expr: this.data.expr, low, high });
   }
 
   show(data: Message | null): void {
@@ -68,18 +80,24 @@ export class Histogram {
     return [0, 1];
   }
 
+  /** Values from the left edge to the right one, and the same as places: for a plot below. */
+  get across(): { values: number[]; places: number[] } {
+    const places = [...Array(WIDTH / 2 - 1).keys()].map((k) => 2 * (k + 1));
+    return { places, values: places.map((x) => this.fromX(x)) };
+  }
+
   /** A histogram over logarithmic edges is drawn over their logarithms. */
   private get logarithmic(): boolean {
     return Boolean(this.data?.log) && this.range[0] > 0;
   }
 
-  private toX(value: number): number {
+  toX(value: number): number {
     const f = this.logarithmic ? Math.log : (v: number) => v;
     const [a, b] = this.range.map(f);
     return SIDE + ((f(value) - a) / (b - a || 1)) * (WIDTH - 2 * SIDE);
   }
 
-  private fromX(x: number): number {
+  fromX(x: number): number {
     const t = (x - SIDE) / (WIDTH - 2 * SIDE);
     const [a, b] = this.range;
     return this.logarithmic ? a * (b / a) ** t : a + t * (b - a);
@@ -124,6 +142,7 @@ export class Histogram {
     this.current = handles;
     handles.forEach((hd, i) => this.front.children[i]?.classList.toggle("vlm-none", hd.x < 0 || hd.x > WIDTH));
     this.element.setAttribute("aria-label", `Histogram of ${expr ?? "nothing"}`);
+    this.drawn();
   }
 
   private current: Handle[] = [];
@@ -180,7 +199,7 @@ export class Histogram {
     // Only where it is above the lowest strength of the axis: no line along the bottom.
     const points: string[] = [];
     for (let x = SIDE; x <= WIDTH - SIDE; x += 1) {
-      const tau = profile(medium, this.fromX(x), open, i);
+      const { tau } = shareAt(medium, this.fromX(x), open, i, this.app.stage.tables);
       if (tau > 10 ** WEAKEST) points.push(`${x} ${this.toY(tau).toFixed(1)}`);
     }
     if (!points.length) return svg("g");
@@ -262,12 +281,12 @@ export class Histogram {
     let moved = false;
     element.addEventListener("pointerdown", (event) => {
       event.preventDefault();
+      this.held = i;
       element.focus();
       element.setPointerCapture(event.pointerId);
       const [x, y] = this.mouse(event);
       const { x: hx, y: hy } = this.current[i];
       start = { x: hx, y: hy, dx: hx - x, dy: hy - y };
-      this.held = i;
       moved = false;
     });
     element.addEventListener("pointermove", (event) => {
@@ -289,7 +308,10 @@ export class Histogram {
       event.preventDefault();
       const step = event.shiftKey ? 0.1 : 0.01;
       this.current[i]?.step(step * right, step * up);
+      this.hover(this.current[i]?.x ?? null);
     });
+    element.addEventListener("focus", () => this.held === null && this.hover(this.current[i]?.x ?? null));
+    element.addEventListener("blur", () => this.hover(null));
     this.place(i, made, element);
     return element;
   }

@@ -2,12 +2,13 @@
 
 import type { App } from "../app";
 import type { Panel } from "../layout";
-import { absorbed, canLock, colorFor, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, TYPES, WEAKEST, widthName } from "../media";
+import { absorbed, canLock, colorFor, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, totals, TYPES, WEAKEST, widthName } from "../media";
 import { colorOf, SAFE, toHex, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
 import { choice, labelled, numberField, slider, textField, toggle } from "../ui/fields";
-import { likewise, numberOf, pretty, prettyLength, prettyUnit } from "../ui/format";
+import { likewise, numberOf, pretty, prettyLength, prettyUnit, withUnit } from "../ui/format";
 import type { Message, Table } from "../wire";
+import { coefficientCurves, Plot } from "../ui/lines";
 import { Histogram } from "./histogram";
 
 const BINS = 160;
@@ -25,7 +26,22 @@ export function mediaPanel(app: App): Panel {
     histogram.chosen = i;
     update();
   };
-  const histogram = new Histogram(app, select);
+  const total = new Plot("all media", (x) => readOut(x === null ? null : histogram.fromX(x)));
+  const histogram = new Histogram(app, select, readOut, drawTotal);
+
+  /** The cursor of the plot of all media, and what is there. */
+  function readOut(value: number | null): void {
+    total.at(value === null ? null : histogram.toX(value), value === null ? "" : withUnit(value, histogram.data?.unit));
+  }
+
+  /** Emission and extinction of all media together, under the histogram. */
+  function drawTotal(): void {
+    const { values, places } = histogram.across;
+    const unit = app.info?.unit ?? "";
+    const found = totals(media(), histogram.data?.expr, values, store.open, app.stage.tables, store.channels, unit);
+    total.element.hidden = !found;
+    if (found) total.show(places, coefficientCurves(found.j, [found.alpha]), unit ? prettyUnit(`1 / ${unit}`) : "per length");
+  }
 
   let logarithmic: boolean | null = null;
   const axis = toggle("log axis", (on) => {
@@ -68,13 +84,7 @@ export function mediaPanel(app: App): Panel {
     select(media().length - 1);
   };
   const kind = h("select", { "aria-label": "Kind of a new medium" }, ...TYPES.map((type) => h("option", { value: type }, NAMES[type])));
-  const presets = h("select", { "aria-label": "Presets" });
-  presets.addEventListener("change", () => {
-    if (presets.value) suggest(presets.value);
-    presets.value = "";
-  });
-  const suggest = (name: string | null) =>
-    app.ask("suggest", { name }).then(() => select(0), (error) => app.notice(error.message, "warning"));
+  const presets = presetMenu(app, () => select(0));
   const addFresh = () => {
     const expr = exprOf(media()[chosen]);
     const [low, high] = histogram.range;
@@ -131,11 +141,6 @@ export function mediaPanel(app: App): Panel {
     if (exprOf(media()[chosen]) !== histogram.data?.expr) {
       void load();
     }
-    const names: string[] = app.welcome?.presets ?? [];
-    if (presets.childElementCount !== names.length + 1) {
-      refill(presets, h("option", { value: "" }, "Presets …"), ...names.map((name) => h("option", { value: name }, name)));
-      presets.hidden = !names.length;
-    }
     drawList();
     editor.update();
     histogram.draw();
@@ -145,13 +150,13 @@ export function mediaPanel(app: App): Panel {
     element: h(
       "div",
       {},
-      h("div", { class: "vlm-plot" }, histogram.element),
+      h("div", { class: "vlm-plot" }, histogram.element, total.element),
       h("div", { class: "vlm-line" }, axis.element, h("span", { class: "vlm-hint" }, "drag the shapes; Shift: one axis")),
       list,
       h(
         "div",
         { class: "vlm-actions vlm-adding" },
-        kind, button("Add", "Add a medium of this kind", addFresh, "plus"), h("span", { class: "vlm-break" }), button("Suggest", "Media by quantiles of the values", () => void suggest(null)), presets,
+        kind, button("Add", "Add a medium of this kind", addFresh, "plus"), h("span", { class: "vlm-break" }), presets, h("span", { class: "vlm-gap" }),
         button("", "Duplicate the chosen medium", duplicate, "copy"), button("", "Remove the chosen medium", remove, "bin"),
       ),
       editor.element,
@@ -159,6 +164,41 @@ export function mediaPanel(app: App): Panel {
     update,
     shown: () => void load(),
   };
+}
+
+/** Presets, each with a small picture of this volume from here; those are asked for when the list opens. */
+function presetMenu(app: App, taken: () => void): HTMLElement {
+  const list = h("ul", { class: "vlm-presets" });
+  const menu = h("details", { class: "vlm-preset-menu" }, h("summary", { title: "Media made for this volume" }, "Presets ▾"), list);
+  const take = (name: string | null) => {
+    menu.open = false;
+    app.ask("suggest", { name }).then(taken, (error) => app.notice(error.message, "warning"));
+  };
+  let known = "";
+  menu.addEventListener("toggle", async () => {
+    const now = JSON.stringify([app.store.document.camera, app.store.document.volume]);
+    if (!menu.open || now === known) return;
+    known = now;
+    const names: (string | null)[] = [null, ...(app.welcome?.presets ?? [])];
+    const images = names.map(() => h("img", { alt: "" }));
+    refill(list, ...names.map((name, i) => h("li", {}, h("button", { type: "button", onclick: () => take(name) }, images[i], h("span", {}, (name ?? "suggested").replaceAll("_", " "))))));
+    // One after the other, and none after a click: the server answers in order.
+    for (let i = 0; i < names.length && menu.open && known === now; i++) {
+      try {
+        const { mime, data } = await app.ask("thumbnail", { name: names[i] });
+        images[i].src = `data:${mime};base64,${data}`;
+      } catch (error) {
+        images[i].closest("button")!.title = (error as Error).message;
+      }
+      if (i + 1 < names.length && !menu.open) known = "";
+    }
+  });
+  menu.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    menu.open = false;
+    menu.querySelector("summary")!.focus();
+  });
+  return menu;
 }
 
 /** A colormap as a background of CSS. */

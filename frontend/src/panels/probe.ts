@@ -7,11 +7,10 @@ import { fresh } from "../media";
 import { SAFE, vivid } from "../ui/color";
 import { button, h, refill } from "../ui/dom";
 import { pretty, prettyLength, prettyUnit, withUnit } from "../ui/format";
-import { type Curve, Plot } from "../ui/lines";
+import { channelCurves, coefficientCurves, Plot } from "../ui/lines";
 import { add, sub, times, unit } from "../vec";
 import type { Message, Table, Vec3 } from "../wire";
 
-const CHANNELS = ["#ff6b6b", "#5bd68a", "#6aa8ff", "#e6c35c", "#c58cff"];
 const FIELDS = ["#e69f00", "#56b4e9", "#cc79a7", "#f0e442", "#009e73", "#b8c4d0"];
 
 export function probePanel(app: App): Panel {
@@ -79,15 +78,6 @@ export function probePanel(app: App): Panel {
     ),
   );
 
-  function channels(rows: number[][], name: string): Curve[] {
-    const same = rows.length > 1 && rows.every((row) => row.every((v, i) => v === rows[0][i]));
-    return (same ? rows.slice(0, 1) : rows).map((values, c) => ({
-      name: rows.length === 1 || same ? name : c === 0 ? `${name} 1` : String(c + 1),
-      values,
-      color: rows.length === 1 || same ? "#d5dde6" : CHANNELS[c % CHANNELS.length],
-    }));
-  }
-
   return {
     element: h("div", {}, empty, body),
     update() {
@@ -96,14 +86,15 @@ export function probePanel(app: App): Panel {
       shown = reply;
       empty.hidden = true;
       body.hidden = false;
-      const unitOf = app.info?.unit ?? "";
+      const unitOf = reply.unit ?? app.info?.unit ?? "";
+      const light = prettyUnit(reply.units?.intensity);
+      const per = unitOf ? prettyUnit(`1 / ${unitOf}`) : "";
       const x: number[] = reply.distance ?? [];
       const fields = Object.entries((reply.fields ?? {}) as Record<string, number[]>);
-      plots[0].show(x, fields.map(([name, line], i) => ({ name, values: line, color: FIELDS[i % FIELDS.length] })), fields.length === 1 ? reply.units?.[fields[0][0]] : "");
-      const alpha = channels(reply.extinction ?? [], "α").map((curve) => ({ ...curve, color: "#8d99a6" }));
-      plots[1].show(x, [...channels(reply.emissivity ?? [], "j"), ...alpha]);
-      plots[2].show(x, channels(reply.optical_depth ?? [], "τ"), "", false);
-      plots[3].show(x, channels(reply.accumulated ?? [], "I"), reply.units?.intensity, false);
+      plots[0].show(x, fields.map(([name, line], i) => ({ name, values: line, color: FIELDS[i % FIELDS.length] })), fields.length === 1 ? prettyUnit(reply.units?.[fields[0][0]]) : "");
+      plots[1].show(x, coefficientCurves(reply.emissivity ?? [], reply.extinction ?? []), light ? `j ${light} ${per}, α ${per}` : per);
+      plots[2].show(x, channelCurves(reply.optical_depth ?? [], "τ"), "", false);
+      plots[3].show(x, channelCurves(reply.accumulated ?? [], "I"), light, false);
       refill(axis, h("span", {}, prettyLength(x[0] ?? 0, unitOf)), h("span", {}, "distance along the ray"), h("span", {}, prettyLength(x[x.length - 1] ?? 0, unitOf)));
       const rows: [string, string][] = [
         ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + ` ${prettyUnit(reply.units?.intensity)}`],

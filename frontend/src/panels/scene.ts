@@ -17,6 +17,40 @@ export function scenePanel(app: App): Panel {
     return { what, text, element };
   };
   const boxes = [box("python", "Python", "c"), box("toml", "Scene file (TOML)", "C")];
+
+  const given = h("textarea", { rows: 3, spellcheck: "false", "aria-label": "Scene file or link", placeholder: "Paste a scene file (TOML) or a link here, or drop a file" });
+  const wrong = h("p", { class: "vlm-wrong", role: "alert" });
+  const take = async (text: string) => {
+    wrong.textContent = "";
+    try {
+      await app.load(text.trim());
+      given.value = "";
+    } catch (error) {
+      wrong.textContent = (error as Error).message;
+    }
+  };
+  const takeFile = (list?: FileList | null) => void list?.[0]?.text().then(take);
+  const file = h("input", { type: "file", accept: ".toml", hidden: true, onchange: () => takeFile(file.files) });
+  const element = h(
+    "div",
+    {
+      ondragover: (event: DragEvent) => event.preventDefault(),
+      ondrop: (event: DragEvent) => {
+        if (!event.dataTransfer?.files.length) return;
+        event.preventDefault();
+        takeFile(event.dataTransfer.files);
+      },
+    },
+    h("h3", {}, "Load a scene"), given, wrong,
+    h(
+      "div", { class: "vlm-actions" },
+      button("Load", "Take media, camera and picture of this scene; the volume stays", () => void take(given.value)),
+      button("Open a file", "A scene file (TOML)", () => file.click()), file,
+      button("Copy link", "A link to this scene, for others who look at this volume  (l)", () => void app.copyLink(), "copy"),
+    ),
+    ...boxes.map((b) => b.element),
+    h("p", { class: "vlm-hint" }, "Either makes this picture again, in a script or with: voluminous scene.toml"),
+  );
   let revision = "";
   let timer = 0;
 
@@ -39,7 +73,7 @@ export function scenePanel(app: App): Panel {
   }
 
   return {
-    element: h("div", {}, ...boxes.map((b) => b.element), h("p", { class: "vlm-hint" }, "Either makes this picture again, in a script or with: voluminous scene.toml")),
+    element,
     update,
     shown: () => {
       revision = "";

@@ -5,7 +5,7 @@ import type { Panel } from "../layout";
 import { h } from "../ui/dom";
 import { choice, slider, textField, toggle } from "../ui/fields";
 import { pretty, prettyLength, withUnit } from "../ui/format";
-import { fromBase64, type Message, type Vec3 } from "../wire";
+import { fromBase64, type Message, newest, type Vec3 } from "../wire";
 
 const SIZE = 256;
 const SIDES = ["x", "y", "z"];
@@ -17,8 +17,6 @@ export function slicePanel(app: App): Panel {
   let log: boolean | null = null;
   let reply: Message | null = null;
   let data: Float32Array = new Float32Array();
-  let busy = false;
-  let again = false;
 
   const canvas = h("canvas", { class: "vlm-slice", width: SIZE, height: SIZE, role: "img", "aria-label": "slice" });
   const told = h("p", { class: "vlm-hint vlm-readout" }, "Move over the slice to read values.");
@@ -38,14 +36,11 @@ export function slicePanel(app: App): Panel {
 
   function change(how: () => void): void {
     how();
-    void load();
+    load(null);
   }
 
-  /** One request at a time; the newest wish follows. */
-  async function load(): Promise<void> {
-    if (busy) return void (again = true);
+  const load = newest(async () => {
     if (!expr) return;
-    busy = true;
     try {
       reply = await app.ask("slice", { expr, axis, at, size: SIZE });
       const bytes = fromBase64(reply.data);
@@ -54,12 +49,7 @@ export function slicePanel(app: App): Panel {
     } catch (error) {
       app.notice((error as Error).message, "warning");
     }
-    busy = false;
-    if (again) {
-      again = false;
-      void load();
-    }
-  }
+  });
 
   function draw(): void {
     if (!reply) return;
@@ -128,8 +118,6 @@ export function slicePanel(app: App): Panel {
       axes.update(SIDES[axis]);
       place.update(at);
     },
-    shown() {
-      void load();
-    },
+    shown: () => load(null),
   };
 }

@@ -4,10 +4,10 @@ import type { App } from "../app";
 import { tableOf, viewFrom, type View } from "../camera";
 import type { Panel } from "../layout";
 import { button, h, refill } from "../ui/dom";
-import { numberField } from "../ui/fields";
 import { pretty } from "../ui/format";
 import { length, sub, times, unit, type Vec3 } from "../vec";
 import type { Table } from "../wire";
+import { filmMaker } from "./film";
 
 export interface Views extends Panel {
   go(number: number): void;
@@ -26,10 +26,8 @@ export function viewsPanel(app: App): Views {
   // Pictures stay here: the document has cameras only.
   const pictures = new Map<string, string>();
   let shown = "";
-  let between = 60;
   const list = h("ol", { class: "vlm-views" });
-  const frames = numberField("Frames apart", "", (value) => (between = Math.max(1, Math.round(value))));
-  frames.update(between);
+  const film = filmMaker(app, () => kept().map((one) => one.camera));
 
   const kept = (): Kept[] => app.store.document.bookmarks ?? [];
   const put = (list: Kept[], label: string) => app.store.set([["bookmarks", list]], label);
@@ -72,6 +70,7 @@ export function viewsPanel(app: App): Views {
 
   /** What `voluminous.keyframes` takes: (frame, camera) pairs. */
   function python(): string {
+    const between = Math.max(1, Math.round((film.frames - 1) / Math.max(1, kept().length - 1)));
     const cameras = kept().map(({ camera: { type, ...table } }, i) => {
       const named = Object.entries(table).map(([name, value]) => `${name}=${JSON.stringify(value)}`);
       return `    (${i * between}, vm.${type === "perspective" ? "Perspective" : "Orthographic"}(${named.join(", ")})),`;
@@ -93,6 +92,7 @@ export function viewsPanel(app: App): Views {
   }
 
   function draw(): void {
+    film.update();
     const key = JSON.stringify(kept());
     if (key === shown) return;
     shown = key;
@@ -106,10 +106,8 @@ export function viewsPanel(app: App): Views {
       "div", {},
       h("h3", {}, "Kept views"), list,
       h("div", { class: "vlm-actions" }, button("Keep this view", "Under the next free digit", () => keep(next()), "plus")),
-      h("h3", {}, "Keyframes of a film"),
-      h("p", { class: "vlm-hint" }, "The kept views, in the order of their digits, as Python for voluminous.movie."),
-      frames.element,
-      h("div", { class: "vlm-actions" }, button("Copy keyframes", "As Python", () => void app.copy(python(), "Keyframes"), "copy")),
+      h("h3", {}, "Film"), film.element,
+      h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void app.copy(python(), "Keyframes"), "copy")),
     ),
     update: draw,
     go,

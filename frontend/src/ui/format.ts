@@ -64,10 +64,14 @@ export function numberOf(quantity: any): number | null {
   return Number.isFinite(number) ? number : null;
 }
 
+/** The unit of a quantity: of "3 pc" it is pc. */
+export function unitOf(quantity: any): string {
+  return typeof quantity === "string" ? quantity.replace(/^\s*[-+]?[\d.]+(e[-+]?\d+)?\s*/i, "") : "";
+}
+
 /** Another number in the unit of an old quantity. */
 export function likewise(old: any, value: number): number | string {
-  if (typeof old !== "string") return value;
-  const unit = /^\s*[-+0-9.eE]+\s*(.*)$/.exec(old)?.[1] ?? "";
+  const unit = unitOf(old);
   return unit ? `${value} ${unit}` : value;
 }
 
@@ -95,6 +99,17 @@ const LENGTHS: [string, number][] = [
 ];
 const OTHER: Record<string, string> = { AU: "au", um: "µm", micron: "µm", R_sun: "R☉", solRad: "R☉" };
 
+const sizeOf = (unit: string): [string, number] | undefined => LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
+
+/** A length (a number, or a text with a unit) in a unit; null if one of the units is none that is known here. */
+export function lengthIn(quantity: any, unit: string): number | null {
+  const number = numberOf(quantity);
+  const own = unitOf(quantity);
+  if (number === null || own === "" || own === unit) return number;
+  const [from, to] = [sizeOf(own), sizeOf(unit)];
+  return from && to ? (number * from[1]) / to[1] : null;
+}
+
 /** A round length not above `most`, with the unit that suits it. */
 export function roundLength(most: number, unit: string): { length: number; text: string } {
   const down = (value: number) => {
@@ -102,7 +117,7 @@ export function roundLength(most: number, unit: string): { length: number; text:
     const first = value / power;
     return (first >= 5 ? 5 : first >= 2 ? 2 : 1) * power;
   };
-  const own = LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
+  const own = sizeOf(unit);
   if (!own) return { length: down(most), text: withUnit(down(most), unit) };
   const [name, size] = suited(most * own[1], own[1]);
   const value = down((most * own[1]) / size);
@@ -117,7 +132,7 @@ function suited(length: number, own: number): [string, number] {
 
 /** A length in the unit that suits it; not rounded to a round one. */
 export function prettyLength(length: number, unit: string): string {
-  const own = LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
+  const own = sizeOf(unit);
   if (!own || !length) return withUnit(length, unit);
   const [name, size] = suited(Math.abs(length) * own[1], own[1]);
   return `${pretty((length * own[1]) / size)} ${name}`;

@@ -1,7 +1,7 @@
 // A small plot of curves over one axis, with a cursor that several plots share.
 
 import { h, refill, svg } from "./dom";
-import { pretty, prettyUnit, ticks } from "./format";
+import { pretty, ticks } from "./format";
 
 const WIDTH = 320;
 const HEIGHT = 64;
@@ -11,6 +11,20 @@ export interface Curve {
   name: string;
   values: number[];
   color: string;
+}
+
+const CHANNELS = ["#ff6b6b", "#5bd68a", "#6aa8ff", "#e6c35c", "#c58cff"];
+
+/** A curve for each channel; one if all are the same. */
+export function channelCurves(rows: number[][], name: string): Curve[] {
+  const grey = rows.every((row) => row.every((v, i) => v === rows[0][i]));
+  if (grey) return rows.slice(0, 1).map((values) => ({ name, values, color: "#d5dde6" }));
+  return rows.map((values, c) => ({ name: c === 0 ? `${name} 1` : String(c + 1), values, color: CHANNELS[c % CHANNELS.length] }));
+}
+
+/** Emission of each channel, and extinction. */
+export function coefficientCurves(j: number[][], alpha: number[][]): Curve[] {
+  return [...channelCurves(j, "j"), ...channelCurves(alpha, "α").map((curve) => ({ ...curve, color: "#8d99a6" }))];
 }
 
 export class Plot {
@@ -65,14 +79,14 @@ export class Plot {
     refill(this.area, ...grid, ...paths, this.cursor);
     this.high.textContent = all.length ? pretty(most, 2) + (log ? " log" : "") : "";
     this.low.textContent = all.length ? pretty(least, 2) : "";
-    this.unit = prettyUnit(unit);
+    this.unit = unit;
     this.at(null);
   }
 
   private unit = "";
 
   /** Put the cursor at a value of the axis, and say what the curves are there. */
-  at(value: number | null): void {
+  at(value: number | null, where = ""): void {
     const n = this.x.length;
     const hidden = value === null || !n;
     this.cursor.classList.toggle("vlm-none", hidden);
@@ -89,6 +103,6 @@ export class Plot {
       entry.style.setProperty("--curve", curve.color);
       return entry;
     });
-    refill(this.legend, h("strong", {}, this.title), ...entries, h("em", {}, this.unit));
+    refill(this.legend, h("strong", {}, where || this.title), ...entries, h("em", {}, this.unit));
   }
 }
