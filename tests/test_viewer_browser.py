@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 import os
 import shutil
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -225,3 +228,152 @@ def test_a_lost_graphics_context_is_made_again(tab):
     tab.press("ArrowRight")
     tab.rest()
     tab.shows(tab.image(), 2.0)
+
+
+def until(tab, true):
+    """Wait until something is true."""
+    end = time.monotonic() + SECONDS
+    while not true():
+        assert time.monotonic() < end
+        tab.page.wait_for_timeout(20)
+
+
+def panel(tab, name):
+    tab.page.get_by_role("tab", name=name).click()
+    return tab.page.get_by_role("tabpanel", name=name)
+
+
+def undo_list(tab):
+    return tab.explorer.document.labels[0]
+
+
+def test_a_scene_file_is_pasted_or_dropped(tab):
+    given = "[camera]\nincl = 10\nphi = 80\nwidth = 2e17\n[[medium]]\ntype = 'isosurface'\n"
+    given += "expr = 'log10(density)'\nlevel = 4.0\ncolor = 'orange'\n"
+    scene = panel(tab, "Scene")
+    scene.get_by_label("Scene file or link").fill(given.replace("density", "dust"))
+    scene.get_by_role("button", name="Load").click()
+    wrong = scene.get_by_role("alert")
+    until(tab, lambda: "dust" in wrong.inner_text())
+    assert undo_list(tab) == []
+    scene.get_by_label("Scene file or link").fill(given)
+    scene.get_by_role("button", name="Load").click()
+    until(tab, lambda: tab.page.locator(".vlm-angles").inner_text().startswith("incl 10.0°"))
+    assert wrong.inner_text() == ""
+    assert len(undo_list(tab)) == 1
+    tab.rest()
+    assert tab.view.camera.phi == 80
+    assert isinstance(tab.view.medium, vm.Isosurface)
+    tab.shows(tab.image(), 2.0)
+    dropped = given.replace("incl = 10", "incl = 70").encode()
+    file = {"name": "scene.toml", "mimeType": "application/toml", "buffer": dropped}
+    scene.locator("input[type=file]").set_input_files(file)
+    until(tab, lambda: tab.view.camera.incl == 70)
+
+
+def test_a_link_carries_the_scene_and_no_secret(browser):
+    tab = Tab(browser, bypass_csp=True, permissions=["clipboard-read", "clipboard-write"])
+    tab.press("ArrowRight")
+    tab.page.keyboard.press("e")
+    until(tab, lambda: undo_list(tab) == ["exposure"])
+    tab.rest()
+    tab.page.keyboard.press("l")
+    tab.page.get_by_text("Link copied").wait_for()
+    link = tab.page.evaluate("navigator.clipboard.readText()")
+    head, _, packed = link.partition("#scene=")
+    secret = tab.view.url.partition("#token=")[2]
+    assert head == tab.view.url.partition("#")[0]
+    assert secret not in link
+    raw = zlib.decompress(base64.urlsafe_b64decode(packed + "=" * (-len(packed) % 4)))
+    assert set(json.loads(raw)) == {"medium", "camera", "render", "image"}
+    turned, exposure = tab.view.camera, tab.explorer.document.settings["image"]["exposure"]
+
+    tab.page.keyboard.press("e")
+    until(tab, lambda: undo_list(tab) == ["exposure"] * 2)
+    for address in (link, f"{link}&token={secret}"):  # the token is kept, or is in the address too
+        tab.press("ArrowUp")
+        tab.page.goto("about:blank")
+        tab.page.goto(address)
+        until(tab, lambda: undo_list(tab)[-1:] == ["shared scene"])
+        assert "#" not in tab.page.url
+        tab.rest()
+        assert tab.view.camera == turned
+        assert tab.explorer.document.settings["image"]["exposure"] == exposure
+        tab.shows(tab.image(), 2.0, exposure=exposure)
+
+    before = tab.explorer.document.revision
+    wrong = raw.replace(b"density", b"dust")
+    wrong = base64.urlsafe_b64encode(zlib.compress(wrong)).decode().rstrip("=")
+    scene = panel(tab, "Scene")
+    scene.get_by_label("Scene file or link").fill(f"{head}#scene={wrong}")
+    scene.get_by_role("button", name="Load").click()
+    tab.page.locator(".vlm-error").get_by_text("dust").wait_for()
+    assert tab.explorer.document.revision == before
+    tab.shows(tab.image(), 2.0, exposure=exposure)
+    tab.close()
+
+
+def test_a_film_is_made_and_one_given_up(tab):
+    views = panel(tab, "Views")
+    for digit, key in ((1, "ArrowRight"), (2, "ArrowUp")):
+        tab.press(key)
+        tab.page.keyboard.press(f"Shift+{digit}")
+    until(tab, lambda: len(tab.explorer.document.settings["bookmarks"]) == 2)
+    views.get_by_label("Of", exact=True).select_option("kept views")
+    views.get_by_label("File").select_option("GIF")
+    for label, value in (("Frames", "4"), ("Width", "64")):
+        views.get_by_label(label).fill(value)
+        views.get_by_label(label).press("Enter")
+    make = views.get_by_role("button", name="Make the film")
+    with tab.page.expect_download() as download:
+        make.click()
+    from PIL import Image
+
+    film = Image.open(download.value.path())
+    assert film.n_frames == 4
+    assert film.width == 64
+    views.get_by_label("Of", exact=True).select_option("orbit")
+    views.get_by_label("Frames").fill("500")
+    views.get_by_label("Frames").press("Enter")
+    make.click()
+    bar = views.get_by_role("progressbar", name="progress")
+    until(tab, lambda: bar.evaluate("bar => bar.value") > 0)
+    views.get_by_role("button", name="Cancel").click()
+    tab.page.get_by_text("cancelled").wait_for()
+    assert bar.is_hidden()
+    assert make.is_enabled()
+
+
+def test_presets_have_pictures(tab):
+    media = panel(tab, "Media")
+    media.get_by_text("Presets").click()
+    first = media.get_by_role("button", name="suggested")
+    pictures = media.locator(".vlm-presets img")
+    until(tab, lambda: pictures.first.evaluate("image => image.naturalWidth") == 96)
+    assert pictures.count() == 1 + len(vm.presets.__all__)
+    first.click()
+    until(tab, lambda: undo_list(tab) == ["suggested media"])
+    assert not first.is_visible()
+
+
+def test_values_under_the_pointer_are_shown_in_the_picture(tab):
+    histogram = panel(tab, "Media").locator(".vlm-histogram")
+    box = histogram.bounding_box()
+    tint, root = tab.page.locator(".vlm-highlight"), tab.page.locator(".vlm")
+    assert tint.is_hidden()
+    tinted = []
+    for part in (0.9, 0.3):  # the middle of the core, and its halo
+        tab.page.mouse.move(box["x"] + part * box["width"], box["y"] + 0.2 * box["height"])
+        tab.page.wait_for_selector("[data-highlight]", state="attached")
+        low, high = (float(v) for v in root.get_attribute("data-highlight").split())
+        alphas = tint.evaluate(
+            "c => { const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+            " return [...all].filter((_, i) => i % 4 === 3); }"
+        )
+        assert low < high
+        assert max(alphas) == 255
+        tinted.append(np.count_nonzero(alphas))
+        tab.page.mouse.move(10, 300)
+        tab.page.wait_for_selector(".vlm:not([data-highlight])", state="attached")
+        assert tint.is_hidden()
+    assert 0 < tinted[0] < 0.5 * tinted[1]

@@ -6,7 +6,7 @@ import { absorbed, canLock, colorFor, fresh, given, isShell, kindOf, NAMES, stre
 import { colorOf, SAFE, toHex, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
 import { choice, labelled, numberField, slider, textField, toggle } from "../ui/fields";
-import { likewise, numberOf, pretty, prettyLength, prettyUnit, withUnit } from "../ui/format";
+import { likewise, numberOf, pretty, prettyLength, prettyUnit } from "../ui/format";
 import type { Message, Table } from "../wire";
 import { coefficientCurves, Plot } from "../ui/lines";
 import { Histogram } from "./histogram";
@@ -31,7 +31,7 @@ export function mediaPanel(app: App): Panel {
 
   /** The cursor of the plot of all media, and what is there. */
   function readOut(value: number | null): void {
-    total.at(value === null ? null : histogram.toX(value), value === null ? "" : withUnit(value, histogram.data?.unit));
+    total.at(value === null ? null : histogram.toX(value), value === null ? "" : pretty(value));
   }
 
   /** Emission and extinction of all media together, under the histogram. */
@@ -179,6 +179,7 @@ function presetMenu(app: App, taken: () => void): HTMLElement {
     const now = JSON.stringify([app.store.document.camera, app.store.document.volume]);
     if (!menu.open || now === known) return;
     known = now;
+    requestAnimationFrame(() => list.scrollIntoView({ block: "nearest" }));
     const names: (string | null)[] = [null, ...(app.welcome?.presets ?? [])];
     const images = names.map(() => h("img", { alt: "" }));
     refill(list, ...names.map((name, i) => h("li", {}, h("button", { type: "button", onclick: () => take(name) }, images[i], h("span", {}, (name ?? "suggested").replaceAll("_", " "))))));
