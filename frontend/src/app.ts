@@ -63,7 +63,7 @@ export class App {
     this.root = this.layout.root;
     el.append(this.root);
     listen(this.stage, {
-      view: () => (this.stage.isFlat ? this.stage.view : null),
+      view: () => this.stage.view,
       look: (view, moving) => this.look(view, moving),
       click: (place) => void this.probeAt(place),
       doubleClick: (place) => void this.probeAt(place).then(() => this.turnAboutProbe()),
@@ -174,7 +174,7 @@ export class App {
     }
     const restarted = again && message.revision < this.store.revision;
     const { view } = this.stage;
-    const mine: Table = { ...this.store.document, ...(view && this.stage.isFlat ? { camera: tableOf(view) } : {}) };
+    const mine: Table = { ...this.store.document, ...(view ? { camera: tableOf(view) } : {}) };
     this.store.receive(message);
     // A server that was started anew has the file's scene; what was on the screen goes back to it.
     if (restarted) {
@@ -202,6 +202,7 @@ export class App {
 
   private async frame(head: FrameHead, bytes: Uint8Array): Promise<void> {
     this.answered(head.n);
+    const wasFlat = this.stage.isFlat;
     try {
       if (!(await this.stage.take(head, bytes, this.moving))) return;
     } catch (error) {
@@ -209,6 +210,7 @@ export class App {
       return this.notice(`a frame could not be read: ${(error as Error).message}`, "error");
     }
     const { frameView, view } = this.stage;
+    if (wasFlat && !this.stage.isFlat) this.notice("This camera can be turned, not moved or zoomed: its picture is no plane.", "info");
     this.home ??= frameView;
     // Others may have moved the camera; what was asked for here is not overruled by older frames.
     if (!this.moving && !this.wanted && head.n >= this.looked && frameView) {

@@ -18,7 +18,12 @@ export interface View {
   distance: number;
   /** What rotations turn about; the center if null. */
   pivot: Vec3 | null;
+  /** The whole table of a camera whose picture is no plane (a dome, two eyes): it is only turned. A panorama turns where it is. */
+  base: Table | null;
 }
+
+/** Whether a camera's picture is a plane, which can be moved and zoomed. */
+export const isFlat = (camera: Table): boolean => camera.type !== "panorama" && (camera.projection ?? "flat") === "flat" && !camera.stereo;
 
 const DEGREE = Math.PI / 180;
 
@@ -66,7 +71,8 @@ export function extent(view: View, aspect: number): [number, number] {
 
 /** The view that a frame was drawn with; angles are the camera's own where it has them. */
 export function viewOf(camera: Table, plane: Plane): View {
-  const axes: Axes = [plane.right, plane.up, times(plane.ahead, -1)];
+  const tilted: Axes = [plane.right, plane.up, times(plane.ahead, -1)];
+  const axes = camera.zenith ? (tilted.map((v) => turn(v, plane.right, -camera.zenith * DEGREE)) as Axes) : tilted;
   const own = camera.type === "orthographic" && typeof camera.incl === "number";
   const angles = own
     ? { incl: camera.incl, phi: camera.phi ?? 0, posang: camera.posang ?? 0 }
@@ -81,12 +87,19 @@ export function viewOf(camera: Table, plane: Plane): View {
     width,
     distance,
     pivot: null,
+    base: isFlat(camera) ? null : camera,
   };
 }
 
 /** The camera's table for the server: plain numbers, in the volume's unit. */
 export function tableOf(view: View): Table {
   const round = (v: number) => Number(v.toFixed(6));
+  if (view.base) {
+    const { posang, up, view_direction, ...rest } = view.base;
+    if (view.type === "orthographic") return { ...rest, incl: round(view.incl), phi: round(view.phi), posang: round(view.posang) };
+    const position = rest.type === "panorama" ? rest.position : positionOf(view);
+    return { ...rest, position, target: view.center, up: axesOf(view)[1] };
+  }
   if (view.type === "orthographic") {
     const { type, width, center } = view;
     return { type, incl: round(view.incl), phi: round(view.phi), posang: round(view.posang), width, center };
@@ -98,8 +111,9 @@ export function tableOf(view: View): Table {
 /** The view of a camera's table that `tableOf` wrote. */
 export function viewFrom(table: Table): View {
   const { incl = 0, phi = 0, posang = 0, center, width } = table;
-  const view = { type: table.type, incl, phi, posang, center, width, distance: 1, pivot: null };
-  if (table.type !== "perspective") return view;
+  const type = table.position ? ("perspective" as const) : ("orthographic" as const);
+  const view = { type, incl, phi, posang, center, width, distance: 1, pivot: null, base: isFlat(table) ? null : table };
+  if (!table.position) return view;
   const back = sub(table.position, table.target);
   const distance = length(back);
   const axis = times(back, 1 / distance);
@@ -110,9 +124,10 @@ export function viewFrom(table: Table): View {
 /** Other angles, turning about the pivot: what is there stays where it is in the picture. */
 export function withAngles(view: View, angles: { incl: number; phi: number; posang: number }): View {
   const next = { ...view, ...angles };
-  if (!view.pivot) return next;
-  const arm = along(axesOf(view), sub(view.center, view.pivot));
-  return { ...next, center: add(view.pivot, combine(axesOf(next), arm)) };
+  const pivot = view.base?.type === "panorama" ? positionOf(view) : view.pivot;
+  if (!pivot) return next;
+  const arm = along(axesOf(view), sub(view.center, pivot));
+  return { ...next, center: add(pivot, combine(axesOf(next), arm)) };
 }
 
 const wrapped = (degrees: number): number => degrees - 360 * Math.round(degrees / 360);
@@ -124,6 +139,13 @@ export function orbit(view: View, right: number, up: number): View {
   const upwards = c * up - s * right;
   const incl = Math.min(180, Math.max(0, view.incl + upwards));
   return withAngles(view, { incl, phi: wrapped(view.phi + across), posang: view.posang });
+}
+
+/** Degrees across the picture of a panorama, whose places are directions; null of others. */
+export function sweep({ base }: View): number | null {
+  if (base?.type !== "panorama") return null;
+  const one = base.projection === "fulldome" ? base.fov ?? 180 : base.projection === "cubemap" ? 270 : 360;
+  return base.stereo === "side-by-side" ? 2 * one : one;
 }
 
 /** Turn the picture in its plane, anticlockwise. */
@@ -159,6 +181,7 @@ export function trackball(view: View, from: [number, number], to: [number, numbe
 
 /** Move the picture by parts of its longer side. */
 export function pan(view: View, right: number, up: number): View {
+  if (view.base) return view;
   const longer = extent(view, 1)[0];
   const axes = axesOf(view);
   return { ...view, center: sub(view.center, combine(axes, [right * longer, up * longer, 0])) };
@@ -166,6 +189,7 @@ export function pan(view: View, right: number, up: number): View {
 
 /** Zoom in by a factor so that the point at (x, y), parts of the longer side from the middle, stays. */
 export function zoom(view: View, factor: number, x: number, y: number): View {
+  if (view.base) return view;
   const longer = extent(view, 1)[0];
   const fixed = add(view.center, combine(axesOf(view), [x * longer, y * longer, 0]));
   const center = add(fixed, times(sub(view.center, fixed), 1 / factor));
@@ -175,6 +199,7 @@ export function zoom(view: View, factor: number, x: number, y: number): View {
 
 /** From parallel rays to an observer who sees as much at the center's distance, or back. */
 export function otherType(view: View): View {
+  if (view.base) return view;
   if (view.type === "perspective") return { ...view, type: "orthographic", width: view.width * view.distance };
   const width = 2 * Math.tan(22.5 * DEGREE);
   return { ...view, type: "perspective", width, distance: view.width / width };
@@ -182,6 +207,7 @@ export function otherType(view: View): View {
 
 /** See all of the domain from where one is. */
 export function fit(view: View, bounds: [number, number][], aspect: number): View {
+  if (view.base) return view;
   const axes = axesOf(view);
   const half = bounds.map(([a, b]) => (b - a) / 2) as Vec3;
   const middle = bounds.map(([a, b]) => (a + b) / 2) as Vec3;

@@ -1,6 +1,6 @@
 // Mouse, wheel and fingers on the picture, as changes of the view.
 
-import { orbit, pan, roll, trackball, type View, zoom } from "./camera";
+import { orbit, pan, roll, sweep, trackball, type View, zoom } from "./camera";
 import type { Stage } from "./stage";
 
 export interface Hands {
@@ -52,9 +52,12 @@ export function listen(stage: Stage, hands: Hands): void {
     // stopped by the pole.
     const [dx, dy] = [place[0] - from[0], place[1] - from[1]];
     const shorter = Math.min(stage.aspect, 1 / stage.aspect);
+    const around = sweep(view);
     let next: View;
     if (event.shiftKey || at.button === 1 || at.button === 2) next = pan(view, dx, dy);
     else if (event.ctrlKey || event.metaKey) next = roll(view, spin(from, place));
+    // Inside a panorama the sky follows the hand, so the eye turns the other way.
+    else if (around) next = orbit(view, (-dx / stage.across) * around, (-dy / stage.across) * around);
     else if (hands.freely()) next = trackball(view, ball(from, shorter), ball(place, shorter));
     else next = orbit(view, (dx / shorter) * DEGREES, (dy / shorter) * DEGREES);
     hands.look(next, true);

@@ -12,7 +12,7 @@ import { tonePanel } from "./panels/tone";
 import { type Views, viewsPanel } from "./panels/views";
 import { button, h } from "./ui/dom";
 import { newId } from "./ui/fields";
-import { pretty } from "./ui/format";
+import { gridName, pretty } from "./ui/format";
 import type { FrameHead } from "./wire";
 
 export interface Panel {
@@ -114,7 +114,7 @@ export function build(app: App): Layout {
     welcomed() {
       const info = app.info!;
       name.textContent = info.name || "voluminous";
-      facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, info.grid.replace(/Grid$/, "")].filter(Boolean).join(" · ");
+      facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, gridName(info.grid)].filter(Boolean).join(" · ");
       time.update();
       for (const [, , panel] of panels) panel.update();
       tabs.current().shown?.();

@@ -65,6 +65,7 @@ export class Overlay {
     const parts: SVGElement[] = [];
     const { isFlat } = this.stage;
     this.bar.hidden = !isFlat;
+    this.gizmo.classList.toggle("vlm-none", !isFlat);
     if (!isFlat) return refill(this.lines);
     if (this.shown) parts.push(...this.box(info));
     if (this.pivot) parts.push(this.mark(this.pivot, "vlm-pivot"));

@@ -1,7 +1,7 @@
 // The picture: takes frames, shows the newest where the camera of the page has it by now, and says
 // where points of space are on the screen.
 
-import { extent, project, standIn, type View, viewOf } from "./camera";
+import { extent, isFlat, project, standIn, type View, viewOf } from "./camera";
 import { decode, type Drawn, type Place, Screen, type Surface } from "./screen";
 import { Screen2d } from "./screen2d";
 import { settle, type Tone } from "./tone";
@@ -119,14 +119,21 @@ export class Stage {
     return [Math.min(1, this.aspect), Math.min(1, 1 / this.aspect)];
   }
 
-  /** Whether the frame is on a plane. Domes and panoramas fill the canvas, and are not turned here. */
+  /** Whether the frame is on a plane. Domes and panoramas are shown whole, and have no lines above them. */
   get isFlat(): boolean {
-    const { type, projection = "flat", stereo } = this.head?.camera ?? {};
-    return type !== "panorama" && projection === "flat" && !stereo;
+    return isFlat(this.head?.camera ?? {});
+  }
+
+  /** Width of the frame, in parts of the canvas' longer side. */
+  get across(): number {
+    return this.place(this.head!, this.frameView!).scale[0] * this.sides[0];
   }
 
   private place(head: FrameHead, view: View): Place {
-    if (!this.isFlat) return { scale: [1, 1], shift: [0, 0] };
+    if (view.base) {
+      const shape = head.width / head.height / this.aspect;
+      return { scale: [Math.min(1, shape), Math.min(1, 1 / shape)], shift: [0, 0] };
+    }
     const { scale, x, y } = standIn(view, this.view ?? view);
     const [cw, ch] = this.sides;
     const { width, height } = head.frame;

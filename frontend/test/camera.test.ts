@@ -11,7 +11,7 @@ const close = (a: ArrayLike<number>, b: ArrayLike<number>, off = 1e-8) => {
   for (let i = 0; i < a.length; i++) assert.ok(Math.abs(a[i] - b[i]) <= off * (1 + Math.abs(b[i])), `${[...Array.from(a)]} is not ${[...Array.from(b)]}`);
 };
 const view: camera.View = {
-  type: "orthographic", incl: 60, phi: 30, posang: 20, center: [1, 2, 3], width: 10, distance: 12, pivot: null,
+  type: "orthographic", incl: 60, phi: 30, posang: 20, center: [1, 2, 3], width: 10, distance: 12, pivot: null, base: null,
 };
 const views = [view, { ...view, type: "perspective" as const, width: 0.8 }];
 const pivot: Vec3 = [2, 1, 4];
@@ -143,4 +143,28 @@ test("a table of a camera is read again", () => {
     close([found.incl, found.phi, found.posang, found.width], [60, 30, 20, start.width], 1e-6);
     close(found.center, start.center);
   }
+});
+
+test("a panorama turns where it is, and is neither moved nor zoomed", () => {
+  const table = { type: "panorama", projection: "equirectangular", position: [1, 2, 3], target: [4, 2, 3], stereo: "over-under" };
+  const inside = camera.viewFrom({ ...table, up: [0, 0, 1] });
+  const turned = camera.orbit(inside, 90, 0);
+  close(camera.positionOf(turned), table.position);
+  assert.ok(Math.abs(length(sub(turned.center, table.position as Vec3)) - 3) < 1e-9);
+  const told = camera.tableOf(turned);
+  assert.deepEqual({ ...told, target: table.target, up: undefined }, { ...table, up: undefined });
+  close(told.target, turned.center);
+  for (const same of [camera.pan(inside, 0.1, 0.2), camera.zoom(inside, 2, 0, 0), camera.otherType(inside)]) assert.equal(same, inside);
+  assert.equal(camera.sweep(inside), 360);
+  assert.equal(camera.sweep(view), null);
+});
+
+test("a dome keeps its projection and its tilt while it is turned about its target", () => {
+  const table = { type: "perspective", projection: "spherical", position: [5, 0, 0], target: [0, 0, 0], width: 1, zenith: 30, up: [0, 0, 1] };
+  const { cos, sin } = { cos: Math.cos(Math.PI / 6), sin: Math.sin(Math.PI / 6) };
+  const plane = { position: [5, 0, 0] as Vec3, center: [0, 0, 0] as Vec3, right: [0, 1, 0] as Vec3, up: [sin, 0, cos] as Vec3, ahead: [-cos, 0, sin] as Vec3, width: 1, height: 1, shift: [0, 0] as [number, number] };
+  const told = camera.tableOf(camera.orbit(camera.viewOf(table, plane), 0, 0));
+  close(told.position, table.position);
+  close(told.up, table.up);
+  assert.equal(told.zenith, 30);
 });

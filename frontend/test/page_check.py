@@ -214,7 +214,7 @@ async def main() -> None:
 
         fake.received.clear()
         await page.mouse.click(x + 20, y + 10)
-        await page.wait_for_selector(".vlm-figure path", timeout=20000)
+        await page.wait_for_selector(".vlm-figures path", timeout=20000)
         await page.wait_for_timeout(300)
         await shot(page, "probe")
         check("a click asks what the ray saw", len(sent(fake, "probe")) == 1)

@@ -28,6 +28,12 @@ export function typed(value: number, digits = 5): string {
   return String(Number(Number(value).toPrecision(digits)));
 }
 
+/** A kind of grid in plain words: "RefinedSphericalGrid" is refined spherical. */
+export function gridName(type: string): string {
+  const words = type.replace(/Grid$/, "").split(/(?=[A-Z])/).map((word) => word.toLowerCase()).join(" ");
+  return { cartesian: "Cartesian", patch: "patches" }[words] ?? words;
+}
+
 /** Units as in print: "g / cm3" is g cm⁻³. */
 export function prettyUnit(unit: string | null | undefined): string {
   if (!unit || unit === "1") return "";
