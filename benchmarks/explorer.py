@@ -2,41 +2,81 @@
 
     python benchmarks/explorer.py --cells 128 --size 400
     python benchmarks/explorer.py --rate 20 --delay 40     # a link: Mbit/s, ms there and back
+    python benchmarks/explorer.py --host jupyterlab        # or marimo: in a notebook's cell
+    python benchmarks/explorer.py --clients 8 --minutes 10 # rates and memory, without a browser
 
 Browser, kernel and encoder share the machine. A number is the time from the message of an input to
-the first frame on the screen that shows it or a later one.
+the drawing of the first frame that shows it or a later one.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import json
+import multiprocessing
 import shutil
+import sys
+import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from playwright.sync_api import sync_playwright
 
 import voluminous as vm
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+import notebook_hosts
+
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-# Notes when each input is sent, and when each frame is drawn.
-WATCH = """
-window.sent = {}; window.drawn = []; window.bytes = 0;
-const send = WebSocket.prototype.send;
+# Notes when each input is sent, by whatever way the host has, and when each frame is drawn: the
+# explorer marks a frame when it has come, and draws it in the screen's next frame.
+WATCH = r"""
+window.sent = {}; window.drawn = [];
+const note = (data, at) => {
+  const text = typeof data === 'string' ? data : new TextDecoder().decode(data);
+  for (const [, n] of text.matchAll(/kind\W+look\W+n\W+(\d+)/g)) window.sent[n] ??= at;
+};
+const { send } = WebSocket.prototype, { fetch } = window, { attachShadow } = Element.prototype;
 WebSocket.prototype.send = function (data) {
-  const m = typeof data === 'string' ? JSON.parse(data) : {};
-  if (m.n) window.sent[m.n] ??= performance.now();
+  note(data, performance.now());
   return send.call(this, data);
 };
-document.addEventListener('DOMContentLoaded', () => {
-  new MutationObserver((changes) => { for (const c of changes) if (c.target.dataset?.n)
-    window.drawn.push([Number(c.target.dataset.n), performance.now()]); }
-  ).observe(document.body, { subtree: true, attributes: true, attributeFilter: ['data-frame'] });
-});
+window.fetch = function (what, how) {
+  const at = performance.now();
+  if (typeof how?.body === 'string') note(how.body, at);
+  else if (what instanceof Request) what.clone().text().then((text) => note(text, at));
+  return fetch.call(this, what, how);
+};
+const watch = (root) => new MutationObserver((changes) => {
+  for (const { target } of changes) {
+    const n = Number(target.dataset.n);
+    requestAnimationFrame(() => window.drawn.push([n, performance.now()]));
+  }
+}).observe(root, { subtree: true, attributes: true, attributeFilter: ['data-frame'] });
+Element.prototype.attachShadow = function (how) {
+  const root = attachShadow.call(this, how);
+  watch(root);
+  return root;
+};
+document.addEventListener('DOMContentLoaded', () => watch(document.body));
 """
+CELL = """
+import voluminous as vm
+volume = vm.models.prestellar_core({cells})
+vm.view(volume, vm.suggest_medium(volume).calibrated(volume))
+"""
+# Width and height of what stands around the canvas: without a graphics card every pixel of a window
+# is drawn by the processor.
+AROUND = {"page": (348, 43), "jupyterlab": (300, 200), "marimo": (300, 100)}
+# Seconds after which memory is at rest.
+WARM = 60.0
 
 
 class Link:
@@ -70,33 +110,71 @@ class Link:
 
 
 def main() -> None:
-    """Drag for a while, edit for a while, and print times and rates."""
+    """Measure one page, or many clients."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=128)
     parser.add_argument("--size", type=int, default=400)
     parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--host", choices=("page", *notebook_hosts.HOSTS), default="page")
     parser.add_argument("--rate", type=float, help="of the link, Mbit/s")
     parser.add_argument("--delay", type=float, default=0.0, help="there and back, ms")
+    parser.add_argument("--clients", type=int, help="that drag at the same time, for --minutes")
+    parser.add_argument("--minutes", type=float, default=10.0)
     args = parser.parse_args()
-    volume = vm.models.prestellar_core(args.cells)
-    medium = vm.suggest_medium(volume).calibrated(volume)
-    start = time.perf_counter()
-    view = vm.view(volume, medium, notebook=False, browser=False)
+    if args.clients:
+        load(args)
+    else:
+        one_page(args)
+
+
+@contextmanager
+def served(args: Any) -> Iterator[str]:
+    """Give the address of an explorer."""
+    if args.host != "page":
+        with tempfile.TemporaryDirectory() as folder:
+            code = CELL.format(cells=args.cells)
+            with notebook_hosts.notebook(args.host, code, Path(folder)) as url:
+                yield url
+        return
+    view = opened(args)
     url = view.url
     if args.rate:
-        url = url.replace(
-            f":{view._server.port}", f":{Link(view._server.port, args.rate, args.delay).own}"
-        )
-    with sync_playwright() as play:
+        port = view._server.port
+        url = url.replace(f":{port}", f":{Link(port, args.rate, args.delay).own}")
+    yield url
+    view.close()
+
+
+def opened(args: Any) -> vm.viewer.View:
+    """Return an explorer in this process."""
+    volume = vm.models.prestellar_core(args.cells)
+    medium = vm.suggest_medium(volume).calibrated(volume)
+    return vm.view(volume, medium, notebook=False, browser=False)
+
+
+def one_page(args: Any) -> None:
+    """Drag for a while, and print times and rates."""
+    start = time.perf_counter()
+    with served(args) as url, sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-        page = browser.new_page(viewport={"width": args.size + 348, "height": args.size + 43})
+        wider, higher = AROUND[args.host]
+        page = browser.new_page(viewport={"width": args.size + wider, "height": args.size + higher})
+        page.set_default_timeout(120_000)
         page.add_init_script(WATCH)
         page.goto(url)
+        notebook_hosts.run_cell(args.host, page)
         page.wait_for_selector("[data-frame]", state="attached")
         print(f"first picture {time.perf_counter() - start:.2f} s")
+        stage, side = page.locator(".vlm-stage").first, f"{args.size}px"
+        stage.evaluate(
+            "(e, side) => Object.assign(e.style, { width: side, height: side, flex: 'none' })", side
+        )
+        page.wait_for_timeout(500)
         page.wait_for_selector("[data-exact=true]", state="attached")
         print(f"exact picture {time.perf_counter() - start:.2f} s")
-        box = page.locator("canvas").first.bounding_box()
+        canvas = page.locator("canvas").first
+        canvas.scroll_into_view_if_needed()
+        box = canvas.bounding_box()
         print(f"canvas {box['width']:.0f} x {box['height']:.0f}")
         x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
         page.mouse.move(x, y)
@@ -110,10 +188,10 @@ def main() -> None:
         report("drag", page, args.seconds)
         page.mouse.up()
         start = time.perf_counter()
+        page.wait_for_timeout(100)
         page.wait_for_selector("[data-exact=true]", state="attached")
         print(f"exact again after {time.perf_counter() - start:.2f} s")
         browser.close()
-    view.close()
 
 
 def report(name: str, page: Any, seconds: float) -> None:
@@ -127,7 +205,91 @@ def report(name: str, page: Any, seconds: float) -> None:
             took.append(min(later) - t)
     middle, most = np.quantile(took, [0.5, 0.95])
     rate = len(drawn) / seconds
-    print(f"{name}: p50 {middle:.0f} ms, p95 {most:.0f} ms, {rate:.1f} frames a second")
+    load = psutil.getloadavg()[0]
+    print(
+        f"{name}: p50 {middle:.0f} ms, p95 {most:.0f} ms, {rate:.1f} frames a second "
+        f"({len(at)} inputs, load {load:.1f})"
+    )
+
+
+def load(args: Any) -> None:
+    """Let one client drag, then many; print rates, and memory while they do."""
+    view, process = opened(args), psutil.Process()
+
+    def memory() -> float:
+        return process.memory_info().rss / 1e6
+
+    alone = sum(drag(view.url, args.size, 1, 20.0)) / 20.0
+    before = memory()
+    print(f"one client: {alone:.1f} frames a second; {before:.0f} MB")
+    seconds = 60.0 * args.minutes
+    rates: list[list[float]] = []
+    dragging = threading.Thread(
+        target=lambda: rates.append(drag(view.url, args.size, args.clients, seconds))
+    )
+    dragging.start()
+    start, seen = time.monotonic(), []
+    while dragging.is_alive():
+        dragging.join(10.0)
+        seen.append((time.monotonic() - start, memory()))
+    warm = next((m for t, m in seen if t >= min(WARM, 0.2 * seconds)), seen[-1][1])
+    last = [m for t, m in seen if t <= seconds][-1]
+    each = [n / seconds for n in rates[0]]
+    print(
+        f"{args.clients} clients for {args.minutes:g} minutes: {min(each):.2f} to {max(each):.2f} "
+        f"frames a second each ({min(each) * args.clients / alone:.2f} of a fair share)\n"
+        f"memory {warm:.0f} MB warm, {last:.0f} MB at the end ({100 * (last / warm - 1):+.1f} %); "
+        f"{(last - before) / args.clients:.2f} MB more for each client; load "
+        f"{psutil.getloadavg()[0]:.1f}"
+    )
+    print("  ".join(f"{t / 60:.1f}: {m:.0f}" for t, m in seen[:: max(1, len(seen) // 12)]))
+    view.close()
+
+
+def drag(url: str, size: int, clients: int, seconds: float) -> list[float]:
+    """Return how many frames each client was sent; the clients have a process of their own."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(_drag_all, (url, size, clients, seconds))
+
+
+def _drag_all(url: str, size: int, clients: int, seconds: float) -> list[float]:
+    async def all_of_them() -> list[float]:
+        return await asyncio.gather(*(_client(url, size, seconds) for _ in range(clients)))
+
+    return asyncio.run(all_of_them())
+
+
+async def _client(url: str, size: int, seconds: float) -> float:
+    from websockets.asyncio.client import connect
+
+    from voluminous.viewer.frames import unpacked
+
+    address, _, token = url.replace("http", "ws", 1).partition("#token=")
+    protocols = ["voluminous.v1", f"token.{token}"]
+    async with connect(f"{address}ws", subprotocols=protocols, max_size=None) as socket:
+        hello = {"kind": "hello", "protocol": 1, "size": [size, size], "scale": 1}
+        await socket.send(json.dumps(hello))
+        welcome = json.loads(await socket.recv())
+        camera = welcome["document"]["camera"]
+        frames = 0
+
+        async def answer() -> None:
+            nonlocal frames
+            async for block in socket:
+                if isinstance(block, bytes):
+                    frames += 1
+                    number = unpacked(block)[0]["number"]
+                    await socket.send(json.dumps({"kind": "seen", "frame": number}))
+
+        answering = asyncio.create_task(answer())
+        end, n = time.monotonic() + seconds, 0
+        while time.monotonic() < end:
+            n += 1
+            look = {**camera, "phi": float(n % 360)}
+            await socket.send(json.dumps({"kind": "look", "n": n, "camera": look, "moving": True}))
+            await asyncio.sleep(1 / 60)
+        answering.cancel()
+        return frames
 
 
 if __name__ == "__main__":
