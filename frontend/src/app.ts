@@ -1,10 +1,10 @@
 // Ties the parts together: messages in and out, the camera, the picture, the panels around it.
 
-import { fit, fromSide, otherType, tableOf, type View } from "./camera";
+import { fit, fromSide, tableOf, type View } from "./camera";
 import { listen } from "./gestures";
 import { Highlight } from "./highlight";
-import { Keys } from "./keys";
-import { build, type Layout } from "./layout";
+import { keyTable, listenToKeys } from "./keys";
+import { build } from "./layout";
 import { Legend } from "./legend";
 import { Overlay } from "./overlay";
 import { linkOf, sceneOf, SECTIONS } from "./share";
@@ -18,20 +18,20 @@ export const PROTOCOL = 1;
 const BUSY_MS = 500;
 
 export class App {
-  readonly stage: Stage;
-  readonly store: Store;
-  readonly overlay: Overlay;
-  readonly legend: Legend;
+  readonly stage = new Stage((frame) => this.send({ kind: "seen", frame }), () => this.decorate());
+  readonly store = new Store((m) => this.send(m), () => (this.changedBy = this.number()), (callback) => requestAnimationFrame(callback));
+  readonly overlay = new Overlay(this.stage, (axis) => this.change((view) => fromSide(view, axis)));
+  readonly legend = new Legend(this);
   readonly highlight = new Highlight(this);
-  readonly root: HTMLElement;
-  readonly layout: Layout;
-  readonly keys: Keys;
+  readonly keys = keyTable(this);
+  readonly layout = build(this);
+  readonly root = this.layout.root;
+  readonly follows: boolean;
   info: VolumeInfo | null = null;
   welcome: Message | null = null;
   /** Last answer to a click. */
   probe: Message | null = null;
   freely = false;
-  follows = false;
   private home: View | null = null;
   private inputs = 0;
   private changedBy = 0;
@@ -44,23 +44,10 @@ export class App {
   private waiting = new Map<number, { done(m: Message): void; failed(e: Error): void; progress?(part: number): void }>();
   private asked = 0;
   private unanswered: { n: number; at: number }[] = [];
-  private timer = 0;
-  private observer: ResizeObserver;
   private closing: (() => void)[] = [];
 
-  constructor(
-    private model: Model,
-    el: HTMLElement,
-  ) {
-    const change = () => (this.changedBy = this.number());
+  constructor(private model: Model, el: HTMLElement) {
     this.follows = Boolean(model.follows);
-    this.store = new Store((m) => this.send(m), change, (callback) => requestAnimationFrame(callback));
-    this.stage = new Stage((frame) => this.send({ kind: "seen", frame }), () => this.decorate());
-    this.overlay = new Overlay(this.stage, (axis) => this.change((view) => fromSide(view, axis)));
-    this.legend = new Legend(this);
-    this.keys = new Keys(this);
-    this.layout = build(this);
-    this.root = this.layout.root;
     el.append(this.root);
     listen(this.stage, {
       view: () => this.stage.view,
@@ -70,29 +57,28 @@ export class App {
       freely: () => this.freely,
     });
     this.store.listen(() => this.updated());
-    this.observer = new ResizeObserver(() => this.resized());
-    this.observer.observe(this.layout.stage);
+    const observer = new ResizeObserver(() => this.resized());
+    observer.observe(this.layout.stage);
     const message = (content: Message, buffers?: any[]) => void this.receive(content, buffers?.[0]);
     const connection = (state: string) => this.connection(state);
-    this.model.on("msg:custom", message);
-    this.model.on("connection", connection);
+    model.on("msg:custom", message);
+    model.on("connection", connection);
     const visible = () => this.send({ kind: "visible", on: !document.hidden });
     document.addEventListener("visibilitychange", visible);
-    this.timer = window.setInterval(() => this.watch(), 250);
-    this.closing.push(
-      () => this.model.off?.("msg:custom", message),
-      () => this.model.off?.("connection", connection),
+    const timer = window.setInterval(() => this.watch(), 250);
+    this.closing = [
+      listenToKeys(this),
+      () => model.off?.("msg:custom", message),
+      () => model.off?.("connection", connection),
       () => document.removeEventListener("visibilitychange", visible),
-    );
-    this.keys.listen();
+      () => observer.disconnect(),
+      () => clearInterval(timer),
+    ];
     this.hello();
   }
 
   close(): void {
-    clearInterval(this.timer);
-    this.observer.disconnect();
-    this.keys.close();
-    for (const undo of this.closing) undo();
+    for (const end of this.closing) end();
     this.root.remove();
   }
 
@@ -110,6 +96,14 @@ export class App {
       this.send({ kind, id, ...what });
     });
     return Object.assign(answer, { id });
+  }
+
+  /** Ask for something; what went wrong is shown, and the answer is null. */
+  tried(kind: string, what: Table, level = "warning"): Promise<Message | null> {
+    return this.ask(kind, what).catch((error) => {
+      this.notice(error.message, level);
+      return null;
+    });
   }
 
   /** Whether the exact picture of the newest input is there. */
@@ -267,10 +261,6 @@ export class App {
     if (this.home) this.look({ ...this.home, pivot: null }, false);
   }
 
-  switchType(): void {
-    this.change(otherType);
-  }
-
   switchFreely(): void {
     this.freely = !this.freely;
     this.announce(this.freely ? "Trackball" : "Turntable");
@@ -296,16 +286,12 @@ export class App {
 
   async probeAt(place: [number, number]): Promise<void> {
     const at = this.stage.fromPlace(place);
-    if (!at) return;
-    try {
-      const reply = await this.ask("probe", { x: at[0], y: at[1] });
-      this.probe = reply;
-      this.overlay.probed = reply.point ?? null;
-      this.layout.probed();
-      this.stage.redraw();
-    } catch (error) {
-      this.notice((error as Error).message, "warning");
-    }
+    const reply = at && (await this.tried("probe", { x: at[0], y: at[1] }));
+    if (!reply) return;
+    this.probe = reply;
+    this.overlay.probed = reply.point ?? null;
+    this.layout.probed();
+    this.stage.redraw();
   }
 
   turnAboutProbe(): void {
@@ -326,13 +312,13 @@ export class App {
       this.stage.redraw();
     }
     this.layout.update();
-    this.legend.update();
+    this.legend.draw();
   }
 
   private decorate(): void {
     if (!this.info) return;
     this.overlay.draw(this.info);
-    this.legend.drawn();
+    this.legend.draw();
     this.root.dataset.ready = "true";
   }
 
@@ -394,12 +380,8 @@ export class App {
   }
 
   async copyScene(what: "python" | "toml"): Promise<void> {
-    try {
-      const reply = await this.ask("export", { what });
-      await this.copy(reply.text, what === "python" ? "Python" : "Scene (TOML)");
-    } catch (error) {
-      this.notice((error as Error).message, "error");
-    }
+    const reply = await this.tried("export", { what }, "error");
+    if (reply) await this.copy(reply.text, what === "python" ? "Python" : "Scene (TOML)");
   }
 }
 

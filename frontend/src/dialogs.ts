@@ -37,10 +37,7 @@ export function helpDialog(app: App): Dialog {
       h("h3", {}, title),
       h("dl", {}, ...rows.flatMap(([keys, words]) => [h("dt", {}, h("kbd", {}, keys)), h("dd", {}, words)])),
     );
-  const groups = ["Camera", "Picture", "Document", "Everything else"];
-  const sections = groups.map((group) =>
-    list(group, app.keys.table.filter((key) => key.group === group && key.shown).map((key) => [key.shown, key.words])),
-  );
+  const sections = Object.entries(app.keys).map(([group, rows]) => list(group, rows.filter(([, shown]) => shown).map(([, shown, words]) => [shown, words])));
   return dialog("Keys and gestures", h("div", { class: "vlm-help" }, list("Mouse and fingers", GESTURES), ...sections));
 }
 
@@ -91,7 +88,7 @@ export function saveDialog(app: App): Dialog {
   const maker = fileMaker(app);
   const size = numberField("Width", "pixels", (value) => (width = Math.max(1, Math.round(value))));
   size.update(width);
-  const kinds = choice("Format", Object.keys(KINDS), (name) => {
+  const kinds = choice("Format", () => Object.keys(KINDS), (name) => {
     kind = KINDS[name];
     size.element.hidden = kind === "toml" || kind === "python";
   });

@@ -1,138 +1,83 @@
 // Every key, in one table that the help shows too.
 
 import type { App } from "./app";
-import { fromSide, orbit, pan, roll, zoom } from "./camera";
+import { fromSide, orbit, otherType, pan, roll, zoom } from "./camera";
+import { ARROWS } from "./ui/dom";
 
-interface Key {
-  /** As `KeyboardEvent.key`, or "ctrl+" and that. */
-  keys: string[];
-  /** As the help shows them. */
-  shown: string;
-  words: string;
-  group: "Camera" | "Picture" | "Document" | "Everything else";
-  act(event: KeyboardEvent): void;
-}
+/** Keys as `KeyboardEvent.key` (or "ctrl+" and that), as the help shows them (if it does), what they do in words, and that. */
+type Row = [keys: string[], shown: string, words: string, act: (event: KeyboardEvent) => void];
 
 const STEP = 5;
 const FAST = 1.15;
+const DIGITS = [..."123456789"];
 
-export class Keys {
-  readonly table: Key[];
-  private hear = (event: KeyboardEvent) => this.pressed(event);
-  private target: HTMLElement | Document = document;
+export function keyTable(app: App): Record<string, Row[]> {
+  const names = Object.keys(ARROWS);
+  const go = ({ key, shiftKey }: KeyboardEvent) => {
+    const [x, y] = ARROWS[key];
+    app.change((view) => (shiftKey ? pan(view, 0.05 * x, 0.05 * y) : orbit(view, STEP * x, STEP * y)));
+  };
+  const box = () => {
+    app.overlay.shown = !app.overlay.shown;
+    app.stage.redraw();
+  };
+  return {
+    Camera: [
+      [names, "← → ↑ ↓", "rotate by 5°; with Shift move", go],
+      [names.map((a) => "ctrl+" + a), "Ctrl ← →", "roll the picture", ({ key }) => app.change((view) => roll(view, -STEP * ARROWS[key][0]))],
+      [[..."+=-_"], "+ −", "zoom", ({ key }) => app.change((view) => zoom(view, "+=".includes(key) ? FAST : 1 / FAST, 0, 0))],
+      [[..."xXyYzZ"], "x X y Y z Z", "look from an axis (capitals: its other end)", ({ key }) => app.change((view) => fromSide(view, key))],
+      [["f"], "f", "fit the whole volume", () => app.fit()],
+      [["r"], "r", "back to the first view", () => app.reset()],
+      [["o"], "o", "parallel rays or perspective", () => app.change(otherType)],
+      [["t", "T"], "t", "turntable or trackball", () => app.switchFreely()],
+      [DIGITS, "1 … 9", "go to a kept view", ({ code }) => app.layout.views.go(Number(code.slice(5)))],
+      [DIGITS.map((d) => "shift+" + d), "Shift 1 … 9", "keep this view", ({ code }) => app.layout.views.keep(Number(code.slice(5)))],
+    ],
+    Picture: [
+      [["e"], "e E", "half a stop brighter, darker", () => app.expose(0.5)],
+      [["E"], "", "", () => app.expose(-0.5)],
+      [["n"], "n", "automatic exposure", () => app.store.set([["image.exposure", null]], "automatic exposure")],
+      [["p"], "p", "what the middle ray saw", () => void app.probeAt([0, 0])],
+      [["a"], "a", "rotate about the probed point", () => app.turnAboutProbe()],
+      [["b"], "b", "box of the volume on or off", box],
+      [["[", "]"], "[ ]", "time step back, forward", ({ key }) => app.layout.time.step(key === "]" ? 1 : -1)],
+    ],
+    Document: [
+      [["ctrl+z", "u"], "Ctrl Z or u", "undo", () => app.undo()],
+      [["ctrl+Z", "ctrl+y", "U"], "Ctrl Y or U", "redo", () => app.redo()],
+      [["c"], "c", "copy as Python", () => void app.copyScene("python")],
+      [["C"], "C", "copy as scene (TOML)", () => void app.copyScene("toml")],
+      [["l"], "l", "copy a link to this scene", () => void app.copyLink()],
+      [["s"], "s", "save a picture or the scene", () => app.layout.save()],
+    ],
+    "Everything else": [
+      [["m"], "m", "show or hide the panels", () => app.layout.togglePanels()],
+      [["?", "h"], "?", "this list", () => app.layout.help()],
+    ],
+  };
+}
 
-  constructor(private app: App) {
-    this.table = [...this.camera(), ...this.picture(), ...this.rest()];
-  }
-
-  listen(): void {
-    const page = this.app.root.closest(".vlm-page") !== null;
-    // In a notebook keys belong to the explorer only while it has the focus.
-    this.target = page ? document : this.app.root;
-    this.target.addEventListener("keydown", this.hear as EventListener);
-  }
-
-  close(): void {
-    this.target.removeEventListener("keydown", this.hear as EventListener);
-  }
-
-  private pressed(event: KeyboardEvent): void {
-    const at = event.target as HTMLElement;
+/** Act on keys, until what is returned is called. In a notebook they belong to the explorer only while it has the focus. */
+export function listenToKeys(app: App): () => void {
+  const rows = Object.values(app.keys).flat();
+  const hear = (event: Event) => {
+    const { key, code, shiftKey, ctrlKey, metaKey, altKey, defaultPrevented } = event as KeyboardEvent;
+    const at = event.target as HTMLInputElement;
     // Digits by their place on the keyboard: with Shift each layout has other signs there.
-    const digit = /^Digit([1-9])$/.exec(event.code)?.[1];
-    const plain = digit ? (event.shiftKey ? "shift+" : "") + digit : event.key;
-    const name = (event.ctrlKey || event.metaKey ? "ctrl+" : "") + plain;
-    if (event.altKey || event.defaultPrevented || at.closest?.("dialog[open]")) return;
-    const types = /^(INPUT|TEXTAREA|SELECT)$/.test(at.tagName) && (at as HTMLInputElement).type !== "checkbox";
-    if (types && !(at as HTMLInputElement).matches("[type=range]")) return;
+    const digit = /^Digit([1-9])$/.exec(code)?.[1];
+    const name = (ctrlKey || metaKey ? "ctrl+" : "") + (digit ? (shiftKey ? "shift+" : "") + digit : key);
+    if (altKey || defaultPrevented || at.closest?.("dialog[open]")) return;
+    if (/^(INPUT|TEXTAREA|SELECT)$/.test(at.tagName) && at.type !== "checkbox" && at.type !== "range") return;
     // Arrow keys belong to what has the focus; sliders, tabs and handles have their own.
-    if (event.key.startsWith("Arrow") && at !== this.app.stage.canvas && at !== document.body) return;
-    const found = this.table.find((key) => key.keys.includes(name));
+    if (key in ARROWS && at !== (app.stage.canvas as Element) && at !== document.body) return;
+    const found = rows.find(([keys]) => keys.includes(name));
     if (!found) return;
     event.preventDefault();
     event.stopPropagation();
-    found.act(event);
-  }
-
-  private camera(): Key[] {
-    const { app } = this;
-    const arrow = (event: KeyboardEvent): [number, number] => [
-      event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0,
-      event.key === "ArrowUp" ? 1 : event.key === "ArrowDown" ? -1 : 0,
-    ];
-    const arrows = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
-    const group = "Camera";
-    return [
-      {
-        keys: arrows, shown: "← → ↑ ↓", words: "rotate by 5°; with Shift move", group,
-        act: (event) => {
-          const [x, y] = arrow(event);
-          app.change((view) => (event.shiftKey ? pan(view, 0.05 * x, 0.05 * y) : orbit(view, STEP * x, STEP * y)));
-        },
-      },
-      {
-        keys: arrows.map((a) => "ctrl+" + a), shown: "Ctrl ← →", words: "roll the picture", group,
-        act: (event) => app.change((view) => roll(view, -STEP * arrow(event)[0])),
-      },
-      {
-        keys: ["+", "=", "-", "_"], shown: "+ −", words: "zoom", group,
-        act: (event) => app.change((view) => zoom(view, "+=".includes(event.key) ? FAST : 1 / FAST, 0, 0)),
-      },
-      {
-        keys: [..."xXyYzZ"], shown: "x X y Y z Z", words: "look from an axis (capitals: its other end)", group,
-        act: (event) => app.change((view) => fromSide(view, event.key)),
-      },
-      { keys: ["f"], shown: "f", words: "fit the whole volume", group, act: () => app.fit() },
-      { keys: ["r"], shown: "r", words: "back to the first view", group, act: () => app.reset() },
-      { keys: ["o"], shown: "o", words: "parallel rays or perspective", group, act: () => app.switchType() },
-      { keys: ["t", "T"], shown: "t", words: "turntable or trackball", group, act: () => app.switchFreely() },
-      {
-        keys: [..."123456789"], shown: "1 … 9", words: "go to a kept view", group,
-        act: (event) => app.layout.views.go(Number(event.code.slice(5))),
-      },
-      {
-        keys: [..."123456789"].map((d) => "shift+" + d), shown: "Shift 1 … 9", words: "keep this view", group,
-        act: (event) => app.layout.views.keep(Number(event.code.slice(5))),
-      },
-    ];
-  }
-
-  private picture(): Key[] {
-    const { app } = this;
-    const group = "Picture";
-    return [
-      { keys: ["e"], shown: "e E", words: "half a stop brighter, darker", group, act: () => app.expose(0.5) },
-      { keys: ["E"], shown: "", words: "", group, act: () => app.expose(-0.5) },
-      {
-        keys: ["n"], shown: "n", words: "automatic exposure", group,
-        act: () => app.store.set([["image.exposure", null]], "automatic exposure"),
-      },
-      { keys: ["p"], shown: "p", words: "what the middle ray saw", group, act: () => void app.probeAt([0, 0]) },
-      { keys: ["a"], shown: "a", words: "rotate about the probed point", group, act: () => app.turnAboutProbe() },
-      {
-        keys: ["b"], shown: "b", words: "box of the volume on or off", group,
-        act: () => {
-          app.overlay.shown = !app.overlay.shown;
-          app.stage.redraw();
-        },
-      },
-      { keys: ["[", "]"], shown: "[ ]", words: "time step back, forward", group, act: (event) => app.layout.time.step(event.key === "]" ? 1 : -1) },
-    ];
-  }
-
-  private rest(): Key[] {
-    const { app } = this;
-    const group = "Document";
-    const other = "Everything else";
-    return [
-      { keys: ["ctrl+z", "u"], shown: "Ctrl Z or u", words: "undo", group, act: () => app.undo() },
-      { keys: ["ctrl+Z", "ctrl+y", "U"], shown: "Ctrl Y or U", words: "redo", group, act: () => app.redo() },
-      { keys: ["c"], shown: "c", words: "copy as Python", group, act: () => void app.copyScene("python") },
-      { keys: ["C"], shown: "C", words: "copy as scene (TOML)", group, act: () => void app.copyScene("toml") },
-      { keys: ["l"], shown: "l", words: "copy a link to this scene", group, act: () => void app.copyLink() },
-      { keys: ["s"], shown: "s", words: "save a picture or the scene", group, act: () => app.layout.save() },
-      { keys: ["m"], shown: "m", words: "show or hide the panels", group: other, act: () => app.layout.togglePanels() },
-      { keys: ["?", "h"], shown: "?", words: "this list", group: other, act: () => app.layout.help() },
-    ];
-  }
+    found[3](event as KeyboardEvent);
+  };
+  const target = app.root.closest(".vlm-page") ? document : app.root;
+  target.addEventListener("keydown", hear);
+  return () => target.removeEventListener("keydown", hear);
 }

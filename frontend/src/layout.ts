@@ -1,7 +1,7 @@
 // Where everything is: the bar above, the picture with what lies on it, the panels beside it.
 
 import type { App } from "./app";
-import type { View } from "./camera";
+import { otherType, type View } from "./camera";
 import { helpDialog, historyMenu, saveDialog } from "./dialogs";
 import { mediaPanel } from "./panels/media";
 import { probePanel } from "./panels/probe";
@@ -9,8 +9,8 @@ import { scenePanel } from "./panels/scene";
 import { slicePanel } from "./panels/slice";
 import { timeBar } from "./panels/time";
 import { tonePanel } from "./panels/tone";
-import { type Views, viewsPanel } from "./panels/views";
-import { button, h } from "./ui/dom";
+import { viewsPanel } from "./panels/views";
+import { ARROWS, button, h } from "./ui/dom";
 import { newId } from "./ui/fields";
 import { gridName, pretty } from "./ui/format";
 import type { FrameHead } from "./wire";
@@ -23,28 +23,9 @@ export interface Panel {
   shown?(): void;
 }
 
-export interface Layout {
-  root: HTMLElement;
-  stage: HTMLElement;
-  live: HTMLElement;
-  views: Views;
-  time: { step(by: number): void };
-  welcomed(): void;
-  update(): void;
-  probed(): void;
-  badge(head: FrameHead): void;
-  camera(view: View | null): void;
-  busy(on: boolean): void;
-  connection(state: string): void;
-  notice(text: string, level: string): void;
-  help(): void;
-  save(): void;
-  togglePanels(): void;
-}
-
 const NOTICE_MS: Record<string, number> = { info: 4000, warning: 9000, error: 20000 };
 
-export function build(app: App): Layout {
+export function build(app: App) {
   const { stage } = app;
   const live = h("div", { class: "vlm-offscreen", "aria-live": "polite" });
   const badge = h("div", { class: "vlm-badge" }, "waiting for the first picture");
@@ -77,7 +58,7 @@ export function build(app: App): Layout {
   const help = helpDialog(app);
   const save = saveDialog(app);
   const history = historyMenu(app);
-  const type = button("", "Parallel rays or perspective  (o)", () => app.switchType(), "cube");
+  const type = button("", "Parallel rays or perspective  (o)", () => app.change(otherType), "cube");
   const freely = button("", "Turntable or trackball  (t)", () => app.switchFreely(), "ball");
   const bar = h(
     "header",
@@ -127,7 +108,7 @@ export function build(app: App): Layout {
       tabs.show("probe");
       probe.update();
     },
-    badge(head) {
+    badge(head: FrameHead) {
       const { words, state } = badgeOf(head);
       badge.textContent = words;
       badge.dataset.state = state;
@@ -136,26 +117,26 @@ export function build(app: App): Layout {
       told = words;
       this.camera(stage.view);
     },
-    camera(view) {
+    camera(view: View | null) {
       if (!view) return;
       const degrees = (v: number) => `${(Math.round(v * 10) / 10).toFixed(1).replace("-", "−")}°`;
       angles.textContent = `incl ${degrees(view.incl)}  phi ${degrees(view.phi)}${view.posang ? `  posang ${degrees(view.posang)}` : ""}`;
       type.setAttribute("aria-pressed", String(view.type === "perspective"));
       freely.setAttribute("aria-pressed", String(app.freely));
     },
-    busy(on) {
+    busy(on: boolean) {
       if (trouble.dataset.state === "lost") return;
       trouble.hidden = !on;
       trouble.textContent = "kernel busy";
     },
-    connection(state) {
+    connection(state: string) {
       const lost = state !== "open";
       trouble.dataset.state = lost ? "lost" : "";
       trouble.hidden = !lost;
       trouble.textContent = "connection lost – trying again; what you change is kept";
       root.dataset.connection = state;
     },
-    notice(text, level) {
+    notice(text: string, level: string) {
       if ([...notices.children].some((box) => box.firstChild!.textContent === text)) return;
       const box = h("div", { class: `vlm-notice vlm-${level}` }, h("span", {}, text));
       const close = () => box.remove();
@@ -192,7 +173,7 @@ function tabList(panels: [string, string, Panel][]): { element: HTMLElement; cur
   );
   const list = h("div", { class: "vlm-tabs", role: "tablist", "aria-label": "Panels" }, ...tabs);
   list.addEventListener("keydown", (event) => {
-    const by = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
+    const by = ARROWS[event.key]?.[0];
     if (!by) return;
     event.preventDefault();
     show((now + by + tabs.length) % tabs.length);

@@ -19,12 +19,8 @@ export class Legend {
 
   constructor(private app: App) {}
 
-  update(): void {
-    this.drawn();
-  }
-
   /** After each drawing: the limits of a colormap may come with the frame. */
-  drawn(): void {
+  draw(): void {
     const { tone } = this.app.stage;
     const media: Table[] = this.app.store.document.medium ?? [];
     const key = JSON.stringify([tone?.colormap && tone, tone?.colormap ? 0 : media, this.app.store.open]);

@@ -146,7 +146,7 @@ export function absorbed(tau: number): string {
 }
 
 /** A new medium where there are values: at `center`, in the middle of the range if there is none. */
-export function fresh(type: string, expr: string, low: number, high: number, center: number | null, color: string): Table {
+export function fresh(type: string, expr: string, [low, high]: [number, number], center: number | null, color: string, channels = 3): Table {
   const round = (v: number) => Number(v.toPrecision(4));
   const middle = round(center ?? 0.5 * (low + high));
   const width = round(0.02 * (high - low) || 0.1);
@@ -163,7 +163,7 @@ export function fresh(type: string, expr: string, low: number, high: number, cen
       return { type, expr, values, colors: [rgb, rgb, rgb].map((c) => scaled(c, 0.3)), opacities: [0.001, 0.3, 0.001] };
     }
     case "coefficients":
-      return { type, emissivity: expr, extinction: expr };
+      return { type, emissivity: channels > 1 ? Array(channels).fill(expr) : expr, extinction: expr };
     default:
       return { type: "gaussian", expr, center: middle, sigma: width, color: scaled(rgb, 0.3), opacity: 0.3 };
   }

@@ -2,7 +2,7 @@
 
 // @ts-ignore: beside this file when both are built
 import explorer from "./explorer.js";
-import { type Message, type Model, pack, unpack } from "./wire";
+import { type Message, type Model, unpack } from "./wire";
 
 const TOKEN = "voluminous-token";
 const SHORTEST_MS = 250;
@@ -75,9 +75,8 @@ class Socket implements Model {
   }
 
   /** What cannot be sent is dropped: changes of the document are kept, and sent again, by the store. */
-  send(content: Message, _callbacks?: any, buffers: ArrayBuffer[] = []): void {
-    if (this.socket?.readyState !== WebSocket.OPEN) return;
-    this.socket.send(buffers.length ? (pack(content, new Uint8Array(buffers[0])) as BufferSource) : JSON.stringify(content));
+  send(content: Message): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(content));
   }
 }
 

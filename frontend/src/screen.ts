@@ -123,31 +123,28 @@ void main() {
   color = vec4(shown, fade);
 }`;
 
-type Uniforms = (name: string) => WebGLUniformLocation | null;
-
 interface Program {
   use: WebGLProgram;
-  at: Uniforms;
+  uniforms: [WebGLUniformLocation, name: string, type: number][];
 }
 
 function program(gl: WebGL2RenderingContext, variant: string, fragment: string): Program {
-  const made = gl.createProgram()!;
+  const use = gl.createProgram()!;
   for (const [type, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, `#version 300 es\n${variant}${fragment}`]] as const) {
     const shader = gl.createShader(type)!;
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
-    gl.attachShader(made, shader);
+    gl.attachShader(use, shader);
   }
-  gl.linkProgram(made);
-  if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) {
-    throw new Error(gl.getProgramInfoLog(made) ?? "the shader does not link");
-  }
-  const known = new Map<string, WebGLUniformLocation | null>();
-  const at: Uniforms = (name) => {
-    if (!known.has(name)) known.set(name, gl.getUniformLocation(made, name));
-    return known.get(name)!;
-  };
-  return { use: made, at };
+  gl.linkProgram(use);
+  if (gl.isContextLost()) return { use, uniforms: [] };
+  if (!gl.getProgramParameter(use, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(use) ?? "the shader does not link");
+  const count: number = gl.getProgramParameter(use, gl.ACTIVE_UNIFORMS);
+  const uniforms = [...Array(count).keys()].map((i) => {
+    const { name, type } = gl.getActiveUniform(use, i)!;
+    return [gl.getUniformLocation(use, name)!, name.replace("[0]", ""), type] as Program["uniforms"][number];
+  });
+  return { use, uniforms };
 }
 
 /** A frame as it lies on the graphics card. */
@@ -163,7 +160,6 @@ export interface Surface {
   take(picture: Picture): void;
   draw(now: Drawn, before: Drawn | null, fade: number): void;
   setTable(name: string, table: Uint8Array): void;
-  readonly lost: boolean;
 }
 
 export class Screen implements Surface {
@@ -206,16 +202,25 @@ export class Screen implements Surface {
     if (last) this.take(last);
   }
 
-  private variant(numbers: string, source: string): Program {
-    const found = this.programs.get(numbers);
-    if (found) return found;
-    const made = program(this.gl, numbers, source);
-    this.programs.set(numbers, made);
-    return made;
-  }
-
-  get lost(): boolean {
-    return this.gl.isContextLost();
+  /** Draw a rectangle with a variant of a shader; uniforms by name, textures in the order of their units. */
+  private paint(variant: string, source: string, textures: [number, WebGLTexture | null][], values: Record<string, number | number[]>): void {
+    const { gl } = this;
+    const made = this.programs.get(variant) ?? program(gl, variant, source);
+    this.programs.set(variant, made);
+    gl.useProgram(made.use);
+    for (const [location, name, type] of made.uniforms) {
+      const value = [values[name]].flat();
+      if (type === gl.FLOAT_VEC3) gl.uniform3fv(location, value);
+      else if (type === gl.FLOAT_VEC4) gl.uniform4fv(location, value);
+      else if (type === gl.FLOAT) gl.uniform1f(location, value[0]);
+      else gl.uniform1i(location, value[0]);
+    }
+    textures.forEach(([target, texture], unit) => {
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      gl.bindTexture(target, texture);
+    });
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.activeTexture(gl.TEXTURE0);
   }
 
   take(picture: Picture): void {
@@ -278,25 +283,13 @@ export class Screen implements Surface {
     const { gl } = this;
     const curve = tone.curve === "power" && tone.gamma !== 1 ? 3 : ["power", "asinh", "log"].indexOf(tone.curve);
     const mode = tone.colormap !== null ? (tone.logarithmic ? 3 : 2) : tone.hue ? 1 : 0;
-    const { at, use } = this.variant(`#define CURVE ${curve}\n#define MODE ${mode}\n`, TONE);
-    gl.useProgram(use);
     if (fade < 1) gl.enable(gl.BLEND);
     else gl.disable(gl.BLEND);
     const scale = 2 ** (TOP - topOf(layer.picture.head));
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, layer.linear);
-    gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, this.table);
-    gl.uniform1i(at("linear_"), 0);
-    gl.uniform1i(at("table"), 1);
-    gl.uniform4f(at("place"), ...place.scale, ...place.shift);
-    gl.uniform1f(at("black"), tone.black * scale);
-    gl.uniform1f(at("white"), tone.white * scale);
-    gl.uniform1f(at("gamma"), tone.gamma);
-    gl.uniform1f(at("softening"), tone.softening);
-    gl.uniform1f(at("fade"), fade);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
-    gl.activeTexture(gl.TEXTURE0);
+    this.paint(`#define CURVE ${curve}\n#define MODE ${mode}\n`, TONE, [[gl.TEXTURE_2D, layer.linear], [gl.TEXTURE_2D, this.table]], {
+      linear_: 0, table: 1, place: [...place.scale, ...place.shift], fade,
+      black: tone.black * scale, white: tone.white * scale, gamma: tone.gamma, softening: tone.softening,
+    });
   }
 
   private mixChannels(layer: Layer, tone: Tone): void {
@@ -310,24 +303,14 @@ export class Screen implements Surface {
     gl.viewport(0, 0, width, height);
     gl.disable(gl.BLEND);
     const codec = layer.picture.halves ? 2 : channels === 3 ? 0 : 1;
-    const { at, use } = this.variant(`#define CODEC ${codec}\n`, MIX);
-    gl.useProgram(use);
-    // A texture that is drawn into may not be bound, not even unused.
-    gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, codec === 2 ? layer.source : null);
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, codec === 2 ? this.table : layer.source);
-    gl.uniform1i(at("picture"), 0);
-    gl.uniform1i(at("planes"), 1);
-    gl.uniform1i(at("channels"), Math.min(channels, MOST_CHANNELS));
-    gl.uniform1i(at("rows"), height);
     const shift = TOP - topOf(layer.picture.head);
-    gl.uniform1f(at("low"), low + shift);
-    gl.uniform1f(at("step_"), (high - low) / 254);
-    gl.uniform1f(at("scale"), 2 ** (low + shift));
-    gl.uniform3fv(at("mix_"), tone.mix.slice(0, MOST_CHANNELS).flat());
-    gl.uniform4f(at("place"), 1, 1, 0, 0);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    // A texture that is drawn into may not be bound, not even unused.
+    const picture = codec === 2 ? this.table : layer.source;
+    const planes = codec === 2 ? layer.source : null;
+    this.paint(`#define CODEC ${codec}\n`, MIX, [[gl.TEXTURE_2D, picture], [gl.TEXTURE_2D_ARRAY, planes]], {
+      picture: 0, planes: 1, place: [1, 1, 0, 0], channels: Math.min(channels, MOST_CHANNELS), rows: height,
+      low: low + shift, step_: (high - low) / 254, scale: 2 ** (low + shift), mix_: tone.mix.slice(0, MOST_CHANNELS).flat(),
+    });
   }
 }
 

@@ -5,7 +5,6 @@ import type { Drawn, Picture, Surface } from "./screen";
 import { toneOf } from "./tone";
 
 export class Screen2d implements Surface {
-  readonly lost = false;
   private head: Picture["head"] | null = null;
   private values: Float32Array = new Float32Array();
   private table: Uint8Array | undefined;

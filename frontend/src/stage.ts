@@ -178,8 +178,4 @@ export class Stage {
     const v = 0.5 + ((2 * y) / ch - shift[1]) / scale[1] / 2;
     return u >= 0 && u <= 1 && v >= 0 && v <= 1 ? [u, v] : null;
   }
-
-  get lost(): boolean {
-    return this.screen.lost;
-  }
 }

@@ -61,17 +61,6 @@ export interface FrameHead extends Message {
 const MAGIC = "VLM1";
 const HEAD = 8;
 
-/** Pack a message with bytes: magic, length of the JSON, JSON, bytes. */
-export function pack(message: Message, bytes: Uint8Array): Uint8Array {
-  const json = new TextEncoder().encode(JSON.stringify(message));
-  const out = new Uint8Array(HEAD + json.length + bytes.length);
-  out.set(new TextEncoder().encode(MAGIC));
-  new DataView(out.buffer).setUint32(4, json.length, true);
-  out.set(json, HEAD);
-  out.set(bytes, HEAD + json.length);
-  return out;
-}
-
 /** Take a packed message apart; the bytes are a view, not a copy. */
 export function unpack(data: Uint8Array): { message: Message; bytes: Uint8Array } {
   const text = new TextDecoder();
@@ -121,5 +110,5 @@ export interface Model {
   link?: string;
   on(event: string, callback: (...args: any[]) => void): void;
   off?(event: string, callback?: (...args: any[]) => void): void;
-  send(content: any, callbacks?: any, buffers?: ArrayBuffer[]): void;
+  send(content: any): void;
 }

@@ -3,15 +3,14 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { fromHalf, fromLog, inflate, undifference } from "../src/half";
-import { fromBase64, pack, unpack } from "../src/wire";
+import { fromBase64, unpack } from "../src/wire";
 import fixtures from "./fixtures.json";
 
-test("a message of Python is read, and written the same", () => {
+test("a message of Python is read", () => {
   const data = fromBase64(fixtures.message);
   const { message, bytes } = unpack(data);
   assert.deepEqual(message, { kind: "frame", number: 7, text: "τ ≤ 1" });
   assert.deepEqual([...bytes], [0, 1, 2, 3, 4]);
-  assert.deepEqual(unpack(pack(message, bytes)), { message, bytes });
 });
 
 test("what is no message is refused", () => {

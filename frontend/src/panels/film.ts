@@ -4,81 +4,62 @@
 import type { App } from "../app";
 import { fileMaker } from "../dialogs";
 import { button, h } from "../ui/dom";
-import { choice, numberField, toggle } from "../ui/fields";
+import { Form } from "../ui/fields";
 import type { Table } from "../wire";
 
 const KINDS: Record<string, string> = { MP4: "mp4", GIF: "gif", WebP: "webp", "PNG pictures (zip)": "png" };
+const DOES = "The server draws it, and this page downloads it";
 
-export interface Film {
-  element: HTMLElement;
-  frames: number;
-  update(): void;
-}
-
-export function filmMaker(app: App, cameras: () => Table[]): Film {
+export function filmMaker(app: App, cameras: () => Table[]) {
   const maker = fileMaker(app);
-  const wish = { frames: 120, fps: 24, width: 800, turns: 1, factor: 4, ease: "smooth", what: "mp4", series: false, path: "" };
-  const whole = (name: "frames" | "fps" | "width", label: string, unit = "") => {
-    const field = numberField(label, unit, (value) => (wish[name] = Math.max(1, Math.round(value))));
-    field.update(wish[name]);
-    return field.element;
-  };
-  const number = (name: "turns" | "factor", label: string, hint: string) => {
-    const field = numberField(label, "", (value) => (wish[name] = value), hint);
-    field.update(wish[name]);
-    return field.element;
-  };
-  const path = choice("Of", [], (name) => {
-    wish.path = name;
-    update();
-  });
-  const ease = choice("Ease", ["smooth", "linear", "through"], (name) => (wish.ease = name), "smooth: rests at each view; linear: equal steps; through: does not stop at the views between");
-  const turns = number("turns", "Turns", "Once around is 1; the other way is -1");
-  const factor = number("factor", "Closer by", "How many times larger things are at the end");
-  const series = toggle("time passes", (on) => (wish.series = on), "The files of the series are spread over the film");
-  const kind = choice("File", Object.keys(KINDS), (name) => (wish.what = KINDS[name]));
-  const options: Record<string, () => Table> = {
-    "kept views": () => ({ kind: "keyframes", cameras: cameras(), ease: wish.ease }),
+  const wish = { of: "orbit", frames: 120, fps: 24, width: 800, turns: 1, factor: 4, ease: "smooth", file: "MP4", series: false };
+  type Wish = typeof wish;
+  const paths: Record<string, () => Table> = {
     orbit: () => ({ kind: "orbit", turns: wish.turns }),
     zoom: () => ({ kind: "zoom", factor: wish.factor }),
+    "kept views": () => ({ kind: "keyframes", cameras: cameras(), ease: wish.ease }),
     "time series": () => ({ kind: "still" }),
   };
+  const isSeries = () => (app.welcome?.series?.count ?? 1) > 1;
+  const form = new Form<Wish>();
+  const put = <K extends keyof Wish>(name: K) => (value: Wish[K]) => {
+    wish[name] = value;
+    update();
+  };
+  const whole = (name: "frames" | "fps" | "width") => (value: number) => put(name)(Math.max(1, Math.round(value)));
+  const only = (path: string, value: any) => (wish.of === path ? value : undefined);
 
   const make = async () => {
-    const { frames, fps, width, what } = wish;
-    start.disabled = true;
+    const { of, frames, fps, width, file, series } = wish;
     stop.hidden = false;
-    await maker.make("film", { path: options[wish.path](), frames, fps, width, what, series: wish.path === "time series" || (wish.series && !series.element.hidden) });
+    update();
+    await maker.make("film", { path: paths[of](), frames, fps, width, what: KINDS[file], series: isSeries() && (series || of === "time series") });
     stop.hidden = true;
     update();
   };
-  const start = button("Make the film", "The server draws it, and this page downloads it", () => void make(), "play");
+  const start = button("Make the film", DOES, () => void make(), "play");
   const stop = button("Cancel", "Give the film up", maker.cancel);
   stop.hidden = true;
 
   function update(): void {
-    const many = (app.welcome?.series?.count ?? 1) > 1;
-    const names = Object.keys(options).filter((name) => name !== "time series" || many);
-    path.options(names);
-    wish.path ||= "orbit";
-    path.update(wish.path);
-    ease.element.hidden = wish.path !== "kept views";
-    turns.hidden = wish.path !== "orbit";
-    factor.hidden = wish.path !== "zoom";
-    series.element.hidden = !many || wish.path === "time series";
-    start.disabled = !stop.hidden || (wish.path === "kept views" && cameras().length < 2);
-    start.title = wish.path === "kept views" && cameras().length < 2 ? "Keep two views first" : "The server draws it, and this page downloads it";
+    form.update(wish);
+    const lacks = wish.of === "kept views" && cameras().length < 2;
+    start.disabled = lacks || !stop.hidden;
+    start.title = lacks ? "Keep two views first" : DOES;
   }
 
-  return {
-    element: h(
-      "div", { class: "vlm-film" },
-      path.element, ease.element, turns, factor, whole("frames", "Frames"), whole("fps", "Speed", "a second"), whole("width", "Width", "pixels"), kind.element, series.element,
-      maker.bar, h("div", { class: "vlm-actions" }, start, stop),
-    ),
-    get frames() {
-      return wish.frames;
-    },
-    update,
-  };
+  const element = h(
+    "div", { class: "vlm-film" },
+    form.choice((now) => now.of, "Of", () => Object.keys(paths).filter((name) => name !== "time series" || isSeries()), put("of")),
+    form.choice(() => only("kept views", wish.ease), "Ease", () => ["smooth", "linear", "through"], put("ease"), "smooth: rests at each view; linear: equal steps; through: does not stop between"),
+    form.number(() => only("orbit", wish.turns), "Turns", "", put("turns"), "Once around is 1; the other way is -1"),
+    form.number(() => only("zoom", wish.factor), "Closer by", "", put("factor"), "How many times larger things are at the end"),
+    form.number((now) => now.frames, "Frames", "", whole("frames")),
+    form.number((now) => now.fps, "Speed", "a second", whole("fps")),
+    form.number((now) => now.width, "Width", "pixels", whole("width")),
+    form.choice((now) => now.file, "File", () => Object.keys(KINDS), put("file")),
+    form.toggle((now) => (isSeries() && now.of !== "time series" ? now.series : undefined), "time passes", put("series"), "The files of the series are spread over the film"),
+    maker.bar, h("div", { class: "vlm-actions" }, start, stop),
+  );
+  return { element, update, wish };
 }

@@ -6,8 +6,8 @@ import type { App } from "../app";
 import { another, colorFor, given, isShell, shareAt, strengthened, strengthOf, STRONGEST, WEAKEST, widthName } from "../media";
 import type { Patch } from "../store";
 import { vivid } from "../ui/color";
-import { refill, svg } from "../ui/dom";
-import { pretty, prettyUnit, ticks, withUnit } from "../ui/format";
+import { ARROWS, refill, svg } from "../ui/dom";
+import { numberOf, pretty, prettyUnit, ticks, withUnit } from "../ui/format";
 import type { Message, Table } from "../wire";
 
 const WIDTH = 320;
@@ -19,16 +19,17 @@ const TENTH = Math.sqrt(2 * Math.log(10));
 
 /** One thing to take hold of. */
 interface Handle {
-  x: number;
+  /** Value along x, and place along y. */
+  at: number;
   y: number;
+  round: boolean;
   label: string;
   text: string;
   value: number;
-  /** To other numbers: value along x, log10 of the optical depth. */
-  drag(x: number, logTau: number, moving: boolean): void;
-  /** Arrow keys: parts of the range. */
-  step(right: number, up: number): void;
-  round: boolean;
+  /** Name of the change in the history. */
+  change: string;
+  /** The change that brings it to another value, and log10 of the optical depth. */
+  put(x: number, logTau: number): Patch;
 }
 
 export class Histogram {
@@ -140,7 +141,7 @@ export class Histogram {
     if (this.held !== null || this.front.childElementCount === handles.length) handles.forEach((hd, i) => this.place(i, hd));
     else refill(this.front, ...handles.map((hd, i) => this.handle(i, hd)));
     this.current = handles;
-    handles.forEach((hd, i) => this.front.children[i]?.classList.toggle("vlm-none", hd.x < 0 || hd.x > WIDTH));
+    handles.forEach(({ at }, i) => this.front.children[i]?.classList.toggle("vlm-none", this.toX(at) < 0 || this.toX(at) > WIDTH));
     this.element.setAttribute("aria-label", `Histogram of ${expr ?? "nothing"}`);
     this.drawn();
   }
@@ -208,117 +209,97 @@ export class Histogram {
   }
 
   private handles(medium: Table, i: number): Handle[] {
-    const open = this.app.store.open;
-    const unit = this.data?.unit;
-    const at = `medium.${i}.`;
-    const [low, high] = this.range;
+    const path = `medium.${i}.`;
     const tau = strengthOf(medium);
-    const set = (patch: Patch, label: string, moving: boolean) => this.app.store.set(patch, label, moving);
-    const strength = (logTau: number) => strengthened(medium, i, 10 ** logTau, this.locked);
-    const logTau = Math.log10(Math.max(tau, 1e-4));
+    const number = (name: string) => given(medium, name, this.app.store.open, i);
+    const text = (value: number) => withUnit(value, this.data?.unit);
     const made: Handle[] = [];
-    const add = (name: string, path: string, value: number | null, round: boolean, old: any, toY = this.toY(tau), up = strength) => {
+    const point = (label: string, name: string, old: any, value: number | null, y = tau, up = (logTau: number) => strengthened(medium, i, 10 ** logTau, this.locked)) => {
       if (value === null || !Number.isFinite(value)) return;
-      const move = (x: number, y: number, moving: boolean) => set([[at + path, another(old, x)], ...up(y)], name, moving);
-      made.push({
-        x: this.toX(value), y: toY, value, round, label: name,
-        text: `${withUnit(value, unit)}, optical depth ${pretty(tau)}`,
-        drag: move,
-        step: (right, upwards) => move(value + right * (high - low), logTau + upwards * (STRONGEST - WEAKEST), false),
-      });
+      const put = (x: number, logTau: number): Patch => [[path + name, another(old, x)], ...up(logTau)];
+      made.push({ at: value, y: this.toY(y), round: true, label, change: label, value, text: `${text(value)}, optical depth ${pretty(tau)}`, put });
     };
-    const center = given(medium, "center", open, i);
-    const name = widthName(medium);
-    const width = given(medium, name, open, i);
+    const [center, name] = [number("center"), widthName(medium)];
+    const width = number(name);
     if (isShell(medium) && center !== null && width !== null) {
-      add("centre", "center", center, true, medium.center);
+      point("centre", "center", medium.center, center);
       // Where a Gaussian is a tenth of its peak there is room beside the handle of the peak.
       const [reach, y] = medium.type === "gaussian" ? [TENTH, this.toY(tau / 10)] : [1, 0.5 * (this.toY(tau) + HEIGHT)];
-      for (const sign of [-1, 1]) {
-        const set_ = (value: number, moving: boolean) => set([[at + name, another(medium[name], Math.max(Math.abs(value), 1e-9 * (high - low)))]], "width", moving);
-        made.push({
-          x: this.toX(center + sign * reach * width),
-          y,
-          value: width, round: false, label: sign < 0 ? "width, lower shoulder" : "width, upper shoulder", text: withUnit(width, unit),
-          drag: (x, _, moving) => set_((x - center) / reach, moving),
-          step: (right) => set_(width + sign * right * (high - low), false),
-        });
+      const least = 1e-9 * (this.range[1] - this.range[0]);
+      const put = (x: number): Patch => [[path + name, another(medium[name], Math.max(Math.abs(x - center) / reach, least))]];
+      for (const [sign, side] of [[-1, "lower"], [1, "upper"]] as const) {
+        made.push({ at: center + sign * reach * width, y, round: false, label: `width, ${side} shoulder`, change: "width", value: width, text: text(width), put });
       }
     }
-    const none = (): Patch => [];
     if (medium.type === "isosurface") {
-      const list = Array.isArray(medium.level);
-      (list ? medium.level : [given(medium, "level", open, i)]).forEach((level: any, k: number) => {
-        add("level", list ? `level.${k}` : "level", Number.parseFloat(level), true, list ? level : medium.level);
-      });
+      const { level } = medium;
+      [level].flat().forEach((one, k) => point("level", Array.isArray(level) ? `level.${k}` : "level", one, numberOf(one) ?? number("level")));
     }
     if (medium.type === "colormap") {
-      add("lower end", "vmin", given(medium, "vmin", open, i), true, medium.vmin);
-      add("upper end", "vmax", given(medium, "vmax", open, i), true, medium.vmax);
+      point("lower end", "vmin", medium.vmin, number("vmin"));
+      point("upper end", "vmax", medium.vmax, number("vmax"));
     }
     if (medium.type === "table") {
       (medium.values ?? []).forEach((value: any, k: number) => {
         const plain = Array.isArray(medium.opacities) && !Array.isArray(medium.opacities[k]);
-        const up = plain ? (y: number): Patch => [[`${at}opacities.${k}`, Number((10 ** y).toPrecision(4))]] : none;
-        add(`point ${k + 1}`, `values.${k}`, Number.parseFloat(value), true, value, this.toY(plain ? medium.opacities[k] : tau), up);
+        const up = (logTau: number): Patch => (plain ? [[`${path}opacities.${k}`, Number((10 ** logTau).toPrecision(4))]] : []);
+        point(`point ${k + 1}`, `values.${k}`, value, numberOf(value), plain ? medium.opacities[k] : tau, up);
       });
     }
-    return made;
+    return made.filter(({ at }) => Number.isFinite(this.toX(at)));
   }
 
   private handle(i: number, made: Handle): SVGElement {
     const dot = svg("circle", { r: made.round ? 6.5 : 5 });
-    const element = svg("g", { class: `vlm-handle${made.round ? "" : " vlm-shoulder"}`, tabindex: "0", role: "slider" }, svg("circle", { r: 11, class: "vlm-grip" }), dot);
+    const element = svg("g", { class: "vlm-handle", tabindex: "0", role: "slider" }, svg("circle", { r: 11, class: "vlm-grip" }), dot);
+    const drag = (x: number, logTau: number, moving: boolean) => this.app.store.set(this.current[i].put(x, logTau), this.current[i].change, moving);
+    const tell = () => this.current[i] && this.hover(this.toX(this.current[i].at));
     let start = { x: 0, y: 0, dx: 0, dy: 0 };
-    const follow = (event: PointerEvent, moving: boolean) => {
+    let moved = false;
+    const follow = (event: PointerEvent) => {
+      if (this.held !== i) return;
+      const moving = event.type === "pointermove";
+      if (!moving) this.held = null;
+      moved ||= moving;
+      if (!moved) return;
       let [x, y] = this.mouse(event);
       [x, y] = [x + start.dx, y + start.dy];
       // Shift: along one axis only.
       if (event.shiftKey && Math.abs(x - start.x) > Math.abs(y - start.y)) y = start.y;
       else if (event.shiftKey) x = start.x;
-      this.current[i]?.drag(this.fromX(x), this.fromY(y), moving);
+      drag(this.fromX(x), this.fromY(y), moving);
     };
-    let moved = false;
-    element.addEventListener("pointerdown", (event) => {
+    const take = (event: PointerEvent) => {
       event.preventDefault();
       this.held = i;
+      moved = false;
       element.focus();
       element.setPointerCapture(event.pointerId);
       const [x, y] = this.mouse(event);
-      const { x: hx, y: hy } = this.current[i];
-      start = { x: hx, y: hy, dx: hx - x, dy: hy - y };
-      moved = false;
-    });
-    element.addEventListener("pointermove", (event) => {
-      if (this.held !== i) return;
-      moved = true;
-      follow(event, true);
-    });
-    element.addEventListener("pointerup", (event) => {
-      if (this.held !== i) return;
-      this.held = null;
-      if (moved) follow(event, false);
-    });
-    element.addEventListener("pointercancel", () => (this.held = null));
-    element.addEventListener("dblclick", (event) => event.stopPropagation());
-    element.addEventListener("keydown", (event) => {
-      const way: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-      const [right, up] = way[event.key] ?? [0, 0];
-      if (!right && !up) return;
+      const { at, y: hy } = this.current[i];
+      start = { x: this.toX(at), y: hy, dx: this.toX(at) - x, dy: hy - y };
+    };
+    const step = (event: KeyboardEvent) => {
+      const way = ARROWS[event.key];
+      if (!way) return;
       event.preventDefault();
-      const step = event.shiftKey ? 0.1 : 0.01;
-      this.current[i]?.step(step * right, step * up);
-      this.hover(this.current[i]?.x ?? null);
-    });
-    element.addEventListener("focus", () => this.held === null && this.hover(this.current[i]?.x ?? null));
-    element.addEventListener("blur", () => this.hover(null));
+      const [part, [low, high]] = [event.shiftKey ? 0.1 : 0.01, this.range];
+      const { at, y } = this.current[i];
+      drag(at + part * way[0] * (high - low), this.fromY(y) + part * way[1] * (STRONGEST - WEAKEST), false);
+      tell();
+    };
+    const listeners: Record<string, (event: any) => void> = {
+      pointerdown: take, pointermove: follow, pointerup: follow, pointercancel: () => (this.held = null), keydown: step,
+      focus: () => this.held === null && tell(), blur: () => this.hover(null), dblclick: (event) => event.stopPropagation(),
+    };
+    for (const [name, listener] of Object.entries(listeners)) element.addEventListener(name, listener);
     this.place(i, made, element);
     return element;
   }
 
   private place(i: number, made: Handle, element = this.front.children[i] as SVGElement): void {
     if (!element) return;
-    element.setAttribute("transform", `translate(${made.x.toFixed(1)} ${made.y.toFixed(1)})`);
+    element.setAttribute("transform", `translate(${this.toX(made.at).toFixed(1)} ${made.y.toFixed(1)})`);
     element.setAttribute("aria-label", made.label);
     element.setAttribute("aria-valuenow", String(made.value));
     element.setAttribute("aria-valuetext", made.text);

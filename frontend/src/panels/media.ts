@@ -3,10 +3,10 @@
 import type { App } from "../app";
 import type { Panel } from "../layout";
 import { absorbed, canLock, colorFor, fresh, given, isShell, kindOf, NAMES, strengthened, strengthOf, STRONGEST, titleOf, totals, TYPES, WEAKEST, widthName } from "../media";
-import { colorOf, SAFE, toHex, vivid } from "../ui/color";
+import { colorOf, SAFE, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
-import { choice, labelled, numberField, slider, textField, toggle } from "../ui/fields";
-import { likewise, numberOf, pretty, prettyLength, prettyUnit } from "../ui/format";
+import { Form, labelled, numberField, toggle } from "../ui/fields";
+import { likewise, numberOf, pretty, prettyUnit, suited, unitOf } from "../ui/format";
 import type { Message, Table } from "../wire";
 import { coefficientCurves, Plot } from "../ui/lines";
 import { Histogram } from "./histogram";
@@ -43,16 +43,16 @@ export function mediaPanel(app: App): Panel {
     if (found) total.show(places, coefficientCurves(found.j, [found.alpha]), unit ? prettyUnit(`1 / ${unit}`) : "per length");
   }
 
-  let logarithmic: boolean | null = null;
+  const logarithmic = new Map<string, boolean>();
   const axis = toggle("log axis", (on) => {
-    logarithmic = on;
-    load();
+    logarithmic.set(exprOf(media()[chosen]), on);
+    void load();
   }, "The axis of values, for expressions without a logarithm of their own");
 
   /** Whether values are drawn logarithmically: by default those of positive fields over decades. */
   function isLog(expr: string): boolean {
     const field = app.info?.fields.find((f) => f.name === expr);
-    return logarithmic ?? Boolean(field && field.min > 0 && field.max / field.min > RATIO_FOR_LOG);
+    return logarithmic.get(expr) ?? Boolean(field && field.min > 0 && field.max / field.min > RATIO_FOR_LOG);
   }
 
   async function load(): Promise<void> {
@@ -65,19 +65,14 @@ export function mediaPanel(app: App): Panel {
     if (found === "asked") return;
     if (found) return histogram.show(found);
     known.set(key, "asked");
-    try {
-      const reply = { ...(await app.ask("histogram", { expr, bins: BINS, log })), expr };
-      known.set(key, reply);
-      histogram.show(reply);
-    } catch (error) {
-      known.delete(key);
-      app.notice(`${expr}: ${(error as Error).message}`, "warning");
-      histogram.show(null);
-    }
+    const reply = await app.tried("histogram", { expr, bins: BINS, log });
+    if (reply) known.set(key, { ...reply, expr });
+    else known.delete(key);
+    histogram.show(reply && { ...reply, expr });
   }
 
   const list = h("ul", { class: "vlm-media", "aria-label": "Media" });
-  const editor = mediumEditor(app, () => chosen, histogram, () => histogram.data);
+  const editor = mediumEditor(app, () => chosen, histogram);
 
   const add = (medium: Table, label: string) => {
     store.set([["medium", [...media(), medium]]], label);
@@ -86,9 +81,9 @@ export function mediaPanel(app: App): Panel {
   const kind = h("select", { "aria-label": "Kind of a new medium" }, ...TYPES.map((type) => h("option", { value: type }, NAMES[type])));
   const presets = presetMenu(app, () => select(0));
   const addFresh = () => {
-    const expr = exprOf(media()[chosen]);
+    const expr = exprOf(kind.value === "coefficients" ? undefined : media()[chosen]);
     const [low, high] = histogram.range;
-    add(fresh(kind.value, expr, low, high, null, SAFE[media().length % SAFE.length]), "add a medium");
+    add(fresh(kind.value, expr, [low, high], null, SAFE[media().length % SAFE.length], store.channels), "add a medium");
   };
   const duplicate = () => {
     const medium = media()[chosen];
@@ -172,7 +167,7 @@ function presetMenu(app: App, taken: () => void): HTMLElement {
   const menu = h("details", { class: "vlm-preset-menu" }, h("summary", { title: "Media made for this volume" }, "Presets ▾"), list);
   const take = (name: string | null) => {
     menu.open = false;
-    app.ask("suggest", { name }).then(taken, (error) => app.notice(error.message, "warning"));
+    void app.tried("suggest", { name }).then((done) => done && taken());
   };
   let known = "";
   menu.addEventListener("toggle", async () => {
@@ -214,165 +209,170 @@ export function gradient(app: App, cmap: string): string {
 }
 
 /** Fields of all numbers of one medium; made anew when another kind of medium is chosen. */
-function mediumEditor(app: App, index: () => number, histogram: Histogram, data: () => Message | null): { element: HTMLElement; update(): void } {
+function mediumEditor(app: App, index: () => number, histogram: Histogram) {
   const element = h("div", { class: "vlm-editor" });
-  let shown = "";
-  let updates: ((medium: Table) => void)[] = [];
   const { store } = app;
+  let shown = "";
+  let form = new Form<Table>();
   const medium = (): Table | undefined => store.document.medium?.[index()];
-  const path = (name: string) => `medium.${index()}.${name}`;
-  const set = (name: string, value: any, label: string, moving = false) => store.set([[path(name), value]], label, moving);
+  const set = (name: string, value: any, label: string, moving = false) => store.set([[`medium.${index()}.${name}`, value]], label, moving);
+  const maps = () => [...app.stage.tables.keys()].sort();
 
-  function quantity(label: string, name: string, unit: () => string, hint?: string): HTMLElement {
-    const field = numberField(label, "", (value, moving) => set(name, likewise(medium()?.[name], value), label, moving), hint);
-    const after = field.element.querySelector(".vlm-unit")!;
-    updates.push((m) => {
-      field.update(given(m, name, store.open, index()));
-      const own = typeof m[name] === "string" ? m[name].replace(/^\s*[-+0-9.eE]+\s*/, "") : unit();
-      after.textContent = m[name] === undefined && field.element.querySelector("input")!.value ? `${prettyUnit(own)} auto` : prettyUnit(own);
-    });
-    return field.element;
+  function quantity(label: string, name: string, hint?: string): HTMLElement {
+    const field = numberField(label, "", (value) => set(name, likewise(medium()?.[name], value), label), hint);
+    return form.add<Table>({
+      element: field.element,
+      update(m) {
+        const value = given(m, name, store.open, index());
+        field.update(value);
+        const unit = prettyUnit(unitOf(m[name]) || histogram.data?.unit);
+        field.unit.textContent = m[name] === undefined && value !== null ? `${unit} auto` : unit;
+      },
+    }, (m) => m);
   }
 
-  function text(label: string, name: string, hint?: string, placeholder = ""): HTMLElement {
-    const field = textField(label, (value) => set(name, value === "" ? null : value, label), hint, placeholder);
-    updates.push((m) => field.update(typeof m[name] === "object" ? JSON.stringify(m[name]) : String(m[name] ?? "")));
-    return field.element;
-  }
+  const text = (label: string, name: string, hint?: string, placeholder = "") =>
+    form.text(({ [name]: value = "" }) => (typeof value === "object" ? JSON.stringify(value) : String(value)), label, (value) => set(name, listed(value) || null, label), hint, placeholder);
 
   function strength(): HTMLElement[] {
-    const patch = (tau: number, moving: boolean) => store.set(strengthened(medium()!, index(), tau, histogram.locked), "strength", moving);
-    const bar = slider("Strength", [WEAKEST, STRONGEST, 0.02], (v) => `τ ${pretty(10 ** v, 2)}`, (v, moving) => patch(10 ** v, moving), "Optical depth of one crossing");
-    const exact = numberField("τ per crossing", "", (value) => value >= 0 && patch(value, false));
-    const told = h("p", { class: "vlm-hint vlm-readout" });
-    const lock = toggle("glow follows strength (S = j/α kept)", (on) => (histogram.locked = on), "Off: emission stays while extinction changes");
-    lock.update(histogram.locked);
-    updates.push((m) => {
-      const tau = strengthOf(m);
-      bar.update(Math.log10(Math.max(tau, 10 ** WEAKEST)));
-      exact.update(Number(tau.toPrecision(4)));
+    const put = (tau: number, moving = false) => tau >= 0 && store.set(strengthened(medium()!, index(), tau, histogram.locked), "strength", moving);
+    // A length of the medium, and the optical depth of it, come to the way that light goes in it.
+    const way = (m: Table): [number, string] | null => {
       const length = m.type === "isosurface" ? null : given(m, "path_length", store.open, index());
-      const free = length && tau > 0 ? ` · mean free path ${freePath(m, length / tau)}` : "";
-      told.textContent = absorbed(tau) + free;
-      lock.element.hidden = !canLock(m);
-    });
-    const freePath = (m: Table, length: number) => {
-      const unit = typeof m.path_length === "string" ? m.path_length.replace(/^\s*[-+0-9.eE]+\s*/, "") : app.info?.unit ?? "";
-      return prettyLength(length, unit);
+      return length && strengthOf(m) > 0 ? suited(length / strengthOf(m), unitOf(m.path_length) || app.info?.unit || "") : null;
     };
-    return [bar.element, exact.element, told, lock.element];
+    const free = numberField("Mean free path", "", (value) => value > 0 && put((strengthOf(medium()!) * way(medium()!)![0]) / value), "How far light goes in it, where it is densest");
+    const told = h("p", { class: "vlm-hint vlm-readout" });
+    return [
+      form.slider((m) => Math.log10(Math.max(strengthOf(m), 10 ** WEAKEST)), "Strength", [WEAKEST, STRONGEST, 0.02], (v) => `τ ${pretty(10 ** v, 2)}`, (v, moving) => put(10 ** v, moving), "Optical depth of one crossing"),
+      form.number((m) => Number(strengthOf(m).toPrecision(4)), "τ per crossing", "", put),
+      form.add<[number, string]>({ element: free.element, update: ([value, unit]) => (free.update(Number(value.toPrecision(4))), (free.unit.textContent = prettyUnit(unit))) }, (m) => way(m) ?? undefined),
+      form.add<Table>({ element: told, update: (m) => void (told.textContent = absorbed(strengthOf(m))) }, (m) => m),
+      form.toggle((m) => (canLock(m) ? histogram.locked : undefined), "glow follows strength (S = j/α kept)", (on) => (histogram.locked = on), "Off: emission stays while extinction changes"),
+    ];
   }
 
-  function color(): HTMLElement[] {
-    const picker = h("input", { type: "color", class: "vlm-color" });
-    const put = (hex: string, moving: boolean) => {
-      const most = Math.max(...colorOf(medium()?.color ?? [1, 1, 1]), 1e-12);
-      set("color", colorOf(hex).map((v) => Number((v * most).toPrecision(4))), "color", moving);
-    };
-    picker.addEventListener("input", () => put(picker.value, true));
-    picker.addEventListener("change", () => put(picker.value, false));
+  /** One colour, or those of a colormap at another expression. */
+  function color(name: "color" | "colors"): HTMLElement[] {
+    const by = (m: Table): Table | undefined => (m[name] && typeof m[name] === "object" && !Array.isArray(m[name]) ? m[name] : undefined);
+    const plain = (m: Table) => name === "color" && !by(m) && [m.color ?? 1].flat(Infinity).length <= 3;
+    const now = (): any => medium()?.color ?? [1, 1, 1];
+    const brightest = (value: any) => Math.max(...colorOf(value)) || 1;
+    const put = (hex: string, moving = false) => set("color", likeBright(hex, now()), "color", moving);
+    const picker = h("input", { type: "color", class: "vlm-color", oninput: () => put(picker.value, true), onchange: () => put(picker.value) });
     const safe = SAFE.map((hex) => {
-      const one = h("button", { type: "button", class: "vlm-chip", title: hex, "aria-label": `color ${hex}`, onclick: () => put(hex, false) });
+      const one = h("button", { type: "button", class: "vlm-chip", title: hex, "aria-label": `color ${hex}`, onclick: () => put(hex) });
       one.style.background = hex;
       return one;
     });
-    const bright = numberField("Glow", "", (value) => {
-      const rgb = colorOf(medium()?.color ?? [1, 1, 1]);
-      const most = Math.max(...rgb) || 1;
-      set("color", rgb.map((v) => Number(((v / most) * value).toPrecision(4))), "glow");
-    }, "Brightness of its brightest channel");
-    updates.push((m) => {
-      const value = m.color ?? [1, 1, 1];
-      const plain = typeof value === "string" || (Array.isArray(value) && value.length === 3 && value.every((v) => typeof v === "number"));
-      picker.disabled = !plain;
-      if (!picker.matches(":focus")) picker.value = vivid(plain ? value : [1, 1, 1]);
-      const rgb = plain ? colorOf(value) : null;
-      bright.update(rgb && Number(Math.max(...rgb).toPrecision(4)));
-      for (const chip of safe) chip.setAttribute("aria-pressed", String(plain && toHex(colorOf(vivid(value))) === chip.title));
-    });
-    return [labelled("Color", picker, h("span", { class: "vlm-chips" }, ...safe)), bright.element];
+    const mine = (key: string, label: string, hint: string, empty = "auto") =>
+      form.text((m) => by(m) && String(by(m)![key] ?? ""), label, (text) => set(`${name}.${key}`, text && Number.isFinite(Number(text)) ? Number(text) : text || null, label), hint, empty);
+    return [
+      form.add<any>({
+        element: labelled("Color", picker, h("span", { class: "vlm-chips" }, ...safe)),
+        update(value) {
+          if (!picker.matches(":focus")) picker.value = vivid(value);
+          for (const chip of safe) chip.setAttribute("aria-pressed", String(vivid(value) === chip.title));
+        },
+      }, (m) => (plain(m) ? m.color ?? [1, 1, 1] : undefined)),
+      form.number(
+        (m) => (plain(m) ? Number(brightest(m.color ?? 1).toPrecision(4)) : undefined), "Glow", "",
+        (value) => set("color", colorOf(now()).map((v) => Number(((v / brightest(now())) * value).toPrecision(4))), "glow"), "Brightness of its brightest channel",
+      ),
+      form.text(
+        (m) => by(m)?.expr ?? "", "Color by", (expr) => set(by(medium()!) && expr ? `${name}.expr` : name, by(medium()!) && expr ? expr : expr ? { expr, cmap: "inferno" } : fallback(name, medium()!), "color by"),
+        "Another expression, whose value at the same place gives the color", name === "color" ? "one color" : "its own colors",
+      ),
+      form.choice((m) => by(m)?.cmap, "Colormap", maps, (map) => set(`${name}.cmap`, map, "colormap")),
+      mine("vmin", "From", "Lower end of the colormap"), mine("vmax", "To", "Upper end of the colormap"), mine("brightness", "Glow", "How bright its colors are", "1"),
+      form.toggle((m) => by(m) && by(m)!.norm === "log", "logarithm of the values", (on) => set(`${name}.norm`, on ? "log" : null, "scale")),
+    ];
   }
 
   function tableRows(): HTMLElement {
     const body = h("div", { class: "vlm-points" });
-    const change = (m: Table, label: string) => {
-      const at = `medium.${index()}.`;
-      store.set(["values", "colors", "opacities"].map((name) => [at + name, m[name]]), label);
+    const columns = ["values", "colors", "opacities"] as const;
+    /** The same change of all lists; what is one number for all points stays. */
+    const change = (how: (list: any[]) => any[], label: string) => {
+      const m = medium()!;
+      store.set(columns.map((name) => [`medium.${index()}.${name}`, Array.isArray(m[name]) ? how(m[name]) : m[name]]), label);
     };
     const row = (m: Table, k: number) => {
-      const value = h("input", { type: "text", class: "vlm-number", value: String(m.values[k]), "aria-label": `value ${k + 1}` });
-      const tau = h("input", { type: "text", class: "vlm-number", value: String(m.opacities?.[k] ?? m.opacities), "aria-label": `optical depth ${k + 1}` });
-      const tint = h("input", { type: "color", class: "vlm-color", value: vivid(m.colors?.[k] ?? [1, 1, 1]), "aria-label": `color ${k + 1}` });
-      value.addEventListener("change", () => {
-        const number = Number(value.value);
-        if (value.value.trim()) set(`values.${k}`, Number.isFinite(number) ? likewise(m.values[k], number) : value.value.trim(), "point");
-      });
-      tau.addEventListener("change", () => Number(tau.value) >= 0 && set(`opacities.${k}`, Number(tau.value), "point"));
-      tint.addEventListener("change", () => {
-        const most = Math.max(...colorOf(m.colors?.[k]), 1e-12);
-        set(`colors.${k}`, colorOf(tint.value).map((v) => Number((v * most).toPrecision(4))), "color");
-      });
-      const without = (list: any) => (Array.isArray(list) ? list.filter((_: any, i: number) => i !== k) : list);
-      const drop = () => m.values.length > 2 && change({ values: without(m.values), colors: without(m.colors), opacities: without(m.opacities) }, "remove a point");
-      return h("div", { class: "vlm-point" }, value, tau, tint, button("×", `Remove point ${k + 1}`, drop));
+      const cell = (name: string, value: any, type: string, put: (text: string) => void) => {
+        const input = h("input", { type, class: type === "text" ? "vlm-number" : "vlm-color", value: String(value), "aria-label": `${name} ${k + 1}`, onchange: () => put(input.value.trim()) });
+        return input;
+      };
+      return h(
+        "div", { class: "vlm-point" },
+        cell("value", m.values[k], "text", (typed) => typed && set(`values.${k}`, Number.isFinite(Number(typed)) ? likewise(m.values[k], Number(typed)) : typed, "point")),
+        cell("optical depth", m.opacities?.[k] ?? m.opacities, "text", (typed) => Number(typed) >= 0 && set(`opacities.${k}`, Number(typed), "point")),
+        Array.isArray(m.colors) ? cell("color", vivid(m.colors[k]), "color", (hex) => set(`colors.${k}`, likeBright(hex, m.colors[k]), "color")) : h("span"),
+        button("×", `Remove point ${k + 1}`, () => m.values.length > 2 && change((list) => list.filter((_, i) => i !== k), "remove a point")),
+      );
     };
-    const more = button("Add a point", "Add a point between the last two", () => {
-      const m = medium()!;
-      const n = m.values.length;
-      const between = (list: any) => (Array.isArray(list) ? [...list.slice(0, n - 1), middle(list[n - 2], list[n - 1]), list[n - 1]] : list);
-      change({ values: between(m.values), colors: between(m.colors), opacities: between(m.opacities) }, "add a point");
-    }, "plus");
+    const add = () => change((list) => [...list.slice(0, -1), middle(...(list.slice(-2) as [any, any])), list[list.length - 1]], "add a point");
     let key = "";
-    updates.push((m) => {
-      const now = JSON.stringify([m.values, m.colors, m.opacities]);
+    const update = (m: Table) => {
+      const now = JSON.stringify(columns.map((name) => m[name]));
       if (now === key || body.querySelector(":focus")) return;
       key = now;
-      refill(body, h("div", { class: "vlm-point vlm-hint" }, h("span", {}, "value"), h("span", {}, "τ"), h("span", {}, "color")), ...(m.values ?? []).map((_: any, k: number) => row(m, k)));
-    });
-    return h("div", {}, body, more);
+      refill(body, h("div", { class: "vlm-point vlm-hint" }, ...["value", "τ", "color"].map((name) => h("span", {}, name))), ...(m.values ?? []).map((_: any, k: number) => row(m, k)));
+    };
+    return h("div", {}, form.add<Table>({ element: body, update }, (m) => m), button("Add a point", "Add a point between the last two", add, "plus"));
   }
 
-  function make(m: Table): HTMLElement[] {
-    updates = [];
-    const unit = () => data()?.unit ?? "";
-    if (m.type === "coefficients") {
-      return [
-        text("Emissivity", "emissivity", "Expression of the fields: intensity per length"),
-        text("Extinction", "extinction", "Expression of the fields: per length"),
-      ];
+  function make({ type, level }: Table): HTMLElement[] {
+    form = new Form<Table>();
+    if (type === "coefficients") {
+      return [text("Emissivity", "emissivity", "Expression of the fields: intensity per length"), text("Extinction", "extinction", "Expression of the fields: per length")];
     }
-    const rows = [text("Expression", "expr", "Of the fields and coordinates, such as log10(density)")];
-    if (isShell(m)) rows.push(quantity("Centre", "center", unit), quantity("Width", widthName(m), unit, m.type === "gaussian" ? "Standard deviation" : "Half of the width"));
-    if (m.type === "isosurface" && !Array.isArray(m.level)) rows.push(quantity("Level", "level", unit));
-    if (m.type === "colormap") {
-      const maps = [...app.stage.tables.keys()].sort();
-      const cmap = choice("Colormap", maps, (name) => set("cmap", name, "colormap"));
-      updates.push((now) => cmap.update(now.cmap));
-      rows.push(cmap.element, quantity("From", "vmin", unit), quantity("To", "vmax", unit));
-    }
-    rows.push(...strength());
-    if (m.type === "table") rows.push(tableRows());
-    else if (m.type !== "colormap") rows.push(...color());
-    if (m.type !== "isosurface") rows.push(text("Path length", "path_length", "What strength and glow refer to; empty: the median thickness of the shell", "auto"));
-    rows.push(text("Only where", "where", "A condition of the fields, such as temperature > 100", "everywhere"));
-    const shade = slider("Shading", [0, 1, 0.05], (v) => pretty(v, 2), (v, moving) => set("shading", v, "shading", moving), "Light from the observer: an illustration, not physics");
-    updates.push((now) => shade.update(numberOf(now.shading) ?? 0));
-    rows.push(shade.element);
-    return rows;
+    const isMap = type === "colormap";
+    return [
+      text("Expression", "expr", "Of the fields and coordinates, such as log10(density)"),
+      ...(isShell({ type }) ? [quantity("Centre", "center"), quantity("Width", widthName({ type }), type === "gaussian" ? "Standard deviation" : "Half of the width")] : []),
+      ...(type === "isosurface" && !Array.isArray(level) ? [quantity("Level", "level")] : []),
+      ...(isMap ? [form.choice((m) => m.cmap, "Colormap", maps, (name) => set("cmap", name, "colormap")), quantity("From", "vmin"), quantity("To", "vmax")] : []),
+      ...(isMap ? [form.toggle((m) => m.norm === "log", "logarithm of the values", (on) => set("norm", on ? "log" : null, "scale"))] : []),
+      ...strength(),
+      ...(type === "table" ? [tableRows()] : []),
+      ...(isMap ? [] : color(type === "table" ? "colors" : "color")),
+      ...(type === "isosurface" ? [] : [text("Path length", "path_length", "What strength and glow refer to; empty: the median thickness of the shell", "auto")]),
+      text("Only where", "where", "A condition of the fields, such as temperature > 100", "everywhere"),
+      form.slider((m) => numberOf(m.shading) ?? 0, "Shading", [0, 1, 0.05], (v) => pretty(v, 2), (v, moving) => set("shading", v, "shading", moving), "Light from the observer: an illustration, not physics"),
+    ];
   }
 
   return {
     element,
     update() {
       const m = medium();
-      const key = m ? `${index()} ${m.type} ${Array.isArray(m.level)} ${app.stage.tables.size}` : "";
-      if (key !== shown) {
-        shown = key;
-        refill(element, ...(m ? [h("h3", {}, NAMES[m.type] ?? m.type), ...make(m)] : []));
-      }
-      if (m) for (const change of updates) change(m);
+      const key = m ? `${index()} ${m.type} ${Array.isArray(m.level)}` : "";
+      if (key !== shown) refill(element, ...(m ? [h("h3", {}, NAMES[m.type] ?? m.type), ...make(m)] : []));
+      shown = key;
+      if (m) form.update(m);
     },
   };
+}
+
+/** What was typed; of a list its elements. */
+function listed(text: string): any {
+  try {
+    return text.startsWith("[") ? JSON.parse(text) : text;
+  } catch {
+    return text;
+  }
+}
+
+/** A colour that was chosen, as bright as an old one. */
+function likeBright(hex: string, old: any): number[] {
+  const most = Math.max(...colorOf(old ?? 1), 1e-12);
+  return colorOf(hex).map((v) => Number((v * most).toPrecision(4)));
+}
+
+/** Own colours for a medium that had those of another expression. */
+function fallback(name: "color" | "colors", m: Table): any {
+  const one = [1, 1, 1].map((v) => v * Math.max(strengthOf(m), 1e-3));
+  return name === "color" ? one : m.values.map(() => one);
 }
 
 function middle(a: any, b: any): any {

@@ -29,16 +29,10 @@ export function probePanel(app: App): Panel {
 
   /** The point of space at a distance along the probed ray. */
   function along(reply: Message | null, distance: number): Vec3 | null {
-    const view = app.stage.frameView;
-    if (!reply?.point || !view || reply.depth === null) return null;
-    const eye = reply.origin as Vec3 | undefined;
-    const direction = reply.direction as Vec3 | undefined;
-    if (eye && direction) return add(eye, times(direction, distance));
-    if (view.type === "perspective" && app.stage.head?.frame.position) {
-      const away = unit(sub(reply.point, app.stage.head.frame.position));
-      return add(reply.point, times(away, distance - reply.depth));
-    }
-    return add(reply.point, times(app.stage.head!.frame.ahead, distance - reply.depth));
+    const plane = app.stage.head?.frame;
+    if (!reply?.point || !plane || reply.depth === null) return null;
+    const away = plane.position ? unit(sub(reply.point, plane.position)) : plane.ahead;
+    return add(reply.point, times(away, distance - reply.depth));
   }
 
   const addMedium = () => {
@@ -48,7 +42,7 @@ export function probePanel(app: App): Panel {
     if (value === null) return app.notice("Nothing shines there: there is no value to take.", "info");
     const like = media.find((m) => m.expr === name && (m.sigma || m.half_width));
     const field = app.info?.fields.find((f) => f.name === name);
-    const made = fresh("gaussian", name, field?.min ?? value, field?.max ?? value, value, SAFE[media.length % SAFE.length]);
+    const made = fresh("gaussian", name, [field?.min ?? value, field?.max ?? value], value, SAFE[media.length % SAFE.length]);
     if (like) made.sigma = like.sigma ?? like.half_width;
     else if (!field) made.sigma = Math.max(Number((Math.abs(value) * 0.03).toPrecision(2)), 1e-6);
     app.store.set([["medium", [...media, made]]], "add a medium with this value");

@@ -11,7 +11,7 @@ export function timeBar(app: App): { element: HTMLElement; update(): void; step(
   let timer = 0;
   const input = h("input", { type: "range", min: 0, step: 1, "aria-label": "time step" });
   const told = h("output", {});
-  const play = button("", "Play", () => (timer ? stop() : start()), "play");
+  const play = button("", "Play", switchPlay, "play");
   const element = h("div", { class: "vlm-time", hidden: true }, play, input, told);
 
   function show(): void {
@@ -26,16 +26,12 @@ export function timeBar(app: App): { element: HTMLElement; update(): void; step(
     show();
     app.time(index);
   }
-  function start(): void {
-    timer = window.setInterval(() => app.isBehind || go(index + 1), PACE_MS);
-    refill(play, icon("pause"));
-    play.title = "Stop";
-  }
-  function stop(): void {
+  function switchPlay(): void {
     clearInterval(timer);
-    timer = 0;
-    refill(play, icon("play"));
-    play.title = "Play";
+    timer = timer ? 0 : window.setInterval(() => app.isBehind || go(index + 1), PACE_MS);
+    refill(play, icon(timer ? "pause" : "play"));
+    play.title = timer ? "Stop" : "Play";
+    play.setAttribute("aria-label", play.title);
   }
   input.addEventListener("input", () => go(Number(input.value)));
 

@@ -70,7 +70,7 @@ export function viewsPanel(app: App): Views {
 
   /** What `voluminous.keyframes` takes: (frame, camera) pairs. */
   function python(): string {
-    const between = Math.max(1, Math.round((film.frames - 1) / Math.max(1, kept().length - 1)));
+    const between = Math.max(1, Math.round((film.wish.frames - 1) / Math.max(1, kept().length - 1)));
     const cameras = kept().map(({ camera: { type, ...table } }, i) => {
       const named = Object.entries(table).map(([name, value]) => `${name}=${JSON.stringify(value)}`);
       return `    (${i * between}, vm.${type[0].toUpperCase()}${type.slice(1)}(${named.join(", ")})),`;

@@ -1,5 +1,8 @@
 // Makes elements. Styles are in explorer.css alone: the page's security policy allows no other.
 
+/** Right and up of the arrow keys. */
+export const ARROWS: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
 type Child = Node | string | null | undefined | false;
 type Props = { [name: string]: any };
 

@@ -1,7 +1,7 @@
 // Fields of the panels: numbers, sliders, texts, choices. Each has `update`, which shows another
 // value without telling anybody, and leaves alone what is being typed.
 
-import { h } from "./dom";
+import { ARROWS, h } from "./dom";
 import { typed } from "./format";
 
 export interface Field<T> {
@@ -18,73 +18,56 @@ const own = Math.random().toString(36).slice(2, 8);
 export const newId = (): string => `vlm-${own}-${++serial}`;
 
 export function labelled(label: string, input: HTMLElement, after?: HTMLElement | string, hint?: string): HTMLElement {
-  if (!input.id) input.id = newId();
+  input.id ||= newId();
   return h("div", { class: "vlm-row", title: hint }, h("label", { for: input.id }, label), input, after ?? null);
 }
 
 /** A number that is typed, or changed by the arrow keys (Shift: ten times as much). */
-export function numberField(label: string, unit: string, changed: Changed<number>, hint?: string): Field<number | null> {
-  const input = h("input", { type: "text", inputmode: "decimal", class: "vlm-number", spellcheck: "false" });
-  const after = h("span", { class: "vlm-unit" }, unit);
+export function numberField(label: string, unit: string, changed: (value: number) => void, hint?: string): Field<number | null> & { unit: HTMLElement } {
   let value: number | null = null;
-  const step = (by: number, moving: boolean) => {
-    const from = value ?? 0;
-    value = Number((from + by * (10 ** Math.floor(Math.log10(Math.abs(from) || 1)) / 10)).toPrecision(6));
-    input.value = typed(value);
-    changed(value, moving);
-  };
-  input.addEventListener("keydown", (event) => {
-    const way = event.key === "ArrowUp" ? 1 : event.key === "ArrowDown" ? -1 : 0;
+  const step = (event: KeyboardEvent) => {
+    const way = ARROWS[event.key]?.[1];
     if (!way) return;
     event.preventDefault();
-    step(event.shiftKey ? 10 * way : way, false);
-  });
-  input.addEventListener("change", () => {
-    const read = Number(input.value.replace(",", ".").replace("−", "-"));
-    if (input.value.trim() === "" || !Number.isFinite(read)) {
-      input.setAttribute("aria-invalid", "true");
-      return;
-    }
-    input.removeAttribute("aria-invalid");
-    value = read;
-    changed(read, false);
-  });
+    const by = (event.shiftKey ? way : 0.1 * way) * 10 ** Math.floor(Math.log10(Math.abs(value ?? 0) || 1));
+    value = Number(((value ?? 0) + by).toPrecision(6));
+    input.value = typed(value);
+    changed(value);
+  };
+  const read = () => {
+    const number = Number(input.value.replace(",", ".").replace("−", "-"));
+    const wrong = input.value.trim() === "" || !Number.isFinite(number);
+    input.toggleAttribute("aria-invalid", wrong);
+    if (!wrong) changed((value = number));
+  };
+  const input = h("input", { type: "text", inputmode: "decimal", class: "vlm-number", spellcheck: "false", onkeydown: step, onchange: read });
+  const after = h("span", { class: "vlm-unit" }, unit);
   return {
     element: labelled(label, input, after, hint),
+    unit: after,
     update(next) {
       value = next;
-      if (!input.matches(":focus")) {
-        input.value = next === null ? "" : typed(next);
-        input.removeAttribute("aria-invalid");
-      }
+      if (input.matches(":focus")) return;
+      input.value = next === null ? "" : typed(next);
+      input.removeAttribute("aria-invalid");
     },
   };
 }
 
 /** A slider of the browser, with its value in words beside it. */
-export function slider(
-  label: string,
-  [low, high, step]: [number, number, number],
-  words: (value: number) => string,
-  changed: Changed<number>,
-  hint?: string,
-): Field<number> {
-  const input = h("input", { type: "range", min: low, max: high, step });
-  const told = h("output", { class: "vlm-told" });
+export function slider(label: string, [min, max, step]: [number, number, number], words: (value: number) => string, changed: Changed<number>, hint?: string): Field<number> {
+  let held = false;
   const show = (value: number) => {
     told.textContent = words(value);
     input.setAttribute("aria-valuetext", words(value));
   };
-  let held = false;
-  input.addEventListener("input", () => {
-    held = true;
+  const move = (moving: boolean) => {
+    held = moving;
     show(Number(input.value));
-    changed(Number(input.value), true);
-  });
-  input.addEventListener("change", () => {
-    held = false;
-    changed(Number(input.value), false);
-  });
+    changed(Number(input.value), moving);
+  };
+  const input = h("input", { type: "range", min, max, step, oninput: () => move(true), onchange: () => move(false) });
+  const told = h("output", { class: "vlm-told" });
   return {
     element: labelled(label, input, told, hint),
     update(value) {
@@ -96,41 +79,52 @@ export function slider(
 }
 
 export function textField(label: string, changed: (value: string) => void, hint?: string, placeholder = ""): Field<string> {
-  const input = h("input", { type: "text", spellcheck: "false", autocomplete: "off", placeholder });
-  input.addEventListener("change", () => changed(input.value.trim()));
+  const input = h("input", { type: "text", spellcheck: "false", autocomplete: "off", placeholder, onchange: () => changed(input.value.trim()) });
+  return { element: labelled(label, input, undefined, hint), update: (value) => input.matches(":focus") || (input.value = value) };
+}
+
+/** One of a list, which may change; what is in no list is shown all the same. */
+export function choice(label: string, options: () => string[], changed: (value: string) => void, hint?: string): Field<string> {
+  const input = h("select", { onchange: () => changed(input.value) });
+  let known = "";
   return {
     element: labelled(label, input, undefined, hint),
     update(value) {
-      if (!input.matches(":focus")) input.value = value;
-    },
-  };
-}
-
-export function choice(label: string, options: string[], changed: (value: string) => void, hint?: string): Field<string> & { options(list: string[]): void } {
-  const input = h("select");
-  let known = "";
-  const options_ = (list: string[]) => {
-    if (list.join() === known) return;
-    known = list.join();
-    input.replaceChildren(...list.map((name) => h("option", { value: name }, name)));
-  };
-  options_(options);
-  input.addEventListener("change", () => changed(input.value));
-  return {
-    element: labelled(label, input, undefined, hint),
-    update: (value) => {
-      if (![...input.options].some((o) => o.value === value)) input.append(h("option", { value }, value));
+      const list = [...new Set([...options(), value])];
+      if (list.join() !== known) input.replaceChildren(...list.map((name) => h("option", { value: name }, name)));
+      known = list.join();
       input.value = value;
     },
-    options: options_,
   };
 }
 
 export function toggle(label: string, changed: (on: boolean) => void, hint?: string): Field<boolean> {
-  const input = h("input", { type: "checkbox" });
-  input.addEventListener("change", () => changed(input.checked));
-  return {
-    element: h("label", { class: "vlm-toggle", title: hint }, input, h("span", {}, label)),
-    update: (on) => void (input.checked = on),
-  };
+  const input = h("input", { type: "checkbox", onchange: () => changed(input.checked) });
+  return { element: h("label", { class: "vlm-toggle", title: hint }, input, h("span", {}, label)), update: (on) => void (input.checked = on) };
+}
+
+type Read<S, T> = (state: S) => T | undefined;
+
+/** Makes the fields of a panel, each with what it shows of the panel's state; undefined hides it. */
+export class Form<S> {
+  private shows: ((state: S) => void)[] = [];
+
+  add<T>(field: Field<T>, read: Read<S, T>): HTMLElement {
+    this.shows.push((state) => {
+      const value = read(state);
+      field.element.hidden = value === undefined;
+      if (value !== undefined) field.update(value);
+    });
+    return field.element;
+  }
+
+  number = (read: Read<S, number | null>, ...how: Parameters<typeof numberField>) => this.add(numberField(...how), read);
+  slider = (read: Read<S, number>, ...how: Parameters<typeof slider>) => this.add(slider(...how), read);
+  text = (read: Read<S, string>, ...how: Parameters<typeof textField>) => this.add(textField(...how), read);
+  choice = (read: Read<S, string>, ...how: Parameters<typeof choice>) => this.add(choice(...how), read);
+  toggle = (read: Read<S, boolean>, ...how: Parameters<typeof toggle>) => this.add(toggle(...how), read);
+
+  update(state: S): void {
+    for (const show of this.shows) show(state);
+  }
 }

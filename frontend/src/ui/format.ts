@@ -125,21 +125,23 @@ export function roundLength(most: number, unit: string): { length: number; text:
   };
   const own = sizeOf(unit);
   if (!own) return { length: down(most), text: withUnit(down(most), unit) };
-  const [name, size] = suited(most * own[1], own[1]);
+  const [name, size] = unitFor(most * own[1], own[1]);
   const value = down((most * own[1]) / size);
   return { length: (value * size) / own[1], text: `${pretty(value)} ${name}` };
 }
 
 /** The unit for a length in centimetres: of its kind the largest of which it is a hundredth. */
-function suited(length: number, own: number): [string, number] {
+function unitFor(length: number, own: number): [string, number] {
   const family = own >= 6e10 || length > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
   return [...family].reverse().find(([, size]) => length >= 0.01 * size) ?? family[0];
 }
 
-/** A length in the unit that suits it; not rounded to a round one. */
-export function prettyLength(length: number, unit: string): string {
+/** A length in the unit that suits it: the number, and the unit. */
+export function suited(length: number, unit: string): [number, string] {
   const own = sizeOf(unit);
-  if (!own || !length) return withUnit(length, unit);
-  const [name, size] = suited(Math.abs(length) * own[1], own[1]);
-  return `${pretty((length * own[1]) / size)} ${name}`;
+  if (!own || !length) return [length, unit];
+  const [name, size] = unitFor(Math.abs(length) * own[1], own[1]);
+  return [(length * own[1]) / size, name];
 }
+
+export const prettyLength = (length: number, unit: string): string => withUnit(...suited(length, unit));
