@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { applied, Store, valueAt, withValue } from "../src/store";
-import { fresh, strengthened, strengthOf } from "../src/media";
+import { fresh, strengthened, strengthOf, totals } from "../src/media";
 import { numberOf, pretty, prettyUnit, roundLength, ticks, likewise } from "../src/ui/format";
 
 function store() {
@@ -71,14 +71,28 @@ test("what is only shown is not sent, and stays through documents", () => {
 });
 
 test("strength of media", () => {
-  const shell = fresh("gaussian", "x", 0, 1, 0.5, "#ff0000");
+  const shell = fresh("gaussian", "x", [0, 1], 0.5, "#ff0000");
   const document = { medium: [shell] };
   const stronger = applied(document, strengthened(shell, 0, 3, true)).medium[0];
   assert.equal(strengthOf(stronger), 3);
   assert.ok(Math.abs(stronger.color[0] / 3 - shell.color[0] / shell.opacity) < 1e-6);
-  const surface = fresh("isosurface", "x", 0, 1, 0.5, "#ff0000");
+  const surface = fresh("isosurface", "x", [0, 1], 0.5, "#ff0000");
   const thick = applied({ medium: [surface] }, strengthened(surface, 0, 2, true)).medium[0];
   assert.ok(Math.abs(strengthOf(thick) - 2) < 1e-4);
+});
+
+test("all media together, per length", () => {
+  const shell = { type: "gaussian", expr: "x", center: 1, sigma: 0.1, color: [1, 0.5, 0], opacity: 2, path_length: "2 pc" };
+  const table = { type: "table", expr: "x", values: [0, 1, 3], colors: [[0], [1], [3]], opacities: [0, 1, 3] };
+  const maps = new Map<string, Uint8Array>();
+  const found = totals([shell, table, { ...shell, hidden: true }, { ...shell, expr: "y" }], "x", [-5, 1, 2, 9], { "medium.1.path_length": 0.5 }, maps, 3, "pc")!;
+  const near = (a: number[], b: number[]) => a.forEach((v, i) => assert.ok(Math.abs(v - b[i]) < 1e-9, `${a} is not ${b}`));
+  near(found.alpha, [0, 1 + 2, 4, 6]);
+  near(found.j[0], [0, 0.5 + 2, 4, 6]);
+  near(found.j[2], [0, 0 + 2, 4, 6]);
+  const au = totals([{ ...shell, path_length: "2 pc" }], "x", [1], {}, maps, 3, "au")!;
+  assert.ok(Math.abs(au.alpha[0] * 206264.806 - 1) < 1e-6);
+  assert.equal(totals([{ ...shell, path_length: "2 furlong" }], "x", [1], {}, maps, 3, "pc"), null);
 });
 
 test("numbers in print", () => {
