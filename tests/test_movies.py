@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -186,6 +192,31 @@ def test_an_interrupted_film_goes_on_and_is_the_same(tmp_path):
     for one, other in zip(whole, paths, strict=True):
         assert one.read_bytes() == other.read_bytes()
     assert len(list(tmp_path.iterdir())) == 12
+
+
+def test_a_film_that_was_killed_goes_on_and_leaves_nothing(tmp_path):
+    cameras = orbit(VIEW, 1, 100)
+    target = tmp_path / ("of_a_name_of_more_than_forty_letters_" + 5 * "x" + ".gif")
+    frames = tmp_path / f"{target.name}.frames"
+    code = (
+        "import voluminous as vm\nfrom test_movies import SHELL, VIEW, VOLUME\n"
+        f"vm.movie(VOLUME, SHELL, vm.orbit(VIEW, frames=100), {str(target)!r})"
+    )
+    paths = os.pathsep.join([str(Path(__file__).parent), str(Path(vm.__file__).parents[1])])
+    child = subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths})
+    while child.poll() is None and not (frames / "0003.png").exists():
+        time.sleep(0.005)
+    child.kill()
+    child.wait()
+    assert 4 <= len(list(frames.glob("[0-9]*.png"))) < 100
+    # Killed while it wrote, too.
+    (frames / ".0007.0123456789ab.part.png").write_bytes(b"killed")
+    (tmp_path / f".{target.stem[:40]}.0123456789ab.part.gif").write_bytes(b"killed")
+    vm.movie(VOLUME, SHELL, cameras, target, keep_frames=True)
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([target.name, frames.name])
+    whole = vm.movie(VOLUME, SHELL, cameras, tmp_path / "whole.png")
+    for one, other in zip(whole, sorted(frames.iterdir()), strict=True):
+        assert one.read_bytes() == other.read_bytes()
 
 
 def test_only_what_changed_is_made_again(tmp_path):

@@ -120,7 +120,7 @@ def movie(
         names = [f"{k:04d}.png" for k in range(film.count)]
         frames.mkdir(exist_ok=True)
     paths = [frames / name for name in names]
-    _remove_partial(paths)
+    _remove_partial([*paths, target])
     report: Any = progress
     _draw(film, paths, report)
     if suffix in PICTURES:
@@ -295,7 +295,7 @@ def _provenance(path: Path) -> dict[str, Any]:
 
 
 def _remove_partial(paths: list[Path]) -> None:
-    """Remove what a film left that was killed while it wrote a frame."""
+    """Remove what a film left that was killed while it wrote a file (see `files.replacing`)."""
     for path in paths:
-        for left in path.parent.glob(f".{glob.escape(path.stem)}.*.part{path.suffix}"):
+        for left in path.parent.glob(f".{glob.escape(path.stem[:40])}.*.part{path.suffix}"):
             left.unlink(missing_ok=True)

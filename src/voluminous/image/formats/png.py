@@ -27,6 +27,8 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _BIT_DEPTH_AT = 24  # offset in the file: after signature, chunk header, width, height
 _COLOR_TYPE = {1: 0, 2: 4, 3: 2, 4: 6}  # samples per pixel: grey, grey + alpha, RGB, RGBA
 _UP = 2
+# Of the compression: a third of the time of the usual 6, for files a twentieth to a fifth larger.
+_LEVEL = 4
 # Readers refuse compressed texts that unpack to more than this, but accept uncompressed ones.
 _LONGEST_PACKED_TEXT = 1_000_000
 _BARE = dict.fromkeys(("scale_bar", "triad", "compass", "color_bar", "time"), False)
@@ -152,7 +154,7 @@ def encode_pixels(pixels: NDArray[np.uint8] | NDArray[np.uint16], texts: dict[st
             parts.append((b"tEXt", key.encode("latin-1") + b"\0" + content))
         else:
             parts.append((b"zTXt", key.encode("latin-1") + b"\0\0" + zlib.compress(content)))
-    parts += [(b"IDAT", zlib.compress(packed.tobytes())), (b"IEND", b"")]
+    parts += [(b"IDAT", zlib.compress(packed.tobytes(), _LEVEL)), (b"IEND", b"")]
     chunks = (
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
         for kind, data in parts
