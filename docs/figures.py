@@ -14,7 +14,7 @@ import numpy as np
 from convergence import CELLS, VIEWS, convergence
 from drawing import compressed, saved
 from figures_data import DATA_FIGURES
-from figures_grids import GRID_FIGURES
+from figures_grids import GRID_FIGURES, example
 from figures_images import IMAGE_FIGURES
 from figures_media import MEDIA_FIGURES, outflow_walls
 from figures_outflow import OUTFLOW_FIGURES
@@ -175,6 +175,16 @@ def errors(target: Path, pixels: int) -> None:
     saved(figure, target)
 
 
+def film(part: str) -> Callable[[Path, int], None]:
+    """Return what makes one of the films of an example."""
+
+    def make(target: Path, pixels: int) -> None:
+        short = {} if pixels > 100 else {"frames": 3}
+        example("films")[part](str(target), min(max(pixels, 101), 160), **short)
+
+    return make
+
+
 FIGURES: dict[str, Callable[[Path, int], None]] = {
     "core": core,
     "axes": axes,
@@ -191,6 +201,9 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     **OUTFLOW_FIGURES,
     **PROBE_FIGURES,
     **STAR_FIGURES,
+    "film_orbit": film("around"),
+    "film_zoom": film("inwards"),
+    "film_fade": film("clearing"),
 }
 
 
@@ -201,8 +214,9 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=FOLDER)
     args = parser.parse_args()
     for name in args.names or FIGURES:
-        FIGURES[name](args.output / f"{name}.png", args.pixels)
-        print(args.output / f"{name}.png")
+        target = args.output / f"{name}{'.webp' if name.startswith('film_') else '.png'}"
+        FIGURES[name](target, args.pixels)
+        print(target)
 
 
 if __name__ == "__main__":

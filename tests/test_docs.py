@@ -121,7 +121,12 @@ def test_the_readme_starts_with_the_two_commands_and_the_ten_lines_work():
 
 # Pictures of large data sets take a minute together; their readers have tests of their own.
 LARGE = {f"data_{name}" for name in ("collapse", "outflow", "hii", "disc", "galaxies", "frog")}
-FIGURES = sorted({path.stem for path in (ROOT / "docs" / "_static").glob("*.png")} - LARGE)
+STATIC = ROOT / "docs" / "_static"
+FIGURES = sorted(
+    path.name
+    for path in (*STATIC.glob("*.png"), *STATIC.glob("film_*.webp"))
+    if path.stem not in LARGE
+)
 
 
 @pytest.mark.exhaustive
@@ -130,12 +135,12 @@ def test_the_pictures_can_be_made(name, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "docs")
     figures = importlib.import_module("figures")
     try:
-        figures.FIGURES[name](tmp_path / f"{name}.png", pixels=32)
+        figures.FIGURES[Path(name).stem](tmp_path / name, pixels=32)
     except FileNotFoundError as missing:
         pytest.skip(str(missing))  # real data
-    with Pillow.open(tmp_path / f"{name}.png") as picture:
+    with Pillow.open(tmp_path / name) as picture:
         assert min(picture.size) > 100
-    assert (ROOT / "docs" / "_static" / f"{name}.png").stat().st_size < 200_000
+    assert (STATIC / name).stat().st_size < 200_000
 
 
 def modules() -> list[str]:
