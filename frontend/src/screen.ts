@@ -285,7 +285,12 @@ export class Screen implements Surface {
     const mode = tone.colormap !== null ? (tone.logarithmic ? 3 : 2) : tone.hue ? 1 : 0;
     if (fade < 1) gl.enable(gl.BLEND);
     else gl.disable(gl.BLEND);
-    const scale = 2 ** (TOP - topOf(layer.picture.head));
+    const { head } = layer.picture;
+    const scale = 2 ** (TOP - topOf(head));
+    // Pixel on pixel nothing is interpolated, which is dear without a graphics card.
+    const isWhole = head.width === gl.drawingBufferWidth && head.height === gl.drawingBufferHeight && [...place.scale.map((v) => v - 1), ...place.shift].every((off) => Math.abs(off) < 1e-6);
+    gl.bindTexture(gl.TEXTURE_2D, layer.linear);
+    filter(gl, gl.TEXTURE_2D, isWhole ? gl.NEAREST : gl.LINEAR);
     this.paint(`#define CURVE ${curve}\n#define MODE ${mode}\n`, TONE, [[gl.TEXTURE_2D, layer.linear], [gl.TEXTURE_2D, this.table]], {
       linear_: 0, table: 1, place: [...place.scale, ...place.shift], fade,
       black: tone.black * scale, white: tone.white * scale, gamma: tone.gamma, softening: tone.softening,

@@ -261,7 +261,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram) {
     const put = (hex: string, moving = false) => set("color", likeBright(hex, now()), "color", moving);
     const picker = h("input", { type: "color", class: "vlm-color", oninput: () => put(picker.value, true), onchange: () => put(picker.value) });
     const safe = SAFE.map((hex) => {
-      const one = h("button", { type: "button", class: "vlm-chip", title: hex, "aria-label": `color ${hex}`, onclick: () => put(hex) });
+      const one = h("button", { type: "button", class: "vlm-chip", title: hex, "aria-label": `colour ${hex}`, onclick: () => put(hex) });
       one.style.background = hex;
       return one;
     });
@@ -269,7 +269,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram) {
       form.text((m) => by(m) && String(by(m)![key] ?? ""), label, (text) => set(`${name}.${key}`, text && Number.isFinite(Number(text)) ? Number(text) : text || null, label), hint, empty);
     return [
       form.add<any>({
-        element: labelled("Color", picker, h("span", { class: "vlm-chips" }, ...safe)),
+        element: labelled("Colour", picker, h("span", { class: "vlm-chips" }, ...safe)),
         update(value) {
           if (!picker.matches(":focus")) picker.value = vivid(value);
           for (const chip of safe) chip.setAttribute("aria-pressed", String(vivid(value) === chip.title));
@@ -280,11 +280,11 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram) {
         (value) => set("color", colorOf(now()).map((v) => Number(((v / brightest(now())) * value).toPrecision(4))), "glow"), "Brightness of its brightest channel",
       ),
       form.text(
-        (m) => by(m)?.expr ?? "", "Color by", (expr) => set(by(medium()!) && expr ? `${name}.expr` : name, by(medium()!) && expr ? expr : expr ? { expr, cmap: "inferno" } : fallback(name, medium()!), "color by"),
-        "Another expression, whose value at the same place gives the color", name === "color" ? "one color" : "its own colors",
+        (m) => by(m)?.expr ?? "", "Colour by", (expr) => set(name, expr ? { cmap: "inferno", ...by(medium()!), expr } : fallback(name, medium()!), "colour by"),
+        "Another expression, whose value at the same place gives the colour", name === "color" ? "one colour" : "its own colours",
       ),
       form.choice((m) => by(m)?.cmap, "Colormap", maps, (map) => set(`${name}.cmap`, map, "colormap")),
-      mine("vmin", "From", "Lower end of the colormap"), mine("vmax", "To", "Upper end of the colormap"), mine("brightness", "Glow", "How bright its colors are", "1"),
+      mine("vmin", "From", "Lower end of the colormap"), mine("vmax", "To", "Upper end of the colormap"), mine("brightness", "Glow", "How bright its colours are", "1"),
       form.toggle((m) => by(m) && by(m)!.norm === "log", "logarithm of the values", (on) => set(`${name}.norm`, on ? "log" : null, "scale")),
     ];
   }
@@ -306,7 +306,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram) {
         "div", { class: "vlm-point" },
         cell("value", m.values[k], "text", (typed) => typed && set(`values.${k}`, Number.isFinite(Number(typed)) ? likewise(m.values[k], Number(typed)) : typed, "point")),
         cell("optical depth", m.opacities?.[k] ?? m.opacities, "text", (typed) => Number(typed) >= 0 && set(`opacities.${k}`, Number(typed), "point")),
-        Array.isArray(m.colors) ? cell("color", vivid(m.colors[k]), "color", (hex) => set(`colors.${k}`, likeBright(hex, m.colors[k]), "color")) : h("span"),
+        Array.isArray(m.colors) ? cell("colour", vivid(m.colors[k]), "color", (hex) => set(`colors.${k}`, likeBright(hex, m.colors[k]), "color")) : h("span"),
         button("×", `Remove point ${k + 1}`, () => m.values.length > 2 && change((list) => list.filter((_, i) => i !== k), "remove a point")),
       );
     };
@@ -316,7 +316,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram) {
       const now = JSON.stringify(columns.map((name) => m[name]));
       if (now === key || body.querySelector(":focus")) return;
       key = now;
-      refill(body, h("div", { class: "vlm-point vlm-hint" }, ...["value", "τ", "color"].map((name) => h("span", {}, name))), ...(m.values ?? []).map((_: any, k: number) => row(m, k)));
+      refill(body, h("div", { class: "vlm-point vlm-hint" }, ...["value", "τ", "colour"].map((name) => h("span", {}, name))), ...(m.values ?? []).map((_: any, k: number) => row(m, k)));
     };
     return h("div", {}, form.add<Table>({ element: body, update }, (m) => m), button("Add a point", "Add a point between the last two", add, "plus"));
   }
@@ -347,7 +347,7 @@ function mediumEditor(app: App, index: () => number, histogram: Histogram) {
     update() {
       const m = medium();
       const key = m ? `${index()} ${m.type} ${Array.isArray(m.level)}` : "";
-      if (key !== shown) refill(element, ...(m ? [h("h3", {}, NAMES[m.type] ?? m.type), ...make(m)] : []));
+      if (key !== shown) refill(element, ...(m ? [h("h2", {}, NAMES[m.type] ?? m.type), ...make(m)] : []));
       shown = key;
       if (m) form.update(m);
     },

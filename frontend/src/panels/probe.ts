@@ -6,7 +6,7 @@ import type { Panel } from "../layout";
 import { fresh } from "../media";
 import { SAFE, vivid } from "../ui/color";
 import { button, h, refill } from "../ui/dom";
-import { pretty, prettyLength, prettyUnit, withUnit } from "../ui/format";
+import { pretty, prettyLength, prettyPoint, prettyUnit, withUnit } from "../ui/format";
 import { channelCurves, coefficientCurves, Plot } from "../ui/lines";
 import { add, sub, times, unit } from "../vec";
 import type { Message, Table, Vec3 } from "../wire";
@@ -95,7 +95,7 @@ export function probePanel(app: App): Panel {
         ["Optical depth", [...new Set((reply.tau ?? []).map((v: number) => pretty(v)))].join("  ")],
         ["Half of the light by", reply.depth === null ? "nowhere: nothing shines" : prettyLength(reply.depth, unitOf)],
       ];
-      if (reply.point) rows.push(["Point", reply.point.map((v: number) => prettyLength(v, unitOf)).join(", ")]);
+      if (reply.point) rows.push(["Point", prettyPoint(reply.point, unitOf)]);
       for (const [name, value] of Object.entries((reply.values ?? {}) as Record<string, number>)) rows.push([name, withUnit(value, reply.units?.[name])]);
       refill(facts, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
       const names = [...new Set([...Object.keys(reply.values ?? {}), ...Object.keys(reply.fields ?? {})])];

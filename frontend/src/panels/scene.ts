@@ -11,7 +11,7 @@ export function scenePanel(app: App): Panel {
     const text = h("pre", { tabindex: "0", "aria-label": label });
     const element = h(
       "section", { class: "vlm-code" },
-      h("header", {}, h("h3", {}, label), button("Copy", `Copy  (${key})`, () => void app.copyScene(what), "copy")),
+      h("header", {}, h("h2", {}, label), button("Copy", `Copy  (${key})`, () => void app.copyScene(what), "copy")),
       text,
     );
     return { what, text, element };
@@ -41,7 +41,7 @@ export function scenePanel(app: App): Panel {
         takeFile(event.dataTransfer.files);
       },
     },
-    h("h3", {}, "Load a scene"), given, wrong,
+    h("h2", {}, "Load a scene"), given, wrong,
     h(
       "div", { class: "vlm-actions" },
       button("Load", "Take media, camera and picture of this scene; the volume stays", () => void take(given.value)),

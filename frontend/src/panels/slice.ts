@@ -4,7 +4,7 @@ import type { App } from "../app";
 import type { Panel } from "../layout";
 import { h } from "../ui/dom";
 import { Form, toggle } from "../ui/fields";
-import { pretty, prettyLength, withUnit } from "../ui/format";
+import { pretty, prettyLength, prettyPoint, withUnit } from "../ui/format";
 import { fromBase64, type Message, newest, type Vec3 } from "../wire";
 
 const SIZE = 256;
@@ -78,7 +78,7 @@ export function slicePanel(app: App): Panel {
   canvas.addEventListener("pointermove", (event) => {
     const found = under(event);
     if (!found) return;
-    told.textContent = `${wish.expr} = ${withUnit(found.value, reply!.unit)} at (${found.point.map((v) => prettyLength(v, app.info!.unit)).join(", ")})`;
+    told.textContent = `${wish.expr} = ${withUnit(found.value, reply!.unit)} at ${prettyPoint(found.point, app.info!.unit)}`;
     app.overlay.probed = found.point;
     app.stage.redraw();
   });

@@ -46,6 +46,7 @@ export function tonePanel(app: App): Panel {
   );
 
   let mixed = "";
+  let drawn = "";
   function drawMix(): void {
     const given = image().mix;
     const n = [image().channels ?? [...Array(store.channels).keys()]].flat().length;
@@ -55,14 +56,16 @@ export function tonePanel(app: App): Panel {
     mixed = key;
     const put = (moving: boolean) => set("mix", inputs.map((input) => colorOf(input.value).map((v) => Number(v.toFixed(4)))), "mix", moving);
     const inputs = colors.map((value, i) =>
-      h("input", { type: "color", class: "vlm-color", value, "aria-label": `color of channel ${i + 1}`, oninput: () => put(true), onchange: () => put(false) }),
+      h("input", { type: "color", class: "vlm-color", value, "aria-label": `colour of channel ${i + 1}`, oninput: () => put(true), onchange: () => put(false) }),
     );
     refill(mix, h("span", { class: "vlm-label" }, "Channels as"), ...inputs, given && button("×", "The usual colours", () => set("mix", null, "mix")));
   }
 
   function drawCurve(tone: Tone): void {
     const points = [...Array(51).keys()].map((k) => `${(2 * k * PLOT) / 100} ${((1 - bend(k / 50, tone)) * (PLOT / 2)).toFixed(2)}`);
-    curve.setAttribute("d", `M${points.join("L")}`);
+    const line = `M${points.join("L")}`;
+    if (line !== drawn) curve.setAttribute("d", line);
+    drawn = line;
   }
 
   const element = h(
@@ -78,7 +81,7 @@ export function tonePanel(app: App): Panel {
     ),
     form.number((now) => Number((1 / exposure(now)).toPrecision(4)), "White at", "", (v) => v > 0 && set("exposure", 1 / v, "exposure"), "The intensity that is shown as white"),
     form.number((now) => numberOf(now.vmin) ?? 0, "Black at", "", (v) => set("vmin", v || null, "black"), "The intensity that is shown as black"),
-    h("h3", {}, "Curve"), plot,
+    h("h2", {}, "Curve"), plot,
     form.choice((now) => (power(now) ? "custom" : stretch(now)), "Stretch", () => [...STRETCHES, "custom"], (name) => set("stretch", { linear: null, custom: 2.2 }[name] ?? name, "stretch")),
     form.slider(power, "Gamma", [0.5, 5, 0.05], pretty, (v, moving) => set("stretch", v, "gamma", moving)),
     form.slider(softness, "Linear below", [-4, 0, 0.05], (v) => `${pretty(10 ** v, 2)} of white`, (v, moving) => set("softening", Number((10 ** v).toPrecision(3)), "softening", moving)),
@@ -86,7 +89,7 @@ export function tonePanel(app: App): Panel {
       (now) => (now.colormap ? undefined : now.gamut ?? "hue"), "Too bright", () => ["hue", "clip"],
       (name) => set("gamut", name === "hue" ? null : name, "gamut"), "hue: keeps its hue; clip: turns white",
     ),
-    h("h3", {}, "Colours"),
+    h("h2", {}, "Colours"),
     form.choice((now) => now.colormap ?? "none", "Colormap", () => ["none", ...[...stage.tables.keys()].sort()], setMap, "Shows one channel through a colormap"),
     form.choice(channel, "Channel", channels, (name) => set("channels", name === "all" ? null : Number(name) - 1, "channel")),
     form.toggle((now) => (now.colormap ? now.norm === "log" : undefined), "logarithm of the values", (on) => store.set([["image.norm", on ? "log" : null], ["image.stretch", null]], "scale")),

@@ -104,9 +104,9 @@ export function viewsPanel(app: App): Views {
   return {
     element: h(
       "div", {},
-      h("h3", {}, "Kept views"), list,
+      h("h2", {}, "Kept views"), list,
       h("div", { class: "vlm-actions" }, button("Keep this view", "Under the next free digit", () => keep(next()), "plus")),
-      h("h3", {}, "Film"), film.element,
+      h("h2", {}, "Film"), film.element,
       h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void app.copy(python(), "Keyframes"), "copy")),
     ),
     update: draw,

@@ -144,4 +144,11 @@ export function suited(length: number, unit: string): [number, string] {
   return [(length * own[1]) / size, name];
 }
 
+/** A point, in the unit that suits its largest coordinate. */
+export function prettyPoint(point: number[], unit: string): string {
+  const most = Math.max(...point.map(Math.abs));
+  const [value, name] = suited(most, unit);
+  return `${point.map((v) => pretty(most ? (v * value) / most : 0)).join(", ")} ${prettyUnit(name)}`.trim();
+}
+
 export const prettyLength = (length: number, unit: string): string => withUnit(...suited(length, unit));
