@@ -173,7 +173,9 @@ def test_what_is_no_message_is_answered_and_what_is_too_long_ends_it(server):
             page.recv(timeout=10)
 
 
-def test_a_unix_socket_is_this_users_alone_and_goes_away():
+def test_a_unix_socket_is_this_users_alone_and_goes_away(monkeypatch):
+    # As a job on a node inherits it from the login node.
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/there-is-none")
     explorer = Explorer(VOLUME, MEDIUM, CAMERA)
     server = Server(explorer, unix_socket=True)
     server.start()
@@ -221,7 +223,16 @@ def test_a_port_that_is_taken(server):
 def test_instructions_for_another_machine(server, monkeypatch):
     monkeypatch.setitem(os.environ, "SSH_CONNECTION", "10.0.0.1 5 cluster.example 22")
     assert f"ssh -N -L {server.port}:127.0.0.1:{server.port}" in server.instructions()
+    # A node of a cluster is reached by the machine where the job was submitted.
+    monkeypatch.setenv("USER", "ada")
+    monkeypatch.setenv("SLURM_JOB_ID", "1")
+    monkeypatch.setattr(socket, "gethostname", lambda: "node042")
+    line = "ssh -N -J ada@{} -L " + f"{server.port}:127.0.0.1:{server.port} ada@node042\n"
+    assert line.format("cluster.example") in server.instructions()
     monkeypatch.delenv("SSH_CONNECTION")
+    monkeypatch.setenv("SLURM_SUBMIT_HOST", "login1")
+    assert line.format("login1") in server.instructions()
+    monkeypatch.delenv("SLURM_JOB_ID")
     assert server.url in server.instructions()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 
 from .render import add_scene_arguments, scene_from
 
@@ -28,11 +27,10 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args)
     explorer = Explorer(scene.volume(), scene.medium, scene.camera, scene.to_dict())
     server = Server(explorer, port=args.port, unix_socket=args.socket, hosts=args.allow_host)
-    remote = args.socket or "SSH_CONNECTION" in os.environ
     try:
         server.start()
         print(server.instructions(), flush=True)
-        if not (args.no_browser or remote):
+        if not (args.no_browser or server.needs_tunnel):
             server.open_browser()
         server.wait()
     finally:

@@ -46,6 +46,14 @@ _HEADERS = {
 }
 _MOST_PAGES = 64
 _LONGEST_MESSAGE = 1 << 20
+# What tells that this is a job of Slurm, PBS or LSF, and where it was submitted.
+_SUBMITTED = {
+    "SLURM_JOB_ID": "SLURM_SUBMIT_HOST",
+    "PBS_JOBID": "PBS_O_HOST",
+    "LSB_JOBID": "LSB_SUB_HOST",
+}
+# Bytes of a folder's name: that of a socket has at most about a hundred.
+_LONGEST_FOLDER = 60
 # Seconds without a page, after which the server ends.
 IDLE = 3600.0
 
@@ -236,22 +244,37 @@ class Server:
         )
         webbrowser.open(redirect.as_uri())
 
+    @property
+    def needs_tunnel(self) -> bool:
+        """Whether the user probably sits at another machine."""
+        return bool(self.socket_path or _login() or _job())
+
     def instructions(self) -> str:
         """Return what to do to see the page, from another machine too."""
-        connection = os.environ.get("SSH_CONNECTION", "").split()
-        host = connection[2] if len(connection) == 4 else socket.gethostname()
-        if self.socket_path is not None:
-            there = str(self.socket_path)
-        elif connection:
-            there = f"127.0.0.1:{self.port}"
-        else:
+        if not self.needs_tunnel:
             return f"The explorer is at\n  {self.url}"
-        user = os.environ.get("USER", "")
-        name = f"{user}@{host}" if user else host
+        there = str(self.socket_path or f"127.0.0.1:{self.port}")
+        user = f"{name}@" if (name := os.environ.get("USER", "")) else ""
+        host, jump = _login() or socket.gethostname(), ""
+        if job := _job():
+            # It has inherited the connection of the login node.
+            jump = f"-J {user}{_login() or os.environ.get(_SUBMITTED[job], 'LOGIN')} "
+            host = socket.gethostname()
         return (
-            f"On your own machine run\n  ssh -N -L {self.port}:{there} {name}\nand open\n"
-            f"  {self.url}"
+            f"On your own machine run\n  ssh -N {jump}-L {self.port}:{there} {user}{host}\n"
+            f"and open\n  {self.url}"
         )
+
+
+def _login() -> str:
+    """Return the address under which the user has reached this machine, if by ssh."""
+    connection = os.environ.get("SSH_CONNECTION", "").split()
+    return connection[2] if len(connection) == 4 else ""
+
+
+def _job() -> str:
+    """Return the variable that tells that this runs on a node of a cluster, if it does."""
+    return next((name for name in _SUBMITTED if name in os.environ), "")
 
 
 def _loopback(port: int) -> socket.socket:
@@ -268,7 +291,10 @@ def _loopback(port: int) -> socket.socket:
 def _unix_socket() -> tuple[socket.socket, Path]:
     if not hasattr(socket, "AF_UNIX"):
         raise InputError("this system has no unix sockets; leave out --socket")
-    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    # A job may have inherited the name of a folder that is only on the login node.
+    for base in (os.environ.get("XDG_RUNTIME_DIR", ""), tempfile.gettempdir(), "/tmp"):
+        if os.access(base, os.W_OK) and len(os.fsencode(base)) <= _LONGEST_FOLDER:
+            break
     folder = Path(tempfile.mkdtemp(prefix="voluminous-", dir=base))
     folder.chmod(stat.S_IRWXU)
     path = folder / "view.sock"
