@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import signal
@@ -93,6 +94,22 @@ def test_a_series(scene, tmp_path, capsys):
 def test_films_that_cannot_be(scene, tmp_path, capsys, options, message):
     assert main(["movie", str(scene), *options, "-o", str(tmp_path / "a.png")]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_view_has_all_fields_of_a_file(tmp_path):
+    from voluminous.cli import render, view
+
+    core = vm.models.prestellar_core(16)
+    core["warm"] = "density**0.5"
+    core.save(tmp_path / "core.npz")
+    parser = argparse.ArgumentParser()
+    view.add_arguments(parser)
+    args = parser.parse_args([str(tmp_path / "core.npz")])
+    args.quiet = True
+    scene = render.scene_from(args, all_fields=True)
+    assert set(scene.volume().fields) == {"density", "warm"}
+    assert "fields" not in scene.to_dict()["volume"]
+    assert set(render.scene_from(args).volume().fields) == {"density"}
 
 
 @pytest.mark.parametrize("how", [["--no-browser"], ["--socket"]])

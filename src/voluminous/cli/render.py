@@ -118,8 +118,13 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
     scene.image_options = {**scene.image_options, "annotate": annotations}
 
 
-def scene_from(args: argparse.Namespace, of_data: bool | None = None) -> Scene:
-    """Return the scene in a file, or one made for a data file, with all options applied."""
+def scene_from(
+    args: argparse.Namespace, of_data: bool | None = None, *, all_fields: bool = False
+) -> Scene:
+    """Return the scene in a file, or one made for a data file, with all options applied.
+
+    Of a data file it has the fields that its medium uses, or `all_fields`, unread.
+    """
     from ..scene import Scene
 
     changes = settings(args.set, "camera.incl=40")
@@ -127,7 +132,7 @@ def scene_from(args: argparse.Namespace, of_data: bool | None = None) -> Scene:
     if is_volume(args.scene, args.format) if of_data is None else of_data:
         of_reader = {place: value for place, value in changes.items() if _is_of_reader(place)}
         changes = {place: value for place, value in changes.items() if place not in of_reader}
-        scene = _scene_of_data(args, of_reader, changes)
+        scene = _scene_of_data(args, of_reader, changes, all_fields)
     else:
         given = [f"--{name}" for name in _OF_DATA if getattr(args, name) is not None]
         if given:
@@ -155,7 +160,7 @@ def _is_of_reader(place: str) -> bool:
 
 
 def _scene_of_data(
-    args: argparse.Namespace, options: dict[str, Any], changes: dict[str, Any]
+    args: argparse.Namespace, options: dict[str, Any], changes: dict[str, Any], all_fields: bool
 ) -> Scene:
     """Return the scene for a data file; say what was chosen.
 
@@ -170,19 +175,21 @@ def _scene_of_data(
 
     data = data_file(args.scene, args, options)
     volume, places = opened(data, args.field)
-    all_fields = volume.fields
+    known = volume.fields
     if args.levels is not None and args.levels < 1:
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
     if args.field is None and args.levels is None and has_channels(volume):
         medium = presets.fluorescence(volume)
     else:
         medium = suggest_medium(volume, args.field or first_field(volume), args.levels or LEVELS)
-    used = volume.given(medium.names)
-    for name in all_fields:
-        if name not in used:
-            del volume[name]
-    fields: Any = list(volume.fields)
-    fields = fields if places is None else {name: places[name] for name in fields}
+    fields: Any = places
+    if not all_fields:
+        used = volume.given(medium.names)
+        for name in known:
+            if name not in used:
+                del volume[name]
+        fields = list(volume.fields)
+        fields = fields if places is None else {name: places[name] for name in fields}
     # The user's viewing angles; the camera is framed for these.
     camera: dict[str, Any] = {}
     for name in ("incl", "phi"):
@@ -206,7 +213,7 @@ def _scene_of_data(
     if medium.discrete:  # labels must not be interpolated
         parts["render"] = {"scheme": "first-order"}
     say(args.quiet, _choice(volume, medium, camera))
-    if others := [name for name in all_fields if name not in volume]:
+    if others := [name for name in known if name not in volume]:
         say(args.quiet, f"other fields (--field): {_listed(others)}")
     return Scene(parts, path.parent, volume=volume)
 

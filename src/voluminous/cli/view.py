@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     from ..viewer.explorer import Explorer
     from ..viewer.page import Server
 
-    scene = scene_from(args)
+    scene = scene_from(args, all_fields=True)
     explorer = Explorer(scene.volume(), scene.medium, scene.camera, scene.to_dict())
     server = Server(explorer, port=args.port, unix_socket=args.socket, hosts=args.allow_host)
     try:
