@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import type { Panel } from "../layout";
-import { h } from "../ui/dom";
+import { ARROWS, h } from "../ui/dom";
 import { Form, toggle } from "../ui/fields";
 import { pretty, prettyLength, prettyPoint, withUnit } from "../ui/format";
 import { fromBase64, type Message, newest, type Vec3 } from "../wire";
@@ -16,7 +16,7 @@ export function slicePanel(app: App): Panel {
   let log: boolean | null = null;
   let reply: Message | null = null;
   let data: Float32Array = new Float32Array();
-  const canvas = h("canvas", { class: "vlm-slice", width: SIZE, height: SIZE, role: "img", "aria-label": "slice" });
+  const canvas = h("canvas", { class: "vlm-slice", width: SIZE, height: SIZE, tabindex: "0", role: "application", "aria-label": "Slice. Arrow keys read values, Enter rotates about the point." });
   const told = h("p", { class: "vlm-hint vlm-readout" }, "Move over the slice to read values.");
   const fields = () => app.info?.fields.map((f) => f.name) ?? [];
   const change = (what: Partial<typeof wish>) => {
@@ -63,30 +63,40 @@ export function slicePanel(app: App): Panel {
     context.putImageData(image, 0, 0);
   }
 
-  /** Value and point under the pointer. */
-  function under(event: MouseEvent): { value: number; point: Vec3 } | null {
+  /** Part of the sides at which values are read; moved by the pointer, or by the arrow keys. */
+  let spot = [0.5, 0.5];
+  function read(): Vec3 | null {
     if (!reply || !app.info) return null;
-    const box = canvas.getBoundingClientRect();
-    const u = (event.clientX - box.left) / box.width;
-    const v = 1 - (event.clientY - box.top) / box.height;
-    const i = Math.min(reply.width - 1, Math.floor(u * reply.width));
-    const j = Math.min(reply.height - 1, Math.max(0, Math.floor(v * reply.height)));
-    const parts = [u, v];
+    const [i, j] = [reply.width, reply.height].map((n, k) => Math.min(n - 1, Math.floor(spot[k] * n)));
+    const parts = [...spot];
     const point = app.info.bounds.map(([a, b], k) => a + (k === wish.axis ? wish.at : parts.shift()!) * (b - a)) as Vec3;
-    return { value: data[j * reply.width + i], point };
-  }
-  canvas.addEventListener("pointermove", (event) => {
-    const found = under(event);
-    if (!found) return;
-    told.textContent = `${wish.expr} = ${withUnit(found.value, reply!.unit)} at ${prettyPoint(found.point, app.info!.unit)}`;
-    app.overlay.probed = found.point;
+    told.textContent = `${wish.expr} = ${withUnit(data[j * reply.width + i], reply.unit)} at ${prettyPoint(point, app.info.unit)}`;
+    app.overlay.probed = point;
     app.stage.redraw();
-  });
-  canvas.addEventListener("click", (event) => {
-    const pivot = under(event)?.point ?? null;
+    return point;
+  }
+  const move = (u: number, v: number) => {
+    spot = [u, v].map((w) => Math.min(1, Math.max(0, w)));
+    return read();
+  };
+  const take = () => {
+    const pivot = read();
     if (!pivot) return;
     app.change((view) => ({ ...view, pivot }));
     app.notice("The picture now rotates about that point.", "info");
+  };
+  canvas.addEventListener("pointermove", (event) => {
+    const box = canvas.getBoundingClientRect();
+    move((event.clientX - box.left) / box.width, 1 - (event.clientY - box.top) / box.height);
+  });
+  canvas.addEventListener("click", take);
+  canvas.addEventListener("keydown", (event) => {
+    const way = ARROWS[event.key];
+    if (!way && event.key !== "Enter") return;
+    event.preventDefault();
+    if (way) move(spot[0] + 0.02 * way[0], spot[1] + 0.02 * way[1]);
+    else take();
+    app.announce(told.textContent!);
   });
 
   return {
@@ -97,7 +107,7 @@ export function slicePanel(app: App): Panel {
       form.choice((now) => SIDES[now.axis], "Across", () => SIDES, (name) => change({ axis: SIDES.indexOf(name) })),
       form.slider((now) => now.at, "Place", [0, 1, 0.002], where, (at) => change({ at })),
       canvas, told, scale.element,
-      h("p", { class: "vlm-hint" }, "A click makes that point the one that rotations turn about."),
+      h("p", { class: "vlm-hint" }, "A click (Enter) makes that point the one that rotations turn about."),
     ),
     update() {
       wish.expr ||= fields()[0] ?? "";
