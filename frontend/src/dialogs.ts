@@ -2,7 +2,7 @@
 
 import type { App } from "./app";
 import { button, h, refill } from "./ui/dom";
-import { choice, numberField } from "./ui/fields";
+import { Form } from "./ui/fields";
 import { fromBase64, type Table } from "./wire";
 
 interface Dialog {
@@ -31,12 +31,7 @@ const GESTURES: [string, string][] = [
 
 export function helpDialog(app: App): Dialog {
   const list = (title: string, rows: [string, string][]) =>
-    h(
-      "section",
-      {},
-      h("h3", {}, title),
-      h("dl", {}, ...rows.flatMap(([keys, words]) => [h("dt", {}, h("kbd", {}, keys)), h("dd", {}, words)])),
-    );
+    h("section", {}, h("h3", {}, title), h("dl", {}, ...rows.flatMap(([keys, words]) => [h("dt", {}, h("kbd", {}, keys)), h("dd", {}, words)])));
   const sections = Object.entries(app.keys).map(([group, rows]) => list(group, rows.filter(([, shown]) => shown).map(([, shown, words]) => [shown, words])));
   return dialog("Keys and gestures", h("div", { class: "vlm-help" }, list("Mouse and fingers", GESTURES), ...sections));
 }
@@ -83,32 +78,30 @@ const KINDS: Record<string, string> = {
 };
 
 export function saveDialog(app: App): Dialog {
-  let kind = "png";
-  let width = 2000;
+  const wish = { format: "PNG, as shown", width: 2000 };
   const maker = fileMaker(app);
-  const size = numberField("Width", "pixels", (value) => (width = Math.max(1, Math.round(value))));
-  size.update(width);
-  const kinds = choice("Format", () => Object.keys(KINDS), (name) => {
-    kind = KINDS[name];
-    size.element.hidden = kind === "toml" || kind === "python";
-  });
+  const form = new Form<typeof wish>();
+  const put = (what: Partial<typeof wish>) => form.update(Object.assign(wish, what));
+  const isText = () => /TOML|Python/.test(wish.format);
   const save = async () => {
-    const what = kind === "toml" || kind === "python" ? { what: kind } : { what: kind, width };
+    const what = { what: KINDS[wish.format], ...(isText() ? {} : { width: wish.width }) };
     if (await maker.make("export", what)) made.element.close();
   };
   const screen = () =>
     app.stage.canvas.toBlob(async (blob) => {
       if (blob) download("screen.png", "image/png", new Uint8Array(await blob.arrayBuffer()));
     });
+  const main = button("Save", "Save", () => void save(), "save");
+  main.classList.add("vlm-primary");
   const made = dialog(
     "Save",
-    kinds.element,
-    size.element,
+    form.choice((now) => now.format, "Format", () => Object.keys(KINDS), (format) => put({ format })),
+    form.number((now) => (isText() ? undefined : now.width), "Width", "pixels", (width) => put({ width: Math.max(1, Math.round(width)) })),
     maker.bar,
     h("p", { class: "vlm-hint" }, "Drawn anew by the server at this width, with the scene in the header. What is on the screen is saved at once, as it is."),
-    h("div", { class: "vlm-actions" }, button("Screen as PNG", "Save what is seen, without asking the server", screen), button("Save", "Save", () => void save(), "save")),
+    h("div", { class: "vlm-actions" }, button("Screen as PNG", "Save what is seen, without asking the server", screen), main),
   );
-  made.element.querySelector(".vlm-actions")!.lastElementChild!.classList.add("vlm-primary");
+  put({});
   return made;
 }
 

@@ -252,6 +252,8 @@ async def main() -> None:
         await page.keyboard.press("s")
         await page.wait_for_timeout(200)
         await shot(page, "save")
+        formats = page.get_by_role("dialog", name="Save").get_by_label("Format").locator("option")
+        check("formats to choose from", await formats.count() == 5)
         await page.keyboard.press("Escape")
         await page.get_by_role("tab", name="Media").click()
 

@@ -20,14 +20,9 @@ export function scenePanel(app: App): Panel {
 
   const given = h("textarea", { rows: 3, spellcheck: "false", "aria-label": "Scene file or link", placeholder: "Paste a scene file (TOML) or a link here, or drop a file" });
   const wrong = h("p", { class: "vlm-wrong", role: "alert" });
-  const take = async (text: string) => {
+  const take = (text: string) => {
     wrong.textContent = "";
-    try {
-      await app.load(text.trim());
-      given.value = "";
-    } catch (error) {
-      wrong.textContent = (error as Error).message;
-    }
+    app.load(text.trim()).then(() => (given.value = ""), (error) => (wrong.textContent = error.message));
   };
   const takeFile = (list?: FileList | null) => void list?.[0]?.text().then(take);
   const file = h("input", { type: "file", accept: ".toml", hidden: true, onchange: () => takeFile(file.files) });
@@ -44,7 +39,7 @@ export function scenePanel(app: App): Panel {
     h("h2", {}, "Load a scene"), given, wrong,
     h(
       "div", { class: "vlm-actions" },
-      button("Load", "Take media, camera and picture of this scene; the volume stays", () => void take(given.value)),
+      button("Load", "Take media, camera and picture of this scene; the volume stays", () => take(given.value)),
       button("Open a file", "A scene file (TOML)", () => file.click()), file,
       button("Copy link", "A link to this scene, for others who look at this volume  (l)", () => void app.copyLink(), "copy"),
     ),
@@ -56,11 +51,7 @@ export function scenePanel(app: App): Panel {
 
   async function load(): Promise<void> {
     for (const { what, text } of boxes) {
-      try {
-        text.textContent = (await app.ask("export", { what })).text;
-      } catch (error) {
-        text.textContent = (error as Error).message;
-      }
+      text.textContent = await app.ask("export", { what }).then((reply) => reply.text, (error) => error.message);
     }
   }
 

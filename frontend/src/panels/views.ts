@@ -5,7 +5,7 @@ import { tableOf, viewFrom, type View } from "../camera";
 import type { Panel } from "../layout";
 import { button, h, refill } from "../ui/dom";
 import { pretty } from "../ui/format";
-import { length, sub, times, unit, type Vec3 } from "../vec";
+import { add, sub, times } from "../vec";
 import type { Table } from "../wire";
 import { filmMaker } from "./film";
 
@@ -120,11 +120,9 @@ function between_(a: View, b: View, t: number): View {
   const mix = (x: number, y: number) => x + t * (y - x);
   const angle = (x: number, y: number) => x + t * (y - x - 360 * Math.round((y - x) / 360));
   const factor = (x: number, y: number) => x * (y / x) ** t;
-  const way = sub(b.center, a.center);
-  const far = length(way);
-  const center = far > 0 ? (a.center.map((v, i) => v + times(unit(way), far * t)[i]) as Vec3) : a.center;
   return {
-    ...b, center,
+    ...b,
+    center: add(a.center, times(sub(b.center, a.center), t)),
     incl: mix(a.incl, b.incl), phi: angle(a.phi, b.phi), posang: angle(a.posang, b.posang),
     width: factor(a.width, b.width), distance: factor(a.distance, b.distance),
   };
