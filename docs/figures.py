@@ -14,6 +14,7 @@ import numpy as np
 from convergence import CELLS, VIEWS, convergence
 from drawing import compressed, saved
 from figures_data import DATA_FIGURES
+from figures_explorer import EXPLORER_FIGURES
 from figures_grids import GRID_FIGURES, example
 from figures_images import IMAGE_FIGURES
 from figures_media import MEDIA_FIGURES, outflow_walls
@@ -204,6 +205,7 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     "film_orbit": film("around"),
     "film_zoom": film("inwards"),
     "film_fade": film("clearing"),
+    **EXPLORER_FIGURES,
 }
 
 
@@ -214,7 +216,8 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=FOLDER)
     args = parser.parse_args()
     for name in args.names or FIGURES:
-        target = args.output / f"{name}{'.webp' if name.startswith('film_') else '.png'}"
+        suffix = ".webp" if name.startswith(("film_", "explorer_")) else ".png"
+        target = args.output / f"{name}{suffix}"
         FIGURES[name](target, args.pixels)
         print(target)
 

@@ -55,7 +55,8 @@ def run_cell(host: str, page: Any) -> None:
     """Run the cell of a notebook that a page of Playwright shows; marimo does so by itself."""
     if host == "jupyterlab":
         cell, end = page.locator(".jp-CodeCell").first, time.monotonic() + _SECONDS
-        while (prompt := cell.locator(".jp-InputPrompt").first.inner_text()) != "[1]:":
+        number = cell.locator(".jp-InputPrompt").first
+        while not (prompt := number.inner_text()).strip("[ ]:").isdigit():
             assert time.monotonic() < end
             if prompt == "[ ]:":  # before there is a kernel it is in vain
                 cell.locator(".cm-content").click()
@@ -85,8 +86,9 @@ def _jupyterlab(code: str, folder: Path) -> Any:
 
     def address() -> str | None:
         for path in folder.glob("runtime/jpserver-*.json"):
-            server = json.loads(path.read_text())
-            return f"{server['url']}doc/tree/view.ipynb?token={server['token']}"
+            server = json.loads(path.read_text())  # which may be there before it listens
+            if _listens(server["port"]):
+                return f"{server['url']}doc/tree/view.ipynb?token={server['token']}"
         return None
 
     return command, {key: str(folder / name) for key, name in names.items()}, address
@@ -104,11 +106,14 @@ def _marimo(code: str, folder: Path) -> Any:
     command = ["marimo", "run", "view.py", "--headless", "--no-token", f"--port={port}"]
 
     def address() -> str | None:
-        with socket.socket() as there:
-            listens = there.connect_ex(("127.0.0.1", port)) == 0
-        return f"http://127.0.0.1:{port}/" if listens else None
+        return f"http://127.0.0.1:{port}/" if _listens(port) else None
 
     return command, {"XDG_CONFIG_HOME": str(folder), "XDG_STATE_HOME": str(folder)}, address
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as there:
+        return there.connect_ex(("127.0.0.1", port)) == 0
 
 
 def _wait(process: Any, address: Any, log: Path) -> str:

@@ -123,9 +123,7 @@ def test_the_readme_starts_with_the_two_commands_and_the_ten_lines_work():
 LARGE = {f"data_{name}" for name in ("collapse", "outflow", "hii", "disc", "galaxies", "frog")}
 STATIC = ROOT / "docs" / "_static"
 FIGURES = sorted(
-    path.name
-    for path in (*STATIC.glob("*.png"), *STATIC.glob("film_*.webp"))
-    if path.stem not in LARGE
+    path.name for path in (*STATIC.glob("*.png"), *STATIC.glob("*.webp")) if path.stem not in LARGE
 )
 
 
