@@ -165,6 +165,13 @@ def test_bad_arguments(options, message):
         vm.Panorama(EYE, **{"target": AIM} | options)
 
 
+@pytest.mark.parametrize("projection", ["equirectangular", "fulldome", "cubemap"])
+def test_there_is_a_picture_without_a_resolution(projection):
+    nx, ny = vm.Panorama(EYE, AIM, projection=projection).frame(GRID).pixels
+    assert nx >= 1000
+    assert ny >= 500
+
+
 def test_a_dome_is_empty_outside_its_disc():
     volume = vm.Volume(GRID, a=np.ones(GRID.shape))
     camera = vm.Panorama(EYE, AIM, projection="fulldome", resolution=32)

@@ -7,6 +7,7 @@ import io
 import json
 import threading
 import time
+import warnings
 import zipfile
 
 import numpy as np
@@ -19,6 +20,7 @@ import voluminous as vm
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
 from voluminous.viewer.explorer import Explorer
+from voluminous.viewer.painter import caught_warnings
 from voluminous.viewer.session import QUIET, SIZES, Session
 from voluminous.viewer.share import python_of, tables_of
 
@@ -299,6 +301,50 @@ def test_a_page_is_welcomed_and_gets_a_preview_and_the_exact_picture(explorer, v
     np.testing.assert_allclose(frame["frame"]["right"], CAMERA.frame(GRID).vectors[1])
 
 
+@pytest.mark.parametrize(
+    ("camera", "pixels"),
+    [
+        (vm.Panorama((0.3, 0.1, 0), (0, 0.5, 0), stereo="over-under"), (40, 40)),
+        (vm.Panorama((0.3, 0.1, 0), (0, 0.5, 0), projection="cubemap"), (60, 40)),
+        (vm.Panorama((0.3, 0.1, 0), (0, 0.5, 0), projection="fulldome"), (40, 40)),
+        (vm.Perspective((0, -4, 1), (0, 0, 0), 40, stereo="side-by-side"), (60, 30)),
+    ],
+)
+def test_pictures_of_a_fixed_shape_are_as_large_as_fits(volume, camera, pixels):
+    explorer = Explorer(volume, SHELL + CORE, camera)
+    page = Page(explorer, size=(61, 40))
+    last = page.put("look", camera=explorer.document.settings["camera"], moving=False)
+    frame, payload = page.exact(last)
+    assert not [m for m, _ in page.messages if m["kind"] == "notice"]
+    assert (frame["width"], frame["height"]) == pixels
+    picture = frames.from_float16(frame, payload)
+    image = vm.render(volume, SHELL + CORE, camera.within((61, 40)))
+    assert image.intensity.std() > 0
+    np.testing.assert_allclose(picture, image.intensity, atol=2e-3 * image.intensity.max())
+    ray = page.ask("probe", x=0.7, y=0.6)
+    x, y = ray["pixel"]
+    assert (x, y) == (int(0.7 * pixels[0]), int(0.6 * pixels[1]))
+    np.testing.assert_allclose(ray["intensity"], picture[y, x], atol=2e-3 * image.intensity.max())
+    light = page.ask("highlight", expr="a", low=0.5, high=1.0)
+    assert (light["width"], light["height"]) == pixels
+    png = Pillow.open(io.BytesIO(base64.b64decode(page.ask("export", what="png")["data"])))
+    assert png.size == pixels
+    path = {"kind": "keyframes", "cameras": [frame["camera"]] * 2}
+    film = page.ask("film", path=path, frames=2, width=30, what="gif")
+    assert Pillow.open(io.BytesIO(base64.b64decode(film["data"]))).size[0] == 30
+    explorer.close()
+
+
+def test_surfaces_without_a_width_have_previews_on_slow_machines(volume):
+    explorer = Explorer(volume, vm.Isosurface("a", 0.6, "orange"), CAMERA)
+    page = Page(explorer)
+    page.client.session.first_order = True
+    page.exact(page.put("look", camera=explorer.document.settings["camera"], moving=False))
+    assert not [m for m, _ in page.messages if m["kind"] == "notice"]
+    assert page.client.session.first_order
+    explorer.close()
+
+
 def test_the_last_of_many_inputs_is_what_is_shown(explorer, volume):
     page = Page(explorer)
     for k in range(40):
@@ -464,6 +510,55 @@ def test_a_film_is_made_and_sent(explorer, path, what):
     assert told == [0.2, 0.4, 0.6, 0.8, 1.0]
 
 
+def test_warnings_are_told_on_the_page_and_not_printed(volume):
+    explorer = Explorer(volume, SHELL.replace(center=7.0), CAMERA)
+    page = Page(explorer)
+    with warnings.catch_warnings(record=True) as printed:
+        warnings.simplefilter("always")
+        page.exact(0)
+        page.ask("highlight", expr="a", low=5, high=6)
+        page.ask("thumbnail", name="bone")
+        page.wait(lambda m: m["kind"] == "notice")
+        told = len([m for m, _ in page.messages if m["kind"] == "notice"])
+        page.ask("film", path={"kind": "orbit"}, frames=4, width=24, what="gif")
+    assert not printed
+    notices = [m for m, _ in page.messages if m["kind"] == "notice"]
+    assert (told, len(notices)) == (1, 2)
+    assert all(m["level"] == "warning" and "shows nothing" in m["text"] for m in notices)
+    explorer.close()
+
+
+def test_warnings_of_threads_are_kept_apart():
+    entered, left = threading.Event(), threading.Event()
+    found = []
+
+    def other():
+        with caught_warnings() as mine:
+            entered.set()
+            assert left.wait(60)
+            for _ in range(2):
+                warnings.warn("of the other thread", stacklevel=1)
+            found.extend(mine)
+
+    thread = threading.Thread(target=other)
+    with warnings.catch_warnings(record=True) as printed:
+        warnings.simplefilter("always")
+        before = warnings.showwarning
+        with caught_warnings() as outer:
+            thread.start()
+            assert entered.wait(60)
+            with caught_warnings() as inner:
+                warnings.warn("first", stacklevel=1)
+            warnings.warn("second", stacklevel=1)
+        warnings.warn("not collected", stacklevel=1)
+        left.set()
+        thread.join()
+        assert warnings.showwarning is before
+    assert (inner, outer) == (["first"], ["second"])
+    assert found == ["of the other thread"] * 2
+    assert [str(w.message) for w in printed] == ["not collected"]
+
+
 def test_a_film_over_a_series(volume, tmp_path):
     for k in range(3):
         vm.Volume(GRID, a=VALUES * (1 - 0.1 * k)).save(tmp_path / f"{k}.npz")
@@ -584,15 +679,17 @@ def test_wrong_messages_are_answered_and_nothing_breaks(explorer, message):
 
 def test_a_field_that_does_not_exist_is_refused_before_anything_is_drawn(explorer):
     page = Page(explorer)
-    page.put("set", patch=[["medium.0.expr", "nothing_here"]], label="expression")
-    page.wait(lambda m: m["kind"] == "notice" and "nothing_here" in m["text"])
+    last = page.put("set", patch=[["medium.0.expr", "nothing_here"]], label="expression")
+    notice, _ = page.wait(lambda m: m["kind"] == "notice" and "nothing_here" in m["text"])
+    assert notice["n"] == last
     assert explorer.medium == SHELL + CORE
 
 
 def test_an_error_of_the_renderer_is_told_and_the_next_picture_comes(explorer):
     page = Page(explorer)
     page.put("set", patch=[["render.bounds", True], ["render.scheme", "second-order"]], label="a")
-    page.wait(lambda m: m["kind"] == "notice" and "bounds" in m["text"])
+    notice, _ = page.wait(lambda m: m["kind"] == "notice" and "bounds" in m["text"])
+    assert "n" not in notice  # the change itself was taken
     last = page.put("undo")
     page.exact(last)
 

@@ -154,7 +154,7 @@ export class App {
       case "progress":
         return this.waiting.get(message.id)?.progress?.(message.done);
       case "notice":
-        if (message.level === "error" && this.store.isAhead) this.store.forget();
+        if (message.n !== undefined) this.store.forget(message.n);
         return this.notice(message.text, message.level);
     }
   }

@@ -111,6 +111,16 @@ export class Store {
     // A change is also confirmed by a document that has what it wanted.
     const open = (change: Change) => change.n > (message.n ?? -1) && !holds(this.confirmed, change.patch);
     this.pending = this.pending.filter(open);
+    this.rebuild();
+  }
+
+  /** The server has refused an input: changes up to it are not awaited any more, later ones are. */
+  forget(n: number): void {
+    this.pending = this.pending.filter((change) => change.n > n);
+    this.rebuild();
+  }
+
+  private rebuild(): void {
     this.document = this.pending.reduce((tree, change) => applied(tree, change.patch), this.confirmed);
     if (this.unsent) this.document = applied(this.document, this.unsent.patch);
     this.document = applied(this.document, this.held);
@@ -124,13 +134,6 @@ export class Store {
     const { label } = this.pending[this.pending.length - 1];
     this.pending = [{ n: this.next(), patch, label, moving: false }];
     this.sendChange(this.pending[0]);
-  }
-
-  /** The server has refused something: only what it has counts. */
-  forget(): void {
-    this.pending = [];
-    this.document = this.confirmed;
-    this.changed();
   }
 
   /** Whether the server has yet to confirm something. */

@@ -50,6 +50,19 @@ test("an older document does not take back what was not confirmed", () => {
   assert.ok(!made.isAhead);
 });
 
+test("a refused change is taken back, and no later one", () => {
+  const { made, sent } = store();
+  made.set([["medium.0.opacity", -3]], "a");
+  made.set([["medium.1.opacity", 4]], "b");
+  made.show([["image.exposure", 2]]);
+  made.forget(sent[0].n);
+  assert.deepEqual(made.document, { medium: [{ opacity: 1 }, { opacity: 4 }], image: { exposure: 2 } });
+  assert.ok(made.isAhead);
+  made.forget(sent[1].n);
+  assert.equal(made.document.medium[1].opacity, 2);
+  assert.ok(!made.isAhead);
+});
+
 test("what was not confirmed is sent once more, as one change", () => {
   const { made, sent } = store();
   made.set([["medium.0.opacity", 3]], "a");

@@ -80,6 +80,14 @@ class CameraContract:
         assert image.camera == camera.describe()
         np.testing.assert_array_equal(image.x, camera.frame(grid).coordinates()[0])
 
+    def test_a_picture_fits_into_so_many_pixels(self, camera, grid):
+        for size in ((53, 37), (37, 53)):
+            fitted = camera.within(size)
+            assert type(fitted) is type(camera)
+            unused = [n - used for n, used in zip(size, fitted.frame(grid).pixels, strict=True)]
+            assert min(unused) in (0, 1, 2)
+        assert min(camera.within((1, 1)).frame(grid).pixels) >= 1
+
     def test_description_is_plain_values_and_makes_the_camera_again(self, camera, grid):
         told = camera.describe()
         assert json.loads(json.dumps(told)) == told

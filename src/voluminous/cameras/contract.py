@@ -110,6 +110,10 @@ class Camera(Value):
             "need; give it a method project(points, grid)"
         )
 
+    def within(self, size: tuple[int, int]) -> Camera:
+        """Return this camera with the largest picture of its shape in so many pixels (nx, ny)."""
+        return self.replace(resolution=size)
+
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values, as in a scene file."""
         raise NotImplementedError

@@ -14,12 +14,14 @@ from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, described, is_quantity, plain
 from .contract import Camera, Frame, finite_degrees, pixel_counts, sight_from, vector
-from .stereo import SEEN_TWICE, check_stereo, doubled, one_eye
+from .stereo import SEEN_TWICE, check_stereo, doubled, halved, one_eye
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
 
 PROJECTIONS = ("equirectangular", "fulldome", "cubemap")
+# Width and height of one eye's picture.
+_RATIOS = {"equirectangular": (2, 1), "fulldome": (1, 1), "cubemap": (3, 2)}
 # Right, up and towards the observer, of each face of the cube, in the observer's axes: the right,
 # left and upper face above the lower, front and back one.
 _FACES = (
@@ -48,7 +50,7 @@ class Panorama(Camera):
         three beside each other in two rows: right, left, up; down, front, back.
     resolution : int
         Pixels across the picture of one eye: even for "equirectangular", a multiple of three for
-        "cubemap".
+        "cubemap". Default 1200.
     fov : float or Quantity, optional
         Angle across the disc of "fulldome"; plain numbers are degrees. Default 180.
     stereo : {"over-under", "side-by-side"}, optional
@@ -90,7 +92,7 @@ class Panorama(Camera):
         target: Any,
         *,
         projection: str = "equirectangular",
-        resolution: Any = 1024,
+        resolution: Any = 1200,
         fov: Any = None,
         stereo: str | None = None,
         eye_distance: Any = None,
@@ -202,6 +204,10 @@ class Panorama(Camera):
             v[inside] = (0.5 - k // 3 + 0.5 * t)[inside]
         return u, v, distance
 
+    def within(self, size: tuple[int, int]) -> Camera:
+        (nx, ny), (parts, rows) = halved(size, self.stereo), _RATIOS[self.projection]
+        return self.replace(resolution=parts * max(1, min(nx // parts, ny // rows)))
+
     def describe(self) -> dict[str, Any]:
         told: dict[str, Any] = {"type": "panorama", "projection": self.projection}
         told["position"], told["target"] = described(self.position), described(self.target)
@@ -223,7 +229,7 @@ class Panorama(Camera):
 def _pixels(resolution: Any, projection: str, stereo: str | None) -> tuple[int, int]:
     """Return the pixels of one eye's picture; a pair of numbers must be that, or all pixels."""
     nx, ny = pixel_counts(resolution)
-    parts, rows = {"equirectangular": (2, 1), "fulldome": (1, 1), "cubemap": (3, 2)}[projection]
+    parts, rows = _RATIOS[projection]
     fits = nx % parts == 0
     if isinstance(resolution, (list, tuple)) and fits:
         fits = ny * parts == nx * rows

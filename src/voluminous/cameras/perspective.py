@@ -240,6 +240,15 @@ class Perspective(Camera):
         stretch /= np.where(aside > 0.0, aside, np.where(back < 0.0, -back, 1.0))
         return across * stretch, along * stretch, np.hypot(aside, back)
 
+    def within(self, size: tuple[int, int]) -> Camera:
+        nx, ny = halved(size, self.stereo)
+        if self.stereo is not None or self.projection == "spherical":
+            # Shown as a whole: its pixels are to be square.
+            width, height = halved(self.width, self.stereo)
+            pixel = max(width / max(nx, 1), height / max(ny, 1))
+            nx, ny = round(width / pixel), round(height / pixel)
+        return self.replace(resolution=(max(1, nx), max(1, ny)))
+
     def describe(self) -> dict[str, Any]:
         values: dict[str, Any] = {
             "type": "perspective",

@@ -242,16 +242,13 @@ class _Film:
 
 
 def _coarse(camera: Camera) -> Camera:
-    """Return a camera with few pixels of the same shape."""
+    """Return a camera with few pixels of about the same shape."""
     resolution = camera.arguments().get("resolution", _COARSE)
     pair = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if max(pair) <= _COARSE:
         return camera
-    step = max(pair) / _COARSE
-    try:
-        return camera.replace(resolution=tuple(max(1, round(n / step)) for n in pair))
-    except InputError:  # a panorama, whose sides have a fixed ratio
-        return camera.replace(resolution=6 * max(1, round(_COARSE / 6)))
+    nx, ny = (max(1, round(n * _COARSE / max(pair))) for n in pair)
+    return camera.within((nx, ny))
 
 
 def _draw(film: _Film, paths: list[Path], report: Callable[[int, int], None]) -> None:

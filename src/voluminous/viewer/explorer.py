@@ -15,6 +15,7 @@ import numpy as np
 
 from ..calibration import presets
 from ..cameras import Camera
+from ..cameras.contract import pixel_counts
 from ..errors import InputError, VoluminousError
 from ..io import open as open_volume
 from ..media import Medium
@@ -26,7 +27,7 @@ from ..scene.settings import plain_value
 from ..units import unit_name
 from ..volume import Volume
 from .document import Document, Patch, shown
-from .painter import Painter, Shot
+from .painter import Painter, Shot, caught_warnings
 from .questions import QUESTIONS, number
 from .session import Session
 from .share import IN_MEMORY, tables_of
@@ -36,6 +37,8 @@ PROTOCOL = 1
 _EDITED = 1.0
 # Inputs a second; more are a fault or an attack.
 _MOST_INPUTS = 240
+# Warnings of one answer: each picture of a film may have its own.
+_MOST_WARNINGS = 3
 _MAPS = ("viridis", "inferno", "magma", "cividis", "gray", "coolwarm", "turbo")
 
 Send = Callable[[dict[str, Any], bytes], None]
@@ -131,7 +134,8 @@ class Explorer:
         settings = {k: v for k, v in self.document.settings.items() if k != "bookmarks"}
         camera = dict(settings["camera"])
         if resolution is not None:
-            camera["resolution"] = plain_value(resolution)
+            fitted = self.camera.within(pixel_counts(resolution))
+            camera["resolution"] = plain_value(fitted.arguments()["resolution"])
         settings |= {"medium": shown(settings), "camera": camera}
         return Scene(settings, volume=self.volume)
 
@@ -166,7 +170,7 @@ class Explorer:
             wish, number = page.session.wanted, page.session.input
             table = page.session.camera
             volume, medium = self.volume, self.medium
-        camera = build_camera({**table, "resolution": list(size)})
+        camera = build_camera(table).within(size)
         options = render_options(settings.get("render", {}))
         editing = time.monotonic() - self.edited_at < _EDITED
         return Shot(volume, medium, camera, options, wish, number, revision, table, editing)
@@ -241,13 +245,15 @@ class Client:
             else:
                 getattr(self, f"_{kind}")(message)
         except VoluminousError as error:
-            self.notice("error", str(error))
+            self.notice("error", str(error), message.get("n"))
             self.tell_document()
         except (TypeError, ValueError, KeyError, IndexError) as error:
-            self.notice("error", f"{kind}: {error}")
+            self.notice("error", f"{kind}: {error}", message.get("n"))
 
-    def notice(self, level: str, text: str) -> None:
-        self.send({"kind": "notice", "level": level, "text": text})
+    def notice(self, level: str, text: str, refused: Any = None) -> None:
+        """Tell the user something; `refused` is the number of the input that was refused."""
+        number = {"n": refused} if isinstance(refused, int) else {}
+        self.send({"kind": "notice", "level": level, "text": text, **number})
 
     def tell_document(self) -> None:
         """Send the document."""
@@ -413,12 +419,15 @@ class Client:
                 raise InputError("cancelled")
             self.send({"kind": "progress", "id": identity, "done": done / max(total, 1)})
 
-        try:
-            reply |= answer(self, message, progress)
-        except VoluminousError as error:
-            reply["error"] = str(error)
-        except Exception as error:  # an answer must come, or the page waits
-            reply["error"] = f"{type(error).__name__}: {error}"
+        with caught_warnings() as caught:
+            try:
+                reply |= answer(self, message, progress)
+            except VoluminousError as error:
+                reply["error"] = str(error)
+            except Exception as error:  # an answer must come, or the page waits
+                reply["error"] = f"{type(error).__name__}: {error}"
+        for text in list(dict.fromkeys(caught))[:_MOST_WARNINGS]:
+            self.notice("warning", text)
         self.send(reply)
 
     def _film(self, message: dict[str, Any]) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -17,7 +18,7 @@ from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
 from ..errors import VoluminousError
 from ..image import Image
-from ..media import Coefficients, Medium
+from ..media import Coefficients, Isosurface, Medium
 from ..progress import silent
 from ..rendering.api import in_steps, render
 from ..schemes.pre_integrated import PreIntegrated
@@ -71,6 +72,48 @@ class Shot:
     def drawn(self) -> Medium:
         """What `render` is given: a transparent medium, if none is drawn."""
         return _NOTHING if self.medium is None else self.medium
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Pixels of the picture: no more than asked for, and fewer where its shape is fixed."""
+        return self.camera.frame(self.volume.grid).pixels
+
+
+_collected: dict[int, list[str]] = {}
+_collecting, _filters = threading.Lock(), contextlib.ExitStack()
+
+
+@contextlib.contextmanager
+def caught_warnings() -> Iterator[list[str]]:
+    """Collect the texts of the warnings of this thread; those of others go where they went.
+
+    What Python's `catch_warnings` sets holds for all threads: here the first thread that comes sets
+    it, and the last one that goes takes it back.
+    """
+    thread, texts = threading.get_ident(), list[str]()
+    with _collecting:
+        if not _collected:
+            _filters.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("always", UserWarning)
+            before = warnings.showwarning
+
+            def show(message: Any, *rest: Any) -> None:
+                mine = _collected.get(threading.get_ident())
+                before(message, *rest) if mine is None else mine.append(str(message))
+
+            warnings.showwarning = show  # type: ignore[assignment]
+        outer = _collected.get(thread)
+        _collected[thread] = texts
+    try:
+        yield texts
+    finally:
+        with _collecting:
+            if outer is not None:
+                _collected[thread] = outer
+            else:
+                del _collected[thread]
+            if not _collected:
+                _filters.close()
 
 
 class Painter:
@@ -157,12 +200,11 @@ class Painter:
         session = page.session
         shot = self._shot(page, session.size)
         start = last = time.monotonic()
-        nx, ny = session.size
+        nx, ny = shot.pixels
         made = 0
         picture: np.ndarray | None = None
         steps = self._steps(shot)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with caught_warnings() as caught:
             while True:
                 try:
                     pixel, intensity, _ = next(steps)
@@ -187,8 +229,8 @@ class Painter:
         session.exact = True
         self._exposures[_look(shot)] = image.exposure
         self._send(page, shot, image.intensity, took, done=1.0, exact=True, error=worst)
-        for warning in caught:
-            page.send({"kind": "notice", "level": "warning", "text": str(warning.message)})
+        for text in caught:
+            page.send({"kind": "notice", "level": "warning", "text": text})
 
     def _steps(self, shot: Shot) -> Any:
         return in_steps(
@@ -197,21 +239,22 @@ class Painter:
 
     def _quietly(self, shot: Shot, *, first_order: bool = False) -> np.ndarray:
         """Return a quick picture's intensities; warnings are for the picture at rest."""
-        scheme = shot.options.get("scheme")
+        scheme, parts = shot.options.get("scheme"), shot.drawn.components()
+        # No other scheme draws a surface without a width.
+        first_order &= all(part.thick for part in parts if isinstance(part, Isosurface))
         if first_order or "dual" not in shot.volume.grid.walk_kinds or shot.drawn.discrete:
             scheme = "first-order"
         elif scheme is None and shot.editing:
             # Where steps can be wide takes 30 ms to find out for 128³ cells, and saves 10.
             scheme = PreIntegrated(coarseness=0.0)
         quick = {"scheme": scheme, "tolerance": None, "samples": 1, "antialias": None}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with caught_warnings():
             options = {**shot.options, **quick, "bounds": False, "progress": False}
             return render(shot.volume, shot.drawn, shot.camera, **options).intensity
 
     def _first(self, shot: Shot, channels: int, nx: int, ny: int) -> np.ndarray:
         """Return what is shown of pixels that are not done: the quick picture, made larger."""
-        small = shot.camera.replace(resolution=(max(1, nx // 2), max(1, ny // 2)))
+        small = shot.camera.within((max(1, nx // 2), max(1, ny // 2)))
         intensity = self._quietly(replace(shot, camera=small))
         rows, columns = (
             np.minimum(np.arange(n) * have // n, have - 1)

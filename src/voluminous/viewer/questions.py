@@ -22,6 +22,7 @@ from ..rendering import render
 from ..scene import settings
 from ..units import is_count, unit_name
 from ..volume import Volume
+from .painter import caught_warnings
 from .session import scaled
 from .share import IN_MEMORY, exported, filmed, tables_of
 
@@ -42,11 +43,11 @@ _RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "order", "cutoff")
 
 def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return the ray through a point of the picture."""
-    size = page.session.size
-    shot = page.explorer.shot(page, size)
+    shot = page.explorer.shot(page, page.session.size)
     if shot.medium is None:
         raise InputError("nothing is drawn; show a medium first")
-    x, y = (min(int(_part(message, name) * n), n - 1) for name, n in zip("xy", size, strict=True))
+    places = zip("xy", shot.pixels, strict=True)
+    x, y = (min(int(_part(message, name) * n), n - 1) for name, n in places)
     options = {k: v for k, v in shot.options.items() if k in _RAY_OPTIONS}
     ray = probe(shot.volume, shot.medium, shot.camera, (x, y), progress=False, **options)
     reply: Answer = {
@@ -147,7 +148,8 @@ def ask_highlight(page: Client, message: Answer, progress: Progress) -> Answer:
         color=[1.0],
         opacity=1e-6,
     )
-    image = render(shot.volume, medium, shot.camera, **_QUICK)
+    with caught_warnings():  # that nothing shows
+        image = render(shot.volume, medium, shot.camera, **_QUICK)
     seen = np.nan_to_num(image.intensity[::-1, :, 0])
     top = float(seen.max(initial=0.0))
     codes = np.sqrt(np.clip(seen / top, 0.0, 1.0)) * 255.0 if top > 0.0 else np.zeros_like(seen)
@@ -161,7 +163,8 @@ def ask_thumbnail(page: Client, message: Answer, progress: Progress) -> Answer:
 
     medium = _preset(page.explorer.volume, message.get("name"))
     shot = page.explorer.shot(page, scaled(page.session.size, _SMALL / page.session.size[0]))
-    image = render(shot.volume, medium, shot.camera, **_QUICK)
+    with caught_warnings():
+        image = render(shot.volume, medium, shot.camera, **_QUICK)
     file = io.BytesIO()
     Pillow.fromarray((image.to_rgb() * 255.0 + 0.5).astype(np.uint8)).save(file, "PNG")
     return {"mime": "image/png", "data": text_of(file.getvalue())}
@@ -235,7 +238,7 @@ def _preset(volume: Volume, name: Any) -> Medium:
 
 
 def _pixels(page: Client, message: Answer) -> tuple[int, int]:
-    nx, ny = page.session.size
+    nx, ny = page.explorer.shot(page, page.session.size).pixels
     width = int(message.get("width", nx))
     if not 1 <= width <= _MOST_SIDE:
         raise InputError(f"width must be from 1 to {_MOST_SIDE} pixels, got {width}")

@@ -61,7 +61,7 @@ def filmed(
         as tables, ``ease``) or "still".
     """
     check_name("film", what, _FILMS)
-    cameras = _path(scene.camera, path, frames)
+    cameras = _path(scene, path, frames)
     with tempfile.TemporaryDirectory() as directory:
         target = Path(directory) / f"film.{what}"
         files = movie(
@@ -83,8 +83,8 @@ def filmed(
     return {"name": target.name, "mime": _FILMS[what], "data": data}
 
 
-def _path(camera: Camera, path: dict[str, Any], frames: int) -> list[Camera]:
-    kind = path.get("kind")
+def _path(scene: Scene, path: dict[str, Any], frames: int) -> list[Camera]:
+    camera, kind = scene.camera, path.get("kind")
     check_name("path", kind, ("orbit", "zoom", "dolly", "keyframes", "still"))
     if kind == "orbit":
         return orbit(camera, float(path.get("turns", 1.0)), frames)
@@ -97,8 +97,8 @@ def _path(camera: Camera, path: dict[str, Any], frames: int) -> list[Camera]:
         raise InputError(
             f"{frames} frames go through 2 to {frames} views, got {len(tables)}: keep views first"
         )
-    size = camera.arguments()["resolution"]
-    cameras = [build_camera({**table, "resolution": plain_value(size)}) for table in tables]
+    size = camera.frame(scene.volume().grid).pixels
+    cameras = [build_camera(table).within(size) for table in tables]
     steps = [round(k * (frames - 1) / (len(cameras) - 1)) for k in range(len(cameras))]
     return keyframes(list(zip(steps, cameras, strict=True)), str(path.get("ease", "smooth")))
 

@@ -56,7 +56,8 @@ class View:
         Parameters
         ----------
         resolution : int or (int, int), optional
-            Pixels; 400 by default.
+            Pixels; 400 by default. Of a panorama, a dome or a picture for two eyes: the most that
+            fit into them.
         **options
             Those of `render`.
         """
