@@ -223,6 +223,14 @@ def test_nothing_is_painted_for_a_hidden_page():
     assert not session.wants_rest(1.0)
 
 
+def test_nothing_is_painted_for_a_page_without_room():
+    session = Session({}, size=(1, 1))
+    session.want(0.0)
+    assert not session.wants_preview(1.0)
+    session.resize((300, 200), 1.0)
+    assert session.wants_preview(1.0)
+
+
 # --- the explorer, with a page that is a list -----------------------------------------------------
 
 

@@ -107,8 +107,8 @@ class Explorer:
             self.volume.expression_unit(feature.expr)
 
     def frame_for(self, size: tuple[int, int]) -> None:
-        """Fit the first camera to a page's picture, if none was given."""
-        if not self._framed:
+        """Fit the first camera to a page's picture, if none was given and it has a size."""
+        if not self._framed and min(size) > 1:
             self._framed = True
             self.document.look(_view(framed(self.volume, self.medium, resolution=size)))
 
@@ -334,6 +334,9 @@ class Client:
 
     def _size(self, message: dict[str, Any]) -> None:
         self.session.resize(message["size"], message.get("scale", 1.0))
+        if not self.explorer._framed:
+            self.explorer.frame_for(self.session.size)
+            self.session.camera = dict(self.explorer.document.settings["camera"])
         self.session.want(time.monotonic(), number=int(message["n"]))
         self.explorer.painter.wake()
 

@@ -76,12 +76,17 @@ class Session:
 
     def wants_preview(self, now: float) -> bool:
         """Return whether a quick picture of the newest input is due."""
-        return self.visible and self.shown < self.wanted and self.may_send(now)
+        return self._is_seen and self.shown < self.wanted and self.may_send(now)
 
     def wants_rest(self, now: float) -> bool:
         """Return whether the full picture is due: nothing has moved for a while."""
         still = not self.moving and now - self.changed_at >= QUIET
-        return self.visible and not self.exact and still and self.shown >= self.wanted
+        return self._is_seen and not self.exact and still and self.shown >= self.wanted
+
+    @property
+    def _is_seen(self) -> bool:
+        """Whether there is somebody to look, and room: a notebook's cell has none at first."""
+        return self.visible and min(self.size) > 1
 
     @property
     def window(self) -> int:
