@@ -146,6 +146,35 @@ def test_first_order_cell_by_cell(precision):
     assert table["b"].unit == u.Unit("erg / (s cm2 sr)")
 
 
+@pytest.mark.parametrize("resolution", [12, 120])
+def test_what_a_picture_remembers_is_what_a_probe_would_draw(resolution, monkeypatch):
+    """Of pixels that were drawn once, and of those that were drawn again with smaller limits."""
+    rng = np.random.default_rng(4)
+    fields = {name: rng.uniform(0.2, 2.0, (8, 8, 6)) for name in "ab"}
+    shells = vm.Gaussian("a", 0.5, 0.02, (1.0, 0.3), 2.0, 1.0)
+    shells += vm.Gaussian("a * b", 1.5, 0.05, (0.2, 1.0), 0.5, 1.0)
+    camera = vm.Orthographic(40, 30, resolution=resolution)
+    options = {"tolerance": 1e-4}
+    drawn, fresh = (vm.Volume(GRIDS["cartesian"], **fields) for _ in range(2))
+    vm.render(drawn, shells, camera, **options)
+    (rounds,) = [one for key, (one, _) in drawn.tables.items() if key[0] == "rounds"]
+    traced = [pixel for pixel, _ in rounds.limits if pixel is not None]
+    again = np.concatenate([np.array([], int), *traced])
+    # In a small picture nothing is known of its brightness before all pixels are traced.
+    assert len(again) < resolution**2
+    assert len(again) > 0 or resolution > 12
+    once = np.setdiff1d(np.arange(resolution**2), again)
+    for flat in (*again[:2], *once[len(once) // 2 :][:2]):
+        pixel = (int(flat) % resolution, int(flat) // resolution)
+        expected = vm.probe(fresh, shells, camera, pixel, **options)
+        fresh.tables.clear()  # so that it draws each time
+        with monkeypatch.context() as patch:
+            patch.setattr("voluminous.measuring.probing.run", None)
+            found = vm.probe(drawn, shells, camera, pixel, **options)
+        for name in ("begin", "end", "j", "alpha", "gathered", "intensity"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
 @pytest.mark.parametrize("scheme", ["first-order", "second-order"])
 def test_both_directions_tell_the_same(scheme):
     volume = volume_on(GRIDS["cartesian"])

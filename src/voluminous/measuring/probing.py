@@ -19,7 +19,8 @@ from ..rendering.job import RenderJob
 from ..rendering.options import background_array
 from ..rendering.run import run
 from ..rendering.sources.channel_layout import before as before_background
-from ..rendering.tracer import Batches, Paths, RayTracer
+from ..rendering.tolerance import Rounds
+from ..rendering.tracer import RayTracer
 from ..schemes.base import Position, Scheme, interpolated_at
 from ..schemes.path import Path
 from ..units import Unit, parse_unit, plain, unit_name
@@ -78,10 +79,10 @@ def probe(
     also : str, Expression or sequence of them
         Further fields or expressions to return, with their values in the cells.
     scheme, tolerance, background, precision, device, order, cutoff
-        As for `render`. With a tolerance the whole picture is drawn once, since the tolerance of a
-        pixel depends on the brightest one. With ``tolerance=None`` steps are as wide as those of
-        the picture: up to eight cells, and none in empty space. ``cutoff=0`` follows the ray to its
-        end.
+        As for `render`. With a tolerance the whole picture is drawn, unless that has just been
+        done: the tolerance of a pixel depends on the brightest one. With ``tolerance=None`` steps
+        are as wide as those of the picture: up to eight cells, and none in empty space.
+        ``cutoff=0`` follows the ray to its end.
     progress : bool or callable, optional
         As for `render`.
 
@@ -248,42 +249,20 @@ class _Recorder(Scheme):
         }
 
 
-class _Watched(RayTracer):
-    """Ray tracer that remembers the tolerance with which one pixel was drawn last."""
-
-    watched: int
-    allowed: Any = ()
-
-    def batches(
-        self, seconds: float | None = None, focus: tuple[float, float] | None = None
-    ) -> Batches[Paths]:
-        self.allowed = self.source.tolerance
-        return super().batches(seconds, focus)
-
-    def pixels(self, pixel: np.ndarray) -> Paths:
-        if self.watched in pixel:
-            self.allowed = self.source.tolerance
-        return super().pixels(pixel)
-
-
 def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
     """Return the source with which a pixel is finally drawn.
 
-    With error control, the tolerance depends on the whole picture, so the picture is drawn.
+    With error control its limits depend on the whole picture, so that is drawn, unless the volume
+    remembers them.
     """
-
-    def watched(*scene: Any) -> _Watched:
-        tracer = _Watched(*scene)
-        tracer.watched = pixel
-        return tracer
-
+    source = copy.copy(job.source())
     if job.scheme.controlled:
-        tracer = run(job, brightest_background, watched).tracer
-        assert isinstance(tracer, _Watched)
-        source = copy.copy(tracer.source)
-        source.tolerance = tracer.allowed
-    else:
-        source = copy.copy(job.source())
+        key = Rounds.key(job, brightest_background)
+        rounds = None if key is None else job.cache.get(key)
+        if rounds is None:
+            rounds = run(job, brightest_background).tracer.rounds
+        source = copy.copy(job.source(rounds.faintest))
+        source.allow(*rounds.of(pixel))
     # If steps are single cells, rays also visit empty ones.
     if source.blocks is None or not getattr(source.blocks, "coarse", False):
         source.blocks = source.walk = None

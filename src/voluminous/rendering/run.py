@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,8 @@ from .antialias import refine
 from .flux_conserving import FluxConserving
 from .job import RenderJob
 from .sources.channel_layout import channels_last, in_units_of
-from .tolerance import add_rounding_error, in_kernel_unit, render_to_tolerance
+from .tolerance import Rounds, add_rounding_error, in_kernel_unit, render_to_tolerance
 from .tracer import Batches, KernelCache, RayTracer, exhausted
-
-TracerType = Callable[[RenderJob, Any, float], RayTracer]
 
 
 @dataclass
@@ -49,11 +46,9 @@ class RenderResult:
         return self.ends == (0.0, 0.0) and through.min() == 1.0 == through.max()
 
 
-def run(
-    job: RenderJob, brightest_background: float, tracer_type: TracerType | None = None
-) -> RenderResult:
+def run(job: RenderJob, brightest_background: float) -> RenderResult:
     """Draw all pixels."""
-    return exhausted(_run(job, brightest_background, tracer_type=tracer_type))
+    return exhausted(_run(job, brightest_background))
 
 
 def run_in_batches(
@@ -77,17 +72,16 @@ def _run(
     background: float,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
-    tracer_type: TracerType | None = None,
 ) -> Batches[RenderResult]:
     """Draw all pixels; in double precision where results of single precision are not finite.
 
     In a quotient of two fields that vanish at the same place, rounding makes the denominator zero
     first on one ray in some thousand.
     """
-    result = yield from _draw(job, background, seconds, focus, tracer_type)
+    result = yield from _draw(job, background, seconds, focus)
     if not result.finite and job.backend.precision == "single" and job.backend.device != "metal":
         job.take_double()
-        result = yield from _draw(job, background, seconds, focus, tracer_type)
+        result = yield from _draw(job, background, seconds, focus)
     return result
 
 
@@ -96,15 +90,19 @@ def _draw(
     background: float,
     seconds: float | None,
     focus: tuple[float, float] | None,
-    tracer_type: TracerType | None,
 ) -> Batches[RenderResult]:
-    tracer = make_tracer(job, background, tracer_type)
+    tracer = make_tracer(job, background)
     if job.scheme.controlled:
-        limits = job.tolerance, background, seconds, focus
+        rounds = Rounds()
+        limits = job.tolerance, background, rounds, seconds, focus
         paths, enough = yield from render_to_tolerance(tracer, *limits)
         if not enough:  # everything visible is as faint as the skipped places
-            tracer = make_tracer(job, background, tracer_type, faintest=True)
+            rounds.faintest = True
+            tracer = make_tracer(job, background, faintest=True)
             paths, _ = yield from render_to_tolerance(tracer, *limits)
+        tracer.rounds = rounds
+        if key := Rounds.key(job, background):
+            job.cache.put(key, rounds)
     else:
         paths = yield from tracer.batches(seconds, focus)
     if job.adaptive:
@@ -127,15 +125,13 @@ def _draw(
 def make_tracer(
     job: RenderJob,
     background: float,
-    tracer_type: TracerType | None = None,
     *,
     faintest: bool = False,
 ) -> RayTracer:
     """Return the tracer of a job's pixels."""
-    kind = tracer_type or (FluxConserving if job.recursive else RayTracer)
+    kind = FluxConserving if job.recursive else RayTracer
     tracer = kind(job, job.source(faintest), background)
-    if tracer_type is None:
-        tracer.kernels = _kernels(job, tracer, faintest)
+    tracer.kernels = _kernels(job, tracer, faintest)
     return tracer
 
 

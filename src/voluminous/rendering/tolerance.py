@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .sources.channel_layout import fits_single
 from .tracer import MARGIN, Batches, Paths, RayTracer
+
+if TYPE_CHECKING:
+    from .job import RenderJob
 
 # Error allowed in one segment, as a fraction of a pixel's; smaller in every round.
 _SHARES = (0.05, 0.01, 0.002)
@@ -27,26 +32,65 @@ _ROUNDING = {"single": 3e-6, "double": 1e-14}
 _UNDERFLOW = 1e-12
 
 
+@dataclass
+class Rounds:
+    """With which limits the pixels of a picture were traced: what a probe of one needs to know.
+
+    Attributes
+    ----------
+    limits : list of (array or None, (float, float, float))
+        Pixels that were traced, or None for all, and the arguments of the source's `allow`; in the
+        order of tracing.
+    faintest : bool
+        Even the faintest places were not skipped.
+    """
+
+    limits: list[tuple[np.ndarray | None, tuple[float, float, float]]] = field(default_factory=list)
+    faintest: bool = False
+
+    def of(self, pixel: int) -> tuple[float, float, float]:
+        """Return the limits with which a pixel was traced last."""
+        return next(
+            limits for pixels, limits in self.limits[::-1] if pixels is None or pixel in pixels
+        )
+
+    @staticmethod
+    def key(job: RenderJob, background: float) -> Hashable:
+        """Return the key under which those of a job are cached; None if they cannot be."""
+        parts = job.medium.key(), job.scheme.key()
+        statistics, names = job.cache.statistics, job.medium.names
+        if None in parts or not statistics.is_hashed(names):
+            return None
+        options = (job.backend, job.backward, job.cutoff, job.tolerance, job.samples, background)
+        digests = statistics.digests(names)
+        return ("rounds", *parts, repr(job.camera), job.frame.pixels, options, digests)
+
+
 def render_to_tolerance(
     tracer: RayTracer,
     tolerance: float,
     background: float,
+    rounds: Rounds,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
 ) -> Batches[tuple[Paths, bool]]:
     """Trace all pixels, then those again whose errors exceed the tolerance; yield each batch.
 
     Returns the paths, and False if the medium's faint places, which were skipped, may be visible.
-    The errors are those of segments; `add_rounding_error` adds the others.
+    The errors are those of segments; `add_rounding_error` adds the others. `rounds` is told with
+    which limits pixels were traced.
     """
     source = tracer.source
     behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
     scale = _estimate_scale(tracer, behind)
+    limits = (np.inf, np.inf, 1.0)
     if scale > 0.0:
-        source.allow(tolerance * scale, tolerance, first)
+        limits = (tolerance * scale, tolerance, first)
     else:
         shares = list(_SHARES)
+    source.allow(*limits)
+    rounds.limits = [(None, limits)]
     paths = yield from tracer.batches(seconds, focus)
     for share in shares:
         scale = _brightness(tracer, paths, behind).max()
@@ -59,7 +103,9 @@ def render_to_tolerance(
         pixel = np.flatnonzero(exceeds | (dim > tolerance))
         if not len(pixel):
             break
-        source.allow(tolerance * scale, tolerance, share)
+        limits = (tolerance * scale, tolerance, share)
+        source.allow(*limits)
+        rounds.limits.append((pixel, limits))
         paths.put(pixel, tracer.pixels(pixel))
         yield tracer, pixel, paths
     source.allow(tolerance * scale, tolerance, first)  # for rays still to come
