@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Sequence
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 Rows: TypeAlias = dict[str, np.ndarray]
 """Recorded numbers by name, of shape (segment, numbers), ordered from the observer on."""
 
-# The two halves of a segment; its coefficients are the mean of theirs.
-_HALVES = ((0.0, 0.5), (0.5, 1.0))
 # Recorded rows, in multiples of the cells that a straight line through the middle crosses.
 _ROOM = 2
 
@@ -230,15 +229,25 @@ class _Recorder(Scheme):
             after = list(source.interpolate(corners, segment.active))
             mean = [0.5 * (a + b) for a, b in zip(before, after, strict=True)]
             return source.numbers.split(mean), {}, after
-        cubics = source.along(segment).polynomials()
-        make = source.stretch if self.scheme.controlled else source.straight
-        stretch = make(cubics, segment.length)
-        halves = [source.means(stretch.panel(*half)) for half in _HALVES]
-        means = [
+        fields = source.along(segment)
+        places = [fields.own(s) for s in (0.0, 0.25, 0.5, 0.75, 1.0)]
+        values = [source.evaluated(own) for own in places]
+        straight, means = not self.scheme.controlled, []
+        for k in (0, 2):
+            panel = source.panel(
+                places[k : k + 3],
+                values[k : k + 3 : 2] if straight else values[k : k + 3],
+                0.5 * segment.length,
+                straight=straight,
+                ahead=fields.ahead,
+                between=functools.partial(_inside, fields, 0.25 * k),
+            )
+            means.append(source.means(panel))
+        mean = [
             [0.5 * (a + b) for a, b in zip(*parts, strict=True)]
-            for parts in zip(*halves, strict=True)
+            for parts in zip(*means, strict=True)
         ]
-        return means, stretch.fields(0.5), []
+        return mean, source.completed(places[2]), []
 
     def read(self, count: int) -> Rows:
         """Return the first ``count`` rows."""
@@ -246,6 +255,12 @@ class _Recorder(Scheme):
             name: np.array([np.asarray(c)[:count] for c in columns]).reshape(len(columns), count).T
             for name, columns in self.columns.items()
         }
+
+
+def _inside(fields: Any, begin: float, s: Float) -> dict[str, Float]:
+    """Return the fields at a place of half a segment."""
+    own: dict[str, Float] = fields.own(0.5 * s + begin)
+    return own
 
 
 class _Watched(RayTracer):

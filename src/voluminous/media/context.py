@@ -64,7 +64,7 @@ class Context:
     narrow : callable
         Converts values of `real` to the type of integrals along rays.
     scale : float
-        The unit of lengths along rays (`Stretch.length`), in the volume's unit; `Medium.means` are
+        The unit of lengths along rays (`Panel.length`), in the volume's unit; `Medium.means` are
         per this length.
     radiance : float
         The unit of emission of `Medium.means`.

@@ -6,7 +6,6 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -21,6 +20,7 @@ from ..units import Unit
 from ..value import Value
 from .arguments import described
 from .context import Context, Feature, MediumSample, no_unit
+from .panel import NODES, kept
 from .ranges import Bounds, RangeContext, intervals
 
 if TYPE_CHECKING:
@@ -29,32 +29,8 @@ if TYPE_CHECKING:
     from ..volume import Volume
     from .edges import Level
     from .modulation import Modulation
-    from .sampled import Sampled
+    from .panel import Panel
     from .shading import Shade
-    from .stretch import Panel, Stretch
-
-# Places and weights on [0, 1].
-GAUSS_LEGENDRE_3 = (
-    (0.5 - math.sqrt(0.15), 5 / 18),
-    (0.5, 8 / 18),
-    (0.5 + math.sqrt(0.15), 5 / 18),
-)
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How the mean of a medium over a panel is computed.
-
-    `linear`: `Medium.means` is exact where scalars are linear, and better than `Medium.sampled`.
-    `smooth`: `sampled` bounds its error on some stretches, which then need no panels. `finer`:
-    ``sampled(fine=True)`` does so on all that are narrow enough. `quick`: `sampled` takes fewer
-    samples unless it is to be fine.
-    """
-
-    linear: bool = True
-    smooth: bool = False
-    finer: bool = False
-    quick: bool = False
 
 
 class Medium(Value):
@@ -84,6 +60,8 @@ class Medium(Value):
     sensitivity : float
         Factor on the error of the fields at structures without width and at jumps: their places,
         and the values evaluated there, depend on the slopes of the fields.
+    order : int
+        Order of convergence of `means` in the length of panels.
     kind : str
         Its type in scene files; the name of the class by default.
     """
@@ -96,6 +74,7 @@ class Medium(Value):
     modulation: Modulation | None = None
     shade: Shade | None = None
     sensitivity: float = 1.0
+    order: int = 4
     kind: ClassVar[str] = ""
 
     # --- required -----------------------------------------------------------------------------
@@ -199,13 +178,19 @@ class Medium(Value):
     def means(self, panel: Panel, context: Context) -> MediumSample:
         """Return the means of j and α over a panel of a ray (traced by Dr.Jit).
 
-        Per `context.scale` of length, emission in units of `context.radiance`. Default: three
-        Gauss-Legendre points, exact for polynomials of degree five.
+        Per `context.scale` of length, emission in units of `context.radiance`. Default: Simpson's
+        rule, exact for polynomials of degree three; two halves share three of its places.
         """
-        total: list[Float] = []
-        for place, weight in GAUSS_LEGENDRE_3:
-            values = [weight * v for v in self.in_units(panel.fields(place), context)]
-            total = [t + v for t, v in zip(total, values, strict=True)] if total else values
+        first, middle, last = (
+            kept(panel, (id(self), "at", s), functools.partial(self.at, panel, s, context))
+            for s in NODES
+        )
+        total = []
+        for a, b, c in zip(first, middle, last, strict=True):
+            # Beside a vacuum, where n/t is 0/0, single places may have no value.
+            b = dr.select(dr.isfinite(b), b, dr.select(dr.isfinite(a), a, c))
+            a, c = (dr.select(dr.isfinite(end), end, b) for end in (a, c))
+            total.append(dr.fma(2 / 3, b, (1 / 6) * (a + c)))
         return self.split(total)
 
     @property
@@ -221,13 +206,16 @@ class Medium(Value):
         """Return coefficients that all have one value."""
         return self.split([value] * (self.channels + self.extinction_count))
 
-    def in_units(self, fields: dict[str, Any], context: Context) -> list[Float]:
-        """Return j, then α, at a place in the units of `means`."""
+    def at(self, panel: Panel, s: float, context: Context) -> list[Float]:
+        """Return j, then α, at a place of a panel in the units of `means`."""
+        return self.in_units(self.coefficients(panel.fields(s), context), context)
+
+    def in_units(self, sample: MediumSample, context: Context) -> list[Float]:
+        """Return coefficients per unit length in the units of `means`."""
         bright, dense = context.keep(
             "units",
             lambda: [context.number(u) for u in (context.scale / context.radiance, context.scale)],
         )
-        sample = self.coefficients(fields, context)
         # A negative extinction becomes NaN, even where the mean would hide it.
         usable = [dr.select(a >= 0.0, a, math.nan) for a in sample.extinction]
         values = [bright * j for j in sample.emissivity] + [dense * a for a in usable]
@@ -236,12 +224,12 @@ class Medium(Value):
     def discontinuities(self, context: Context) -> list[Level]:
         """Return the levels at which the medium jumps or has a surface without width.
 
-        Panels end there: `means` and `sampled` are called for stretches without a discontinuity
-        inside (`Stretch.edgeless`).
+        Panels end there: `means` is called for panels without a discontinuity inside
+        (`Panel.edgeless`).
         """
         return self.modulation.discontinuities(context) if self.modulation else []
 
-    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
+    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
         """Return emission and depth of the infinitely thin surfaces crossed; None if it has none.
 
         In the units of `means` times length, without absorption; evaluated at a place s, 0 to 1.
@@ -258,48 +246,14 @@ class Medium(Value):
         """Whether j/α is the same everywhere: an opaque medium then looks the same everywhere."""
         return False
 
-    @property
-    def sampling(self) -> Sampling:
-        """Quadrature rules that the medium supports."""
-        return Sampling()
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α over a stretch from samples, and bounds of their errors.
-
-        In the units of `means`; with more samples if `fine`. Default: an infinite error wherever
-        the medium may be noticeable.
-        """
-        visible, _ = self.visible(stretch, context)
-        zero = stretch.length * 0.0
-        nothing, unknown = map(self.everywhere, (zero, dr.select(visible, math.inf, zero)))
-        result: Sampled = room("media.sampled").Sampled(nothing, nothing, nothing, unknown)
-        return result
-
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         """Return two masks: where the medium may be noticeable, and where panels may miss that.
 
-        False in the first guarantees that `means` is negligible; True in the second requests
-        smaller panels.
+        Where the first is False, `means` is negligible; where the second is True, panels are made
+        smaller. On a `rough` panel only its scalars are known: what else hides it does not count.
         """
-        active = stretch.length >= 0.0
+        active = panel.length >= 0.0
         return active, active & False
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return (unresolved, hidden error) on a stretch, both from 0 to 1.
-
-        The first measures how unresolved the narrowest structure is; the second is a relative error
-        of the mean that step doubling does not detect.
-        """
-        zero = stretch.length * 0.0
-        return zero, zero
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        """Return the number of structures in each half of a stretch, as `core` counts them.
-
-        Above 1.5 at least one is unresolved, and the panel mean loses their depth order.
-        """
-        zero = stretch.length * 0.0
-        return [zero, zero]
 
     # --- units, parts, scene files --------------------------------------------------------------
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,12 @@ from ..backend import dr
 from ..backend.functions import decay, horner, polynomial, precision_of
 from ..backend.types import Float
 from ..expressions import Ops
-from .contract import Sampling
-from .profiles import SampledShaped
-from .sampled import EIGHT, WEIGHTS, WEIGHTS_OF_EIGHT, Sampled
-from .stretch import Middle, extremes, middle_of
+from ..schemes.path import last_argument
+from .context import Context
+from .panel import Middle, Panel, middle_of
+from .profiles import Shaped
 
-# Half width of a stretch, in σ, up to which the series is taken, and its terms. What is left out is
+# Half width of a panel, in σ, up to which the series is taken, and its terms. What is left out is
 # 2e-6 and 1e-18 of the peak; beyond it the difference of areas loses 3e-6 and 4e-15.
 _SERIES = {"single": (0.3, 3), "double": (0.25, 8)}
 # Of tails the series is good where their logarithm changes by less than twice that.
@@ -72,25 +71,14 @@ _BEYOND = {
 }
 # Half width, in σ, up to which a rational function is accurate.
 _NARROW_PANEL = 0.25
-# Ellipses around [0, 1], with half axes of (ρ ± 1/ρ)/4, and parts of a cubic's first three
-# derivatives on the stretch that no imaginary part on them is above. For functions no larger than
-# one there eight samples are off by 64/15 ρ^-16/(1 - ρ^-2) at most. The second is for tolerances of
-# 1e-7 and less, which the first never meets: in double precision alone.
-_SMALL, _LARGE = (3.0, (2 / 3, 0.073, 0.05)), (6.0, (1.46, 1.13, 0.6))
-_ELLIPSES = {"single": [_SMALL], "double": [_SMALL, _LARGE]}
-# With more of it nothing is known: 3 % for a line of seven and a half σ.
-_MOST_ASIDE = 5.0
-# The error of Lobatto's rule with four nodes is the sixth derivative over this.
-_OFF = 1_512_000.0
-# The second to sixth derivative of exp(-z²/2) are below these times its square root.
-_DERIVATIVES = (1.15, 1.95, 3.75, 8.3, 20.0)
-# A Gaussian is smooth where its argument changes by less than this along a stretch, in σ.
-_SMOOTH = 3.0
+# Simpson's rule is taken where the argument changes by less than this in each half of a panel:
+# its error is then 1e-4 of the peak.
+_SIMPSON = 0.6
 # Where nothing is too faint, the Gaussian ends where double precision does.
 _LEAST = float(np.finfo(np.float64).tiny)
 
 
-class Gaussian(SampledShaped):
+class Gaussian(Shaped):
     """A Gaussian shell: T = h/path_length · exp(-((x - center)/sigma)²/2).
 
     Parameters
@@ -157,19 +145,19 @@ class Gaussian(SampledShaped):
     def mean_shape(self, first: Float, last: Float, faint: float) -> Float:
         return gaussian_mean(first, last, faint)
 
-    def sample(self, offset: Float) -> Float:
-        """Return exp(-offset²/2)."""
-        return decay(0.5 * (offset * offset))
+    def curved_mean(self, nodes: list[Float], panel: Panel, context: Context) -> Float:
+        """Return the mean by Simpson's rule where the argument changes little, else as usual."""
+        first, middle, last = nodes
+        narrow = (dr.abs(middle - first) < _SIMPSON) & (dr.abs(last - middle) < _SIMPSON)
+        # Outside of the branch: a panel and its halves share values.
+        a, b, c = (decay(0.5 * (z * z)) for z in nodes)
+        simpson = dr.fma(2 / 3, b, (1 / 6) * (a + c))
 
-    @property
-    def sampling(self) -> Sampling:
-        return replace(super().sampling, finer=self.expr.smooth)
+        def usual(nodes: list[Float], simpson: Float) -> Float:
+            return super(Gaussian, self).curved_mean(nodes, panel, context)
 
-    def sampled_shape(
-        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
-    ) -> Sampled:
-        own = finely_sampled_gaussian if fine else sampled_gaussian
-        return own(nodes, derivatives)
+        mean: Float = dr.if_stmt((nodes, simpson), ~narrow, usual, last_argument)
+        return mean
 
     def middle(self, first: Float, last: Float, mean: Float) -> Middle:
         return gaussian_middle(first, last, mean)
@@ -279,44 +267,3 @@ def gaussian_middle(first: Float, last: Float, mean: Float) -> Middle:
     wide = (dr.abs(half) > _NARROW_PANEL) & (mean > 0.0) & dr.isfinite(half)
     center = (drop / dr.select(wide, mass, 1.0) - middle) / dr.select(wide, half, 1.0)
     return middle_of(dr.select(wide, center, -middle * half * variance), variance)
-
-
-def sampled_gaussian(nodes: list[Float], derivatives: list[Float]) -> Sampled:
-    """Return the mean of exp(-z²/2) over a stretch, with a bound of its error.
-
-    The bound follows from the sixth derivative by s: with indices for derivatives, T₂ … T₆ of the
-    Gaussian by z and z₁ … z₃ of z by s, it is T₆ z₁⁶ + 15 T₅ z₁⁴ z₂ + T₄ (45 z₁² z₂² +
-    20 z₁³ z₃) + T₃ (15 z₂³ + 60 z₁ z₂ z₃) + 10 T₂ z₃² (Faà di Bruno's formula).
-
-    From z at Lobatto's `PLACES`, and bounds of |z₁|, |z₂| and |z₃|.
-    """
-    values = [decay(0.5 * (z * z)) for z in nodes]
-    largest = extremes(values)[1]
-    z1, z2, z3 = derivatives
-    t2, t3, t4, t5, t6 = (t / _OFF for t in _DERIVATIVES)
-    square = z1 * z1
-    straight = horner(square, [15.0 * t3 * z2 * z2 * z2, 45.0 * t4 * z2 * z2, 15.0 * t5 * z2, t6])
-    turning = dr.fma(z1, 20.0 * t4 * square + 60.0 * t3 * z2, 10.0 * t2 * z3)
-    off = dr.sqrt(largest) * dr.fma(z3, turning, straight)
-    start, *inner, end = values
-    mean = dr.fma(WEIGHTS[0], start + end, WEIGHTS[1] * (inner[0] + inner[1]))
-    return Sampled(mean, start, end, dr.select(z1 <= _SMOOTH, off, dr.inf))
-
-
-def finely_sampled_gaussian(nodes: list[Float], derivatives: list[Float]) -> Sampled:
-    """Return the same from z at the places `EIGHT`: good for slopes of up to five σ.
-
-    In an ellipse the Gaussian is at most exp(y²/2), with y the imaginary part of z.
-    """
-    values = [decay(0.5 * (z * z)) for z in nodes]
-    mean, lean = values[0] * 0.0, values[0] * 0.0
-    for place, weight, value in zip(EIGHT, WEIGHTS_OF_EIGHT, values, strict=True):
-        mean = dr.fma(weight, value, mean)
-        lean = dr.fma(6.0 * (place - 0.5) * weight, value, lean)
-    off = mean + dr.inf
-    for rho, parts in _ELLIPSES[precision_of(type(mean))]:
-        y = sum(part * d for part, d in zip(parts, derivatives, strict=True))
-        least = 64 / 15 * rho**-16 / (1 - rho**-2)
-        here = dr.select(y < _MOST_ASIDE, least / decay(0.5 * (y * y)), dr.inf)
-        off = dr.select(here < off, here, off)
-    return Sampled(mean, mean - lean, mean + lean, off)

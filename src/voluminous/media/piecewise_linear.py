@@ -17,7 +17,7 @@ import numpy as np
 from ..backend import Int, dr, from_host
 from ..backend.functions import first_true, precision_of
 from ..backend.types import Float, Mask
-from .stretch import Middle
+from .panel import Middle
 
 # Nodes this close to evenly spaced ones, in spacings, are located by arithmetic and one correction.
 _EVEN = 0.4
@@ -81,11 +81,11 @@ class PiecewiseLinear:
         """Return where x lies, and the columns there; NaN where x is."""
         x = self._near(x)
         k = self._interval(x)
-        low, high, narrowness, stretch = self.pieces.at(k)
+        low, high, narrowness, panel = self.pieces.at(k)
         f = _fraction((x - low) * narrowness)
         before, after = self.before.at(k), self.after.at(k)
         value = [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
-        to_x, from_x = (0.5 * stretch * (x - low), 0.5 * stretch * (high - x))
+        to_x, from_x = (0.5 * panel * (x - low), 0.5 * panel * (high - x))
         left = [to_x * (a + v) for a, v in zip(before, value, strict=True)]
         right = [from_x * (v + b) for v, b in zip(value, after, strict=True)]
         return Place(x, k, low, high, before, value, after, left, right)

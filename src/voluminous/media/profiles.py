@@ -6,10 +6,8 @@ and of `opacity` for the extinction: seen through one path length of its peak, i
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,19 +27,13 @@ from .arguments import (
     scalar,
 )
 from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
+from .contract import Medium
 from .modulation import Modulation, modulated
-from .sampled import EIGHT, FIVE, PLACES, Sampled, products
+from .panel import Middle, Panel, Straight, extremes, kept, middle_of, slope_factor
 from .shading import given_shade
-from .stretch import Middle, Panel, Straight, Stretch, extremes, kept, middle_of
-from .unresolved import LookedUp, bend, core, extent_of, slope_factor, thinness
 
 # Control points that exceed a panel's ends by this many widths need smaller panels.
-_DOUBT = 0.25
-# Most of a shell is within this many widths of its centre.
-_CORE = 4.0
-# The width of a slab that holds as much of a Gaussian, and spreads it as far; a rectangle's is 2.
-_THICKNESS = 3.5
+_DOUBT = 0.1
 
 
 @dataclass
@@ -100,6 +92,7 @@ class Shaped(Medium):
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
         self.sensitivity = self.modulation.sensitivity
+        self.order = 4 if self.expr.smooth else 2  # at kinks the scalar is taken as linear
         self.names = self.used_names()
 
     @property
@@ -134,10 +127,6 @@ class Shaped(Medium):
     def reach(self, faint: float) -> float:
         """Return the distance from the centre, in widths, where the shape falls below `faint`."""
         raise NotImplementedError
-
-    def is_thin(self, extent: Float) -> Mask:
-        """Return where a shell that fills this part of a half may be in one half only."""
-        return extent < 2.0
 
     # --- numbers --------------------------------------------------------------------------------
 
@@ -231,34 +220,46 @@ class Shaped(Medium):
         if self.modulation.fixed:
             return sample
         first, last = self._offsets(panel.ends(self.expr), context)
-        middle = self.middle(first, last, self._mean(panel, context))
+        middle = self.middle(first, last, self.mean_shape(first, last, context.faint))
         return self.modulation.means(sample, panel, context, middle)
 
     def mean_per_length(self, panel: Panel, context: Context) -> Float:
-        """Return the mean of the shape per path length, exact if x is linear over the panel."""
-        per_length, mean = self.numbers(context).per_length, self._mean(panel, context)
-        if isinstance(panel.stretch, Straight):
-            return mean * per_length
-        first, last = self._offsets(panel.ends(self.expr), context)
-        place = self.middle(first, last, mean).place
-        return mean * per_length * slope_factor(panel, self.expr, place)
+        """Return the mean of the shape per path length."""
+        return self.numbers(context).per_length * self._mean(panel, context)
 
     def _mean(self, panel: Panel, context: Context) -> Float:
-        """Return the mean of the shape for x linear over the panel; computed once."""
+        """Return the mean of the shape; computed once."""
 
         def make() -> Float:
-            first, last = self._offsets(panel.ends(self.expr), context)
-            if not isinstance(panel.stretch, Straight):
-                return self.mean_shape(first, last, context.faint)
+            if not isinstance(panel, Straight):
+                return self.curved_mean(
+                    self._offsets(panel.nodes(self.expr), context), panel, context
+                )
+            ends = self._offsets(panel.ends(self.expr), context)
             # Of several shells a ray is mostly in one: a branch for each.
-            return dr.if_stmt(
-                args=(first, last),
-                cond=self._seen(*extremes((first, last)), context),
-                true_fn=functools.partial(self.mean_shape, faint=context.faint),
-                false_fn=_nothing,
+            return self._if_seen(
+                ends, context, lambda ends: self.mean_shape(ends[0], ends[1], context.faint)
             )
 
-        return kept(panel.stretch, (id(self), "mean", panel.first, panel.last), make)
+        return kept(panel, (id(self), "mean"), make)
+
+    def _if_seen(
+        self, offsets: list[Float], context: Context, mean: Callable[[list[Float]], Float]
+    ) -> Float:
+        seen = self._seen(*extremes(offsets), context)
+        found: Float = dr.if_stmt((offsets,), seen, mean, _nothing)
+        return found
+
+    def curved_mean(self, nodes: list[Float], panel: Panel, context: Context) -> Float:
+        """Return the mean of the shape for x a parabola through three distances, in widths."""
+
+        def found(nodes: list[Float]) -> Float:
+            first, _, last = nodes
+            mean = self.mean_shape(first, last, context.faint)
+            place = self.middle(first, last, mean).place
+            return mean * slope_factor(panel, self.expr, place)
+
+        return self._if_seen(nodes, context, found)
 
     def _offsets(self, values: Iterable[Float], context: Context) -> list[Float]:
         """Return distances from the centre in widths."""
@@ -270,152 +271,19 @@ class Shaped(Medium):
         reach = self.numbers(context).reach
         return ~((low > reach) | (high < -reach))
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         own = self.numbers(context)
         reach = own.reach
-        nodes = extremes(stretch.nodes(self.expr))
-        below, above, low, high = self._offsets((*nodes, *stretch.hull(self.expr)), context)
+        nodes = panel.range(self.expr)
+        below, above, low, high = self._offsets((*nodes, *panel.hull(self.expr)), context)
         seen = self._seen(low, high, context)
         over = (high > above + _DOUBT) & (above < reach) & (high > -reach)
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
         # Between log10 of zero and a value there is all of the shell, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
-        turns = seen & stretch.turns(self.expr, _DOUBT / own.narrowness)
-        hidden = over | under | turns | (seen & endless)
-        if not self.modulation.fixed:
-            hidden |= seen & self._looked_up(stretch, context).lost(stretch, context)
-        return self.modulation.visible(stretch, context, seen, hidden)
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        own = self.numbers(context)
-        low, high = -own.reach / own.narrowness, own.reach / own.narrowness
-        ends = [context.narrow(x - own.center) for x in stretch.hull(self.expr)]
-        seen = (ends[0] <= high) & (ends[1] >= low)
-        thin = thinness(stretch, self.expr, own.narrowness)
-        off = bend(stretch, self.expr, own.narrowness, own.center, low, high)
-        if not self.modulation.fixed:
-            off = off + self._looked_up(stretch, context).error(stretch, context)
-        return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        counts, varies = [], not self.constant_source_function
-        for pair in pairwise(self._offsets(stretch.nodes(self.expr), context)):
-            low, high = extremes(pair)
-            there = (low < _CORE) & (high > -_CORE)
-            counts.append(core(there, high - low > 1.0, varies, stretch.length))
-        return counts
-
-    def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
-        own = self.numbers(context)
-        reach = own.reach / own.narrowness
-        extent = extent_of(self._offsets(stretch.nodes(self.expr), context), _THICKNESS)
-        way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
-        depth = extremes(own.opacity)[1] * own.per_length * way
-        return LookedUp(
-            expr=self.expr,
-            ranges=[(own.center - reach, own.center + reach)],
-            thin=thinness(stretch, self.expr, own.narrowness),
-            extent=extent,
-            depth=dr.select(self.is_thin(extent), depth, 0.0),
-            factors=self.modulation.at_nodes(stretch, context),
-        )
+        hidden = over | under | (seen & endless)
+        return self.modulation.visible(panel, context, seen, hidden)
 
 
-def _nothing(first: Float, last: Float) -> Float:
-    return type(first)(0.0)
-
-
-class SampledShaped(Shaped):
-    """Common part of `Gaussian` and `Rectangle` for means from samples."""
-
-    def sample(self, offset: Float) -> Float:
-        """Return the shape at a distance from the centre in widths, on a ray."""
-        raise NotImplementedError
-
-    def sampled_shape(
-        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
-    ) -> Sampled:
-        """Return the mean of the shape over a stretch from samples.
-
-        From distances from the centre, in widths: `nodes` at `sampled.PLACES` or, if `fine`,
-        `EIGHT`; `ends`, their least and greatest value; and bounds of three derivatives.
-        """
-        raise NotImplementedError
-
-    @property
-    def sampling(self) -> Sampling:
-        return Sampling(smooth=self.expr.smooth, quick=self.modulation.even)
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        if not self.expr.smooth:
-            return super().sampled(stretch, context)
-        if not self.modulation.even:
-            return self._sampled_modulated(stretch, context)
-        shape = self.sampled_per_length(stretch, context, fine=fine)
-        gate, unsure = self.modulation.switched(stretch, context)
-        shape.off = dr.select(unsure & (shape.off + shape.mean > 0.0), dr.inf, shape.off)
-        factors = [gate] * (self.channels + 1)
-        return self._in_colors([(value, factors) for value in shape], context)
-
-    def _in_colors(self, rows: list[tuple[Float, list[Float]]], context: Context) -> Sampled:
-        """Return coefficients for shapes and factors: of the mean, the ends and the error."""
-        own, results = self.numbers(context), []
-        for shape, (*paint, gate) in rows:
-            emission = [h * f * shape for h, f in zip(own.color, paint, strict=True)]
-            results.append(MediumSample(emission, [h * gate * shape for h in own.opacity]))
-        results[-1].emissivity = [dr.abs(off) for off in results[-1].emissivity]
-        return Sampled(*results)
-
-    def _on(
-        self, stretch: Stretch, places: tuple[float, ...], context: Context
-    ) -> tuple[list[Float], list[Float], list[Float]]:
-        """Return the arguments of `sampled_shape` on a stretch."""
-        nodes = self._offsets([stretch.scalar(self.expr, s) for s in places], context)
-        narrowness = self.numbers(context).narrowness
-        slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
-        return nodes, self._offsets(stretch.hull(self.expr), context), slopes
-
-    def _sampled_modulated(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return the same with a gate, or in the colours of another expression.
-
-        It takes eight samples of the shape, and five of the factors. Trying five of both first
-        gained nothing: in turbulent fields it cost a tenth of the time.
-        """
-        per_length = self.numbers(context).per_length
-        nodes, ends, slopes = self._on(stretch, EIGHT, context)
-        seen, unsure = self.modulation.visible(
-            stretch, context, self._seen(ends[0], ends[1], context), stretch.length < 0.0
-        )
-        off = per_length * self.sampled_shape(nodes, ends, slopes, fine=True).off
-        rows = [self.modulation.at_node(stretch, s, context) for s in FIVE]
-        gate, *paint = (list(column) for column in zip(*rows, strict=True))
-        factors = [*(paint or [gate] * self.channels), gate]
-        shape = [dr.select(seen, per_length * self.sample(z), 0.0) for z in nodes]
-        found = products(shape, dr.select(unsure, dr.inf, dr.select(seen, off, 0.0)), factors)
-        one = type(off)(1.0)
-        return self._in_colors([(one, list(own)) for own in zip(*found, strict=True)], context)
-
-    def sampled_per_length(
-        self, stretch: Stretch, context: Context, *, fine: bool = False
-    ) -> Sampled:
-        """Return the mean of the shape per path length from samples; zero where neglected.
-
-        Of several shells a ray is mostly in one: a branch for each.
-        """
-        low, high = self._offsets(stretch.hull(self.expr), context)
-        seen, zero = self._seen(low, high, context), type(low)(0.0)
-        if not self.expr.smooth:
-            return Sampled(zero, zero, zero, dr.select(seen, dr.inf, zero))
-        found = dr.if_stmt(
-            args=self._on(stretch, EIGHT if fine else PLACES, context),
-            cond=seen,
-            true_fn=functools.partial(self.sampled_shape, fine=fine),
-            false_fn=_nothing_sampled,
-        )
-        per_length = self.numbers(context).per_length
-        return Sampled(*(per_length * value for value in found))
-
-
-def _nothing_sampled(nodes: list[Float], ends: list[Float], derivatives: list[Float]) -> Sampled:
-    zero = type(nodes[0])(0.0)
-    return Sampled(zero, zero, zero, zero)
+def _nothing(offsets: list[Float]) -> Float:
+    return type(offsets[0])(0.0)

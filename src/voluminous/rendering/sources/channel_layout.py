@@ -16,8 +16,8 @@ from ...expressions.interval import Interval
 from ...media import Shaped
 from ...media.context import Context
 from ...media.contract import Medium
+from ...media.panel import Panel
 from ...media.ranges import RangeContext
-from ...media.stretch import Panel, Stretch
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, most
 
@@ -96,10 +96,6 @@ class PerChannel:
     def means(self, panel: Panel, context: Context) -> list[Float]:
         """Return the means of the values over a panel of a ray."""
         return self.medium.means(panel, context).listed()
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool) -> list[list[Float]]:
-        """Return mean, first and last values of a stretch, and the errors of the means."""
-        return [s.listed() for s in self.medium.sampled(stretch, context, fine=fine)]
 
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         """Return intervals that enclose the values while the fields stay in ranges."""
@@ -209,10 +205,6 @@ class SharedProfiles:
 
     def means(self, panel: Panel, context: Context) -> list[Float]:
         return [part.mean_per_length(panel, context) for part in self.parts]
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool) -> list[list[Float]]:
-        samples = [part.sampled_per_length(stretch, context, fine=fine) for part in self.parts]
-        return [list(values) for values in zip(*samples, strict=True)]
 
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         return [part.per_length(fields, context) for part in self.parts]
