@@ -261,6 +261,8 @@ def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
         rounds = None if key is None else job.cache.get(key)
         if rounds is None:
             rounds = run(job, brightest_background).tracer.rounds
+        else:
+            job.progress(1, 1)
         source = copy.copy(job.source(rounds.faintest))
         source.allow(*rounds.of(pixel))
     # If steps are single cells, rays also visit empty ones.
