@@ -440,6 +440,20 @@ def test_thumbnails_are_pictures_of_presets(explorer):
     assert "'gold'" in page.ask("thumbnail", name="gold")["error"]
 
 
+def test_a_thumbnail_is_the_picture_of_its_medium():
+    """Also upright: of a ball above the middle."""
+    volume = vm.Volume(GRID)
+    volume["a"] = "exp(-4 * (x**2 + y**2 + (z - 0.5)**2))"
+    camera = vm.Orthographic(80, 30, width=2.5)
+    explorer = Explorer(volume, SHELL, camera)
+    data = base64.b64decode(Page(explorer, size=(96, 80)).ask("thumbnail", name=None)["data"])
+    medium = vm.suggest_medium(volume)
+    image = vm.render(volume, medium, camera.replace(resolution=(96, 80)), tolerance=None)
+    found = np.asarray(Pillow.open(io.BytesIO(data)))[::-1] / 255.0
+    np.testing.assert_allclose(found, image.to_rgb(), atol=0.51 / 255)  # of eight bits
+    explorer.close()
+
+
 def test_a_highlight_is_where_rays_go_through_the_values(explorer):
     """Values above 0.5 are in a sphere of radius sqrt(ln 2) around the middle."""
     page = Page(explorer, size=(100, 100))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import threading
 import time
 import warnings
@@ -30,7 +29,7 @@ from .document import Document, Patch, shown
 from .painter import Painter, Shot, caught_warnings
 from .questions import QUESTIONS, number
 from .session import Session
-from .share import IN_MEMORY, tables_of
+from .share import IN_MEMORY, tables_of, text_of
 
 PROTOCOL = 1
 # Seconds after a change of a medium in which another is expected.
@@ -478,8 +477,8 @@ def _colormaps() -> dict[str, str]:
 
     places = np.linspace(0.0, 1.0, 256)
     return {
-        name: base64.b64encode(
+        name: text_of(
             (matplotlib.colormaps[name](places)[:, :3] * 255 + 0.5).astype(np.uint8).tobytes()
-        ).decode()
+        )
         for name in _MAPS
     }

@@ -6,8 +6,6 @@ threads of their own; ``progress`` tells how far a long one is.
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +22,7 @@ from ..units import is_count, unit_name
 from ..volume import Volume
 from .painter import caught_warnings
 from .session import scaled
-from .share import IN_MEMORY, exported, filmed, tables_of
+from .share import IN_MEMORY, exported, filmed, tables_of, text_of
 
 if TYPE_CHECKING:
     from .explorer import Client
@@ -159,15 +157,11 @@ def ask_highlight(page: Client, message: Answer, progress: Progress) -> Answer:
 
 def ask_thumbnail(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return a small picture of a preset."""
-    from PIL import Image as Pillow
-
     medium = _preset(page.explorer.volume, message.get("name"))
     shot = page.explorer.shot(page, scaled(page.session.size, _SMALL / page.session.size[0]))
     with caught_warnings():
         image = render(shot.volume, medium, shot.camera, **_QUICK)
-    file = io.BytesIO()
-    Pillow.fromarray((image.to_rgb() * 255.0 + 0.5).astype(np.uint8)).save(file, "PNG")
-    return {"mime": "image/png", "data": text_of(file.getvalue())}
+    return {"mime": "image/png", "data": text_of(image._repr_png_())}
 
 
 def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -250,11 +244,6 @@ def _part(message: Answer, name: str) -> float:
     if not 0.0 <= value <= 1.0:
         raise InputError(f"{name} must be from 0 to 1, got {value}")
     return value
-
-
-def text_of(data: bytes) -> str:
-    """Return bytes as base64."""
-    return base64.b64encode(data).decode()
 
 
 def number(value: Any) -> float | None:

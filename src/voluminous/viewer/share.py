@@ -34,7 +34,7 @@ def exported(scene: Scene, what: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / f"picture.{what}"
         scene.save_image(image, path)
-        data = base64.b64encode(path.read_bytes()).decode()
+        data = text_of(path.read_bytes())
     return {"name": path.name, "mime": _PICTURES[what], "data": data}
 
 
@@ -79,7 +79,7 @@ def filmed(
             with zipfile.ZipFile(target, "w") as bundle:
                 for file in files:
                     bundle.write(file, file.name)
-        data = base64.b64encode(target.read_bytes()).decode()
+        data = text_of(target.read_bytes())
     return {"name": target.name, "mime": _FILMS[what], "data": data}
 
 
@@ -101,6 +101,11 @@ def _path(scene: Scene, path: dict[str, Any], frames: int) -> list[Camera]:
     cameras = [build_camera(table).within(size) for table in tables]
     steps = [round(k * (frames - 1) / (len(cameras) - 1)) for k in range(len(cameras))]
     return keyframes(list(zip(steps, cameras, strict=True)), str(path.get("ease", "smooth")))
+
+
+def text_of(data: bytes) -> str:
+    """Return bytes as base64."""
+    return base64.b64encode(data).decode()
 
 
 def tables_of(medium: Medium) -> list[dict[str, Any]]:
