@@ -15,7 +15,6 @@ import argparse
 import asyncio
 import json
 import multiprocessing
-import shutil
 import sys
 import tempfile
 import threading
@@ -27,14 +26,13 @@ from typing import Any
 
 import numpy as np
 import psutil
-from playwright.sync_api import sync_playwright
 
 import voluminous as vm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+import chromium
 import notebook_hosts
 
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 # Notes when each input is sent, by whatever way the host has, and when each frame is drawn: the
 # explorer marks a frame when it has come, and draws it in the screen's next frame.
 WATCH = r"""
@@ -155,8 +153,7 @@ def opened(args: Any) -> vm.viewer.View:
 def one_page(args: Any) -> None:
     """Drag for a while, and print times and rates."""
     start = time.perf_counter()
-    with served(args) as url, sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+    with served(args) as url, chromium.launched() as browser:
         wider, higher = AROUND[args.host]
         page = browser.new_page(viewport={"width": args.size + wider, "height": args.size + higher})
         page.set_default_timeout(120_000)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,28 +14,21 @@ from figures_data import data_folder
 from PIL import Image as Pillow
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+import chromium
 import notebook_hosts
 
-# WebGL without a graphics card.
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 COLLAPSE = "athena_turb_collapse/TurbCollapse_t1.607.athdf"
 
 
 @contextmanager
 def page(width: int, height: int) -> Iterator[Any]:
     """Give a page of Playwright."""
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError as error:
-        raise FileNotFoundError(str(error)) from error
-    if (browser := shutil.which("chromium")) is None:
-        raise FileNotFoundError("there is no chromium")
-    with sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=browser, args=FLAGS)
-        shown = chromium.new_page(viewport={"width": width, "height": height})
+    if find_spec("playwright") is None or chromium.PATH is None:
+        raise FileNotFoundError("there is no playwright, or no chromium")
+    with chromium.launched() as browser:
+        shown = browser.new_page(viewport={"width": width, "height": height})
         shown.set_default_timeout(120_000)
         yield shown
-        chromium.close()
 
 
 def rest(shown: Any) -> None:

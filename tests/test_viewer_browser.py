@@ -6,18 +6,17 @@ import base64
 import io
 import json
 import os
-import shutil
 import time
 import zlib
 
 import numpy as np
 import pytest
 
+import chromium
 import voluminous as vm
 
-sync_api = pytest.importorskip("playwright.sync_api")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-if CHROMIUM is None:
+pytest.importorskip("playwright.sync_api")
+if chromium.PATH is None:
     pytest.skip("there is no chromium", allow_module_level=True)
 
 VOLUME = vm.models.prestellar_core(32)
@@ -25,16 +24,12 @@ MEDIUM = vm.suggest_medium(VOLUME).calibrated(VOLUME)
 CAMERA = vm.Orthographic.framing(VOLUME, MEDIUM, 60, 30).replace(width=3e17)
 SECONDS = 60.0
 REST = "[data-exact=true]"
-# WebGL without a graphics card; without the last one it fails, and nothing would be tested.
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with sync_api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    with chromium.launched() as browser:
         yield browser
-        browser.close()
 
 
 class Tab:

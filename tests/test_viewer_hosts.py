@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import io
-import shutil
 import time
 from base64 import b64decode
 
 import numpy as np
 import pytest
 
+import chromium
 import notebook_hosts
 import voluminous as vm
 from voluminous.rendering import framed
 
-sync_api = pytest.importorskip("playwright.sync_api")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-if CHROMIUM is None:
+pytest.importorskip("playwright.sync_api")
+if chromium.PATH is None:
     pytest.skip("there is no chromium", allow_module_level=True)
 
 CODE = """
@@ -25,16 +24,12 @@ volume = vm.models.prestellar_core(32)
 vm.view(volume)
 """
 SECONDS = 90.0
-# WebGL without a graphics card; without the last one it fails, and nothing would be tested.
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with sync_api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    with chromium.launched() as browser:
         yield browser
-        browser.close()
 
 
 def pixels(canvas):
