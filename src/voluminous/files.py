@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import glob
 import os
 import re
 import secrets
@@ -83,7 +84,7 @@ def replacing(path: Path) -> Iterator[Path]:
     always either the old file or the complete new one. A symbolic link is followed, not replaced.
     """
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{target.stem[:40]}.{secrets.token_hex(6)}.part{target.suffix}")
+    temporary = target.with_name(_temporary_name(target, secrets.token_hex(6)))
     with _naming(path):
         _check_place(path, target)
         temporary.touch()
@@ -97,6 +98,17 @@ def replacing(path: Path) -> Iterator[Path]:
             os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _temporary_name(target: Path, word: str) -> str:
+    return f".{target.stem[:40]}.{word}.part{target.suffix}"
+
+
+def unfinished(path: Path) -> list[Path]:
+    """Return the temporary files for a path that `replacing` left where it was killed."""
+    target = Path(os.path.realpath(path))
+    before, _, after = _temporary_name(target, "\0").partition("\0")
+    return list(target.parent.glob(f"{glob.escape(before)}*{glob.escape(after)}"))
 
 
 @contextmanager

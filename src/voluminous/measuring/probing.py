@@ -255,15 +255,15 @@ def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
     With error control its limits depend on the whole picture, so that is drawn, unless the volume
     remembers them.
     """
-    source = copy.copy(job.source())
+    source = copy.copy(job.source())  # which takes double precision, if need be
     if job.scheme.controlled:
-        key = Rounds.key(job, brightest_background)
-        rounds = None if key is None else job.cache.get(key)
-        if rounds is None:
-            rounds = run(job, brightest_background).tracer.rounds
-        else:
+        remembered = job.cache.get(Rounds.key(job, brightest_background))
+        rounds = remembered or run(job, brightest_background).rounds
+        assert rounds is not None  # of a controlled scheme there are some
+        if remembered is not None:
             job.progress(1, 1)
-        source = copy.copy(job.source(rounds.faintest))
+        if rounds.faintest or remembered is None:  # drawing may take double precision, too
+            source = copy.copy(job.source(rounds.faintest))
         source.allow(*rounds.of(pixel))
     # If steps are single cells, rays also visit empty ones.
     if source.blocks is None or not getattr(source.blocks, "coarse", False):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import json
 import shutil
@@ -15,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..cameras import Camera
+from ..cameras.contract import pixel_counts
 from ..errors import InputError
-from ..files import as_path, replacing
+from ..files import as_path, replacing, unfinished
 from ..image import Image
 from ..image.annotate.marks import readable_unit
 from ..io import open as open_volume
@@ -243,8 +243,7 @@ class _Film:
 
 def _coarse(camera: Camera) -> Camera:
     """Return a camera with few pixels of about the same shape."""
-    resolution = camera.arguments().get("resolution", _COARSE)
-    pair = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
+    pair = pixel_counts(camera.arguments().get("resolution", _COARSE))
     if max(pair) <= _COARSE:
         return camera
     nx, ny = (max(1, round(n * _COARSE / max(pair))) for n in pair)
@@ -292,7 +291,7 @@ def _provenance(path: Path) -> dict[str, Any]:
 
 
 def _remove_partial(paths: list[Path]) -> None:
-    """Remove what a film left that was killed while it wrote a file (see `files.replacing`)."""
+    """Remove what a film left that was killed while it wrote a file."""
     for path in paths:
-        for left in path.parent.glob(f".{glob.escape(path.stem[:40])}.*.part{path.suffix}"):
+        for left in unfinished(path):
             left.unlink(missing_ok=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,6 +94,21 @@ class RenderJob:
         nx, ny = self.frame.pixels
         steps = float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
         return tabulated(evaluator, cache, scheme, steps, whole)
+
+    def key(self, name: str, *others: Hashable) -> Hashable:
+        """Return a key for what follows from medium, scheme and fields; None if one has no key."""
+        parts = self.medium.key(), self.scheme.key(), *others
+        statistics, names = self.cache.statistics, self.medium.names
+        if None in parts or not statistics.is_hashed(names):
+            return None
+        return (
+            name,
+            *parts,
+            self.backend,
+            self.backward,
+            self.tolerance,
+            statistics.digests(names),
+        )
 
     def take_double(self) -> None:
         """Continue in double precision."""

@@ -28,6 +28,8 @@ class RenderResult:
     stopped: bool
     # For further rays.
     tracer: RayTracer
+    # Of a picture that was drawn to a tolerance.
+    rounds: Rounds | None
 
     @functools.cached_property
     def ends(self) -> tuple[float, float]:
@@ -91,16 +93,14 @@ def _draw(
     seconds: float | None,
     focus: tuple[float, float] | None,
 ) -> Batches[RenderResult]:
-    tracer = make_tracer(job, background)
+    tracer, rounds = make_tracer(job, background), None
     if job.scheme.controlled:
-        rounds = Rounds()
-        limits = job.tolerance, background, rounds, seconds, focus
-        paths, enough = yield from render_to_tolerance(tracer, *limits)
+        options = job.tolerance, background, seconds, focus
+        paths, limits, enough = yield from render_to_tolerance(tracer, *options)
         if not enough:  # everything visible is as faint as the skipped places
-            rounds.faintest = True
             tracer = make_tracer(job, background, faintest=True)
-            paths, _ = yield from render_to_tolerance(tracer, *limits)
-        tracer.rounds = rounds
+            paths, limits, _ = yield from render_to_tolerance(tracer, *options)
+        rounds = Rounds(limits, faintest=not enough)
         if key := Rounds.key(job, background):
             job.cache.put(key, rounds)
     else:
@@ -119,7 +119,7 @@ def _draw(
         behind = in_kernel_unit(background, numbers.unit)
         wrong = in_units_of(numbers.unit, error[0] + error[1] * behind)
     planes = numbers.mix(emission), channels_last(through), channels_last(depth), wrong
-    return RenderResult(*planes, paths.stopped, tracer)
+    return RenderResult(*planes, paths.stopped, tracer, rounds)
 
 
 def make_tracer(
@@ -139,16 +139,11 @@ def _kernels(job: RenderJob, tracer: RayTracer, faintest: bool) -> KernelCache |
     """Return the cache of traced batches: the volume's, if all its dependencies have keys."""
     if job.backend.device != "cpu" or job.backend.derivatives:
         return None
-    parts = job.medium.key(), job.camera.key(), job.scheme.key()
-    statistics, names = job.cache.statistics, job.medium.names
-    if None in parts or not statistics.is_hashed(names):
-        return KernelCache()
     source, ending = tracer.source, tracer.ending
-    key = (
+    key = job.key(
         "kernels",
-        *parts,
-        statistics.digests(names),
-        (job.backend, job.backward, job.tolerance, faintest, job.hidden is None),
+        job.camera.key(),
+        (faintest, job.hidden is None),
         (type(source), type(tracer.walk), None if ending is None else len(ending.weights)),
     )
     return job.cache.get_or_make(key, KernelCache)

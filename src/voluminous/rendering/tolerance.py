@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -32,21 +32,24 @@ _ROUNDING = {"single": 3e-6, "double": 1e-14}
 _UNDERFLOW = 1e-12
 
 
+# Pixels that were traced, or None for all, and the arguments of the source's `allow`.
+Limits: TypeAlias = tuple[np.ndarray | None, tuple[float, float, float]]
+
+
 @dataclass
 class Rounds:
     """With which limits the pixels of a picture were traced: what a probe of one needs to know.
 
     Attributes
     ----------
-    limits : list of (array or None, (float, float, float))
-        Pixels that were traced, or None for all, and the arguments of the source's `allow`; in the
-        order of tracing.
+    limits : list of Limits
+        In the order of tracing.
     faintest : bool
         Even the faintest places were not skipped.
     """
 
-    limits: list[tuple[np.ndarray | None, tuple[float, float, float]]] = field(default_factory=list)
-    faintest: bool = False
+    limits: list[Limits]
+    faintest: bool
 
     def of(self, pixel: int) -> tuple[float, float, float]:
         """Return the limits with which a pixel was traced last."""
@@ -57,40 +60,31 @@ class Rounds:
     @staticmethod
     def key(job: RenderJob, background: float) -> Hashable:
         """Return the key under which those of a job are cached; None if they cannot be."""
-        parts = job.medium.key(), job.scheme.key()
-        statistics, names = job.cache.statistics, job.medium.names
-        if None in parts or not statistics.is_hashed(names):
-            return None
-        options = (job.backend, job.backward, job.cutoff, job.tolerance, job.samples, background)
-        digests = statistics.digests(names)
-        return ("rounds", *parts, repr(job.camera), job.frame.pixels, options, digests)
+        rays = (repr(job.camera), job.frame.pixels, job.samples, job.recursive)
+        return job.key("rounds", rays, (job.cutoff, background))
 
 
 def render_to_tolerance(
     tracer: RayTracer,
     tolerance: float,
     background: float,
-    rounds: Rounds,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
-) -> Batches[tuple[Paths, bool]]:
+) -> Batches[tuple[Paths, list[Limits], bool]]:
     """Trace all pixels, then those again whose errors exceed the tolerance; yield each batch.
 
-    Returns the paths, and False if the medium's faint places, which were skipped, may be visible.
-    The errors are those of segments; `add_rounding_error` adds the others. `rounds` is told with
-    which limits pixels were traced.
+    Returns the paths, the limits, and False if the medium's faint places, which were skipped, may
+    be visible. The errors are those of segments; `add_rounding_error` adds the others.
     """
     source = tracer.source
     behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
     scale = _estimate_scale(tracer, behind)
-    limits = (np.inf, np.inf, 1.0)
     if scale > 0.0:
-        limits = (tolerance * scale, tolerance, first)
+        limits: list[Limits] = [(None, (tolerance * scale, tolerance, first))]
     else:
-        shares = list(_SHARES)
-    source.allow(*limits)
-    rounds.limits = [(None, limits)]
+        limits, shares = [(None, (np.inf, np.inf, 1.0))], list(_SHARES)
+    source.allow(*limits[0][1])
     paths = yield from tracer.batches(seconds, focus)
     for share in shares:
         scale = _brightness(tracer, paths, behind).max()
@@ -103,13 +97,12 @@ def render_to_tolerance(
         pixel = np.flatnonzero(exceeds | (dim > tolerance))
         if not len(pixel):
             break
-        limits = (tolerance * scale, tolerance, share)
-        source.allow(*limits)
-        rounds.limits.append((pixel, limits))
+        limits.append((pixel, (tolerance * scale, tolerance, share)))
+        source.allow(*limits[-1][1])
         paths.put(pixel, tracer.pixels(pixel))
         yield tracer, pixel, paths
     source.allow(tolerance * scale, tolerance, first)  # for rays still to come
-    return paths, source.neglected <= tolerance * scale
+    return paths, limits, source.neglected <= tolerance * scale
 
 
 def in_kernel_unit(background: float, unit: float) -> Any:

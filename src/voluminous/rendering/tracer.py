@@ -131,7 +131,6 @@ class RayTracer:
     def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
         self.job, self.source, self.backend = job, source, job.backend
         self.kernels: KernelCache | None = None
-        self.rounds: Any = None  # `tolerance.Rounds` of a picture that was drawn to a tolerance
         grid, wide = job.volume.grid, job.backend.wide
         self.walk = source.walk or grid.walk(job.backend, source.walk_kind or job.walk_kind)
         self.scheme = job.scheme

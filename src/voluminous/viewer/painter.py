@@ -18,7 +18,7 @@ from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
 from ..errors import VoluminousError
 from ..image import Image
-from ..media import Coefficients, Isosurface, Medium
+from ..media import Coefficients, Medium
 from ..progress import silent
 from ..rendering.api import in_steps, render
 from ..schemes.pre_integrated import PreIntegrated
@@ -241,7 +241,7 @@ class Painter:
         """Return a quick picture's intensities; warnings are for the picture at rest."""
         scheme, parts = shot.options.get("scheme"), shot.drawn.components()
         # No other scheme draws a surface without a width.
-        first_order &= all(part.thick for part in parts if isinstance(part, Isosurface))
+        first_order &= not any(part.surface_only for part in parts)
         if first_order or "dual" not in shot.volume.grid.walk_kinds or shot.drawn.discrete:
             scheme = "first-order"
         elif scheme is None and shot.editing:
