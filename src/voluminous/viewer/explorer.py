@@ -433,7 +433,7 @@ class Client:
         self.send(reply)
 
     def _film(self, message: dict[str, Any]) -> None:
-        """Make a film in a thread of its own: other questions need not wait for it."""
+        """Make a film in another thread, so that other questions need not wait for it."""
         explorer = self.explorer
         if not self._may_change() or not explorer.filming.acquire(blocking=False):
             text = "one film at a time: wait for the other, or cancel it"
@@ -452,7 +452,7 @@ class Client:
         self._cancelled.add(message["of"])
 
 
-# Keys of the messages of a page that are no questions.
+# Keys of all other messages of a page.
 _KINDS: dict[str, tuple[str, ...]] = {
     "hello": ("protocol", "size", "scale", "leader"),
     "look": ("n", "camera", "moving"),

@@ -174,12 +174,12 @@ def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
 
 def ask_load(page: Client, message: Answer, progress: Progress) -> Answer:
     """Set what a scene file says, but for its volume."""
-    told = settings.plain_sections(
+    sections = settings.plain_sections(
         {"volume": {"path": IN_MEMORY}, **settings.loads(str(message["text"]))}
     )
-    told["camera"].pop("resolution", None)
-    names = [name for name in ("medium", "camera", "render", "image") if told[name]]
-    page.change([(name, told[name]) for name in names], "another scene")
+    sections["camera"].pop("resolution", None)
+    names = [name for name in ("medium", "camera", "render", "image") if sections[name]]
+    page.change([(name, sections[name]) for name in names], "another scene")
     return {}
 
 
