@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .jit import dr
 from .types import Float, Int, Mask
 
+Result = TypeVar("Result")
 # Cody & Waite split of ln 2: n·LN2_HIGH is exact for the n that occur, in either precision.
 _LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
 _LN2_LOW = {"single": -2.12194440e-4, "double": 1.90821492927058770002e-10}
@@ -19,6 +20,24 @@ _TERMS = {"single": 7, "double": 14}
 THIN = 0.3466
 
 
+def branch(
+    args: tuple[Any, ...],
+    cond: Mask,
+    true_fn: Callable[..., Result],
+    false_fn: Callable[..., Result],
+) -> Result:
+    """Return the result of one function of some arrays where a condition holds, of the other else.
+
+    A vector whose lanes agree skips the other function. Arrays that record derivatives take both:
+    Dr.Jit 1.5 loses the derivatives of what a branch in a loop uses besides its arguments.
+    """
+    if dr.is_diff_v(cond):
+        both: Result = dr.select(cond, true_fn(*args), false_fn(*args))
+        return both
+    result: Result = dr.if_stmt(args, cond, true_fn, false_fn)
+    return result
+
+
 def attenuation(tau: Float) -> tuple[Float, Float]:
     """Return ``exp(-tau)`` and ``(1 - exp(-tau))/tau`` without cancellation.
 
@@ -26,7 +45,7 @@ def attenuation(tau: Float) -> tuple[Float, Float]:
     lanes are thin a branch skips all but one polynomial (first order: 29 instead of 34 ms).
     """
     size: Float = dr.abs(tau)
-    return dr.if_stmt((tau,), size <= THIN, thin_attenuation, any_attenuation)
+    return branch((tau,), size <= THIN, thin_attenuation, any_attenuation)
 
 
 def thin_attenuation(tau: Float) -> tuple[Float, Float]:

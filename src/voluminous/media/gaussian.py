@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import decay, horner, polynomial, precision_of
+from ..backend.functions import branch, decay, horner, polynomial, precision_of
 from ..backend.types import Float
 from ..expressions import Ops
 from .contract import Sampling
@@ -190,7 +190,7 @@ def gaussian_mean(first: Float, last: Float, faint: float = 0.0) -> Float:
     tails = kind == "double" or faint < _TAILS
     if tails:
         narrow &= dr.abs(half * (0.5 * (first + last))) <= _CHANGE
-    mean = dr.if_stmt(
+    mean = branch(
         args=(first, last, half),
         cond=narrow,
         true_fn=_series,

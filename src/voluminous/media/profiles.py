@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import branch
 from ..backend.types import Float, Mask
 from ..expressions import Expression, NumpyOps, Ops
 from ..expressions.interval import Interval
@@ -251,7 +252,7 @@ class Shaped(Medium):
             if not isinstance(panel.stretch, Straight):
                 return self.mean_shape(first, last, context.faint)
             # Of several shells a ray is mostly in one: a branch for each.
-            return dr.if_stmt(
+            return branch(
                 args=(first, last),
                 cond=self._seen(*extremes((first, last)), context),
                 true_fn=functools.partial(self.mean_shape, faint=context.faint),
@@ -406,7 +407,7 @@ class SampledShaped(Shaped):
         seen, zero = self._seen(low, high, context), type(low)(0.0)
         if not self.expr.smooth:
             return Sampled(zero, zero, zero, dr.select(seen, dr.inf, zero))
-        found = dr.if_stmt(
+        found = branch(
             args=self._on(stretch, EIGHT if fine else PLACES, context),
             cond=seen,
             true_fn=functools.partial(self.sampled_shape, fine=fine),

@@ -6,7 +6,8 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..backend import Backend, dr
+from ..backend import Backend
+from ..backend.functions import branch
 from ..backend.types import Float, Mask
 from ..grids.contract import Corners, Cursor, Segment, Track, Walk
 from .path import Path, last_argument
@@ -129,9 +130,7 @@ def interpolated_at(
         corners = position.walk.entry_corners(position.track, position.cursor)
         return list(source.interpolate(corners, moved & position.cursor.inside))
 
-    if source.backend.derivatives:  # Dr.Jit 1.5 finds no derivatives of arrays read in the branch
-        return list(dr.select(moved, anew(values), values))
-    return list(dr.if_stmt((values,), moved, anew, last_argument))
+    return list(branch((values,), moved, anew, last_argument))
 
 
 class VertexScheme(Scheme):

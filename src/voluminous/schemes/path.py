@@ -87,5 +87,5 @@ def most(values: list[Float]) -> Float:
 
 
 def last_argument(*arguments: Any) -> Any:
-    """Return the last argument, unchanged: a branch of `dr.if_stmt`."""
+    """Return the last argument, unchanged: an argument of `branch`."""
     return arguments[-1]

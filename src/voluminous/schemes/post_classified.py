@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import THIN, precision_of, thin_attenuation
+from ..backend.functions import THIN, branch, precision_of, thin_attenuation
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from ..media.edges import edges_ahead, first_edge
@@ -94,7 +94,7 @@ class PostClassified(Scheme):
         values = [whole.controls(expr) for expr in source.scalars]
         numbers = source.numbers
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
-        path = dr.if_stmt(
+        path = branch(
             args=(cubics, values, segment.length, budget, nothing),
             cond=visible & segment.active,
             true_fn=functools.partial(_visible, source, segment.backward),
@@ -136,7 +136,7 @@ def _visible(
         if source.edges:
             count, _ = edges_ahead(whole, source.edges)
             good, widest = good & (count == 0), 1.0
-    solved: Path = dr.if_stmt(
+    solved: Path = branch(
         args=(cubics, values, length, budget, nothing, found),
         cond=good,
         true_fn=last_argument,
@@ -338,7 +338,7 @@ def _solve_panel(
 
     if not source.finer:
         return compared(panel, budget)
-    return dr.if_stmt((panel, budget), closed | (panel.width < _SAMPLED), compared, sampled)
+    return branch((panel, budget), closed | (panel.width < _SAMPLED), compared, sampled)
 
 
 # --- edges of the medium, and surfaces without width ----------------------------------------------
@@ -385,10 +385,10 @@ def _up_to_edge(source: Any, panel: SubPanel, values: Values) -> Cut:
         count, hidden = edges_ahead(uncut[0].stretch(source, edgeless=False), source.edges)
         # A zero-width surface that is alone in a panel need not be at its end.
         several = count > (1 if source.hollow else 0)
-        panel = dr.if_stmt((values, uncut[0]), several, cut, last_argument)
+        panel = branch((values, uncut[0]), several, cut, last_argument)
         return panel, count > 0, hidden
 
-    shorter: Cut = dr.if_stmt(
+    shorter: Cut = branch(
         (values, (panel, nowhere, nowhere)), visible, to_first_edge, last_argument
     )
     return shorter
@@ -408,5 +408,5 @@ def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, solv
         layer.error = [zero, zero, source.numbers.brightness(layer.emission)]
         return over(layer, solved) if backward else over(solved, layer)
 
-    result: Path = dr.if_stmt((panel, solved), passed, layered, last_argument)
+    result: Path = branch((panel, solved), passed, layered, last_argument)
     return result

@@ -14,6 +14,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
+from ..backend.functions import branch
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from .base import Position, Scheme, Solution
@@ -63,7 +64,7 @@ class PreIntegrated(Scheme):
             def at_begin(before: Float, expr: Expression = expr) -> Float:
                 return source.context.evaluate(expr, fields.at(0.0))
 
-            first = dr.if_stmt((before,), dr.isnan(before), at_begin, last_argument)
+            first = branch((before,), dr.isnan(before), at_begin, last_argument)
             stretch.set_scalar(expr, 0.0, first)
             stretch.set_scalar(expr, 1.0, source.context.evaluate(expr, end))
         ends = [[stretch.scalar(expr, s) for s in (0.0, 1.0)] for expr in source.scalars]
@@ -79,7 +80,7 @@ class PreIntegrated(Scheme):
             return solve_panel(source, stretch.panel(0.0, 1.0))
 
         inputs = ends, segment.length, nothing
-        path = dr.if_stmt(inputs, visible & segment.active, solved, last_argument)
+        path = branch(inputs, visible & segment.active, solved, last_argument)
         return path, [
             dr.select(segment.active, value, before)
             for (_, value), before in zip(ends, carried, strict=True)

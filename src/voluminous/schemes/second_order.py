@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import horner, precision_of
+from ..backend.functions import branch, horner, precision_of
 from ..backend.types import Float, Int, Mask
 from .base import Coefficients, Solution, VertexScheme
 
@@ -58,7 +58,7 @@ def visibility(
     """Return the weights (W_f, W_b) of the ends' emissivities, and θ, for each extinction."""
     precision = precision_of(type(depth[0]))
     deepest = functools.reduce(lambda a, b: dr.select(a > b, a, b), depth)
-    flat: list[Float] = dr.if_stmt(
+    flat: list[Float] = branch(
         args=(a_front, a_back, depth, deepest),
         cond=deepest <= _FAINT[precision][1],
         true_fn=_faint,
@@ -106,7 +106,7 @@ def _not_faint(
 ) -> list[Float]:
     precision = precision_of(type(deepest))
     nodes, limit = _THIN[precision]
-    return dr.if_stmt(
+    return branch(
         args=(a_front, a_back, depth),
         cond=deepest <= limit,
         true_fn=functools.partial(_weights, count=nodes, exp=dr.exp),

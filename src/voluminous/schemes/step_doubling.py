@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import any_attenuation, precision_of
+from ..backend.functions import any_attenuation, branch, precision_of
 from ..backend.types import Float, Mask
 from ..media.stretch import NODES
 from .path import Path, last_argument, most, over
@@ -107,7 +107,7 @@ def solve_with_error(
     if not source.steady:
         doubtful |= (most(fine.depth) > _OPAQUE) | _lopsided(parts[0], parts[1])
     # In a branch, because few panels need it.
-    unsure = dr.if_stmt(
+    unsure = branch(
         args=(halves, parts, least, halves[0].error[2] * 0.0),
         cond=doubtful,
         true_fn=functools.partial(_ordering_error, source, backward),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import Backend, dr
+from ...backend.functions import branch
 from ...backend.types import Int, Mask
 from ...errors import InputError
 from ...grids.cartesian.dual_walk import Chord, CoarseChord, padded_count
@@ -236,7 +237,7 @@ class Pyramid(FieldLattice):
         self.unit = self.fine.unit
 
     def corners(self, chord: CoarseChord, active: Mask) -> Corners:
-        found: Corners = dr.if_stmt(
+        found: Corners = branch(
             args=(active,),
             cond=chord.width > 1.0,
             true_fn=functools.partial(self._coarse, chord),
