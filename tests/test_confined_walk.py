@@ -72,7 +72,7 @@ def pictures(grid, camera, scheme, tolerance, cuts):
     whole = drawing_of(volume, medium, camera, scheme, tolerance)
     whole.source.blocks, walk = None, grid.walk(whole.backend, whole.job.walk_kind)
     count = int(np.prod(whole.job.frame.pixels))
-    ray = whole._ray(PixelOrder(whole.job.frame.pixels).lanes(0, count, whole.backend))
+    ray = whole.ray(PixelOrder(whole.job.frame.pixels).lanes(0, count, whole.backend))
     before = RayState(whole.nothing())
     reference = march(walk, whole.source, whole.scheme, ray, before, None, False)
     held = CellBox.with_ghosts.fget if whole.job.walk_kind == "dual" else cells_of

@@ -1,4 +1,4 @@
-"""Pictures can be differentiated: the arrays of a backend record what is computed with them."""
+"""Pictures can be differentiated: by numbers of media, by coefficients, and by a camera."""
 
 from __future__ import annotations
 
@@ -6,61 +6,259 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.backend import dr, get_backend
-from voluminous.backend.functions import split_log
+from voluminous.backend import dr, functions, get_backend
+from voluminous.expressions import DrjitOps
 from voluminous.rendering.pixels import whole_picture
 from voluminous.rendering.prepare import prepare
-from voluminous.rendering.run import make_tracer
+from voluminous.rendering.replay import gradient
+from voluminous.rendering.run import make_tracer, run
 
 AXIS = np.linspace(-1, 1, 5)
 GRIDS = {
-    "uniform": lambda: vm.CartesianGrid.uniform(8, (-1, 1)),
+    # With room for empty blocks.
+    "uniform": lambda: vm.CartesianGrid.uniform(16, (-1, 1)),
     "octree": lambda: vm.OctreeGrid.from_function(*[AXIS] * 3, lambda x, y, z, size: x > y, 2),
     "spherical": lambda: vm.SphericalGrid(
         np.linspace(0.1, 1, 9), np.linspace(0, np.pi, 7), np.linspace(0, 2 * np.pi, 9)
     ),
 }
+SCHEMES = ["first-order", "second-order", "pre-integrated"]
 MEDIUM = vm.Gaussian("log10(a)", -0.3, 0.2, (1.0, 1.0), 0.7, 0.1)
-CAMERA = vm.Orthographic(60, 30, width=2.5, resolution=16)
+# Rays are in no wall of a cell, where derivatives differ on both sides.
+CAMERA = vm.Orthographic(57, 31, width=2.47, resolution=12)
+WEIGHTS = np.random.default_rng(1).uniform(-1, 1, (12, 12, 2))
 
 
-def light(volume, factor, precision, scheme):
-    """Return the light of all pixels, of a volume whose coefficients are multiplied by a factor."""
-    job, _ = prepare(volume, MEDIUM, CAMERA, scheme=scheme, cutoff=0.0)
-    job.backend = get_backend("cpu", precision, derivatives=True)
-    tracer = make_tracer(job, 0.0)
-    tracer.source.packets = [packet * factor for packet in tracer.source.packets]
-    lanes = whole_picture(job.frame.pixels, job.backend)
-    path = tracer.march(tracer._ray(lanes)).path
+def shells(p):
+    """Return two shells, the second of which is opaque."""
+    first = vm.Gaussian("log10(a)", p[0], p[1], (p[2], 0.5), p[3], 0.3)
+    return first + vm.Gaussian("log10(a)", p[4], p[5], (0.21, p[6]), p[7], 0.12)
+
+
+def dust(p):
+    """Return a dust whose emissivity and extinction are powers, with a wide range of both."""
+    emissivity, extinction = [f"{p[0]!r}*a**2", f"{p[1]!r}*a"], [f"{p[2]!r}*a", f"{p[3]!r}*a"]
+    return vm.Coefficients(emissivity, extinction)
+
+
+# No two numbers of a medium are equal: equal ones share a derivative.
+MEDIA = {
+    "shells": (shells, [-0.3, 0.2, 1.1, 0.7, -0.6, 0.1, 0.9, 4.7]),
+    "dust": (dust, [2.5, 1.5, 0.7, 0.4]),
+    "thick dust": (dust, [2.5, 1.5, 17.0, 40.0]),
+}
+
+
+def ball(grid, *, hidden=0):
+    """Return a volume with a smooth ball around a point beside the centre, and empty corners."""
+    x, y, z = grid.cell_centers(0, grid.size)
+    values = 0.9 * np.exp(-5 * ((x - 0.1) ** 2 + (y + 0.2) ** 2 + z**2)) + 1e-3
+    values *= 1 + 0.3 * np.sin(7 * x + 3 * y) * np.cos(5 * z)
+    values[:hidden:7] = np.nan
+    return vm.Volume(grid, a=values.reshape(grid.shape))
+
+
+def job_of(volume, medium, scheme, precision="double", derivatives=True, camera=CAMERA):
+    job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, precision=precision)
+    job.backend = get_backend("cpu", precision, derivatives)
+    return job
+
+
+def loss(volume, medium, scheme):
+    """Return the weighted sum of a plain picture."""
+    return float(
+        np.sum(run(job_of(volume, medium, scheme, derivatives=False), 0.0).emission * WEIGHTS)
+    )
+
+
+def central(f, x, step):
+    """Return the central difference of f at x, exact to the step's square."""
+    return (f(x + step) - f(x - step)) / (2 * step)
+
+
+def check_gradient(volume, name, scheme, precision="double", rtol=1e-5):
+    """Compare the gradient by every parameter of a medium with differences of plain pictures."""
+    make, parameters = MEDIA[name]
+
+    def numbers(p):
+        return np.array([value for _, value in replayed(p)[1].numbers])
+
+    def replayed(p):
+        return gradient(job_of(volume, make(p), scheme, precision), WEIGHTS)
+
+    intensity, tape = replayed(parameters)
+    by_number = np.array([dr.grad(number)[0] for number in tape.numbers.values()])
+    expected = loss(volume, make(parameters), scheme)
+    np.testing.assert_allclose(np.sum(intensity * WEIGHTS), expected, rtol=rtol, atol=rtol)
+    for k in range(len(parameters)):
+
+        def at(value, k=k):
+            return [value if i == k else old for i, old in enumerate(parameters)]
+
+        # Pictures jump by 1e-9, where a shell is too faint: small steps would show that.
+        step = 1e-4 * max(1.0, abs(parameters[k]))
+        by_parameter = central(lambda x: numbers(at(x)), parameters[k], step)
+        expected = central(lambda x: loss(volume, make(at(x)), scheme), parameters[k], step)
+        size = np.sum(np.abs(by_number * by_parameter))
+        np.testing.assert_allclose(by_number @ by_parameter, expected, rtol=0, atol=rtol * size)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("name", MEDIA)
+def test_gradients_of_numbers_agree_with_differences(name, scheme):
+    grid = vm.CartesianGrid.uniform(8, (-1, 1))
+    volume = vm.Volume(grid, a=np.random.default_rng(0).uniform(0.1, 1, grid.shape))
+    check_gradient(volume, name, scheme)
+    # Single precision: the pictures themselves differ by 1e-6.
+    check_gradient(volume, name, scheme, "single", 2e-5)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_gradients_agree_on_every_kind_of_grid(grid, scheme):
+    """Also where blocks are empty, steps are wide, levels jump, and cells have no value."""
+    grid = GRIDS[grid]()
+    for hidden in (0, grid.size):
+        check_gradient(ball(grid, hidden=hidden), "shells", scheme, rtol=3e-5)
+
+
+def light(tracer):
+    """Return the light of all pixels."""
+    lanes = whole_picture(tracer.job.frame.pixels, tracer.backend)
+    path = tracer.march(tracer.ray(lanes)).path
     return dr.sum(sum(dr.select(lanes.there, n, 0.0) for n in path.emission))
+
+
+CAMERAS = {
+    "inclination": lambda x: vm.Orthographic(57 + x, 31, width=2.47, resolution=12),
+    "azimuth": lambda x: vm.Orthographic(57, 31 + x, width=2.47, resolution=12),
+    "width": lambda x: vm.Orthographic(57, 31, width=2.47 + x, resolution=12),
+    "place": lambda x: vm.Perspective((2.1 + x, 1.3, 0.9), (0, 0.1, 0), 50, resolution=12),
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_the_light_of_a_picture_has_a_derivative_by_the_camera(grid, scheme):
+    """In forward mode, by everything that rays follow from."""
+    volume, medium = ball(GRIDS[grid]()), shells(MEDIA["shells"][1])
+    for make in CAMERAS.values():
+
+        def numbers(x, make=make):
+            frame = make(x).frame(volume.grid)
+            return np.array([*frame.vectors.reshape(-1), *frame.pixel, *frame.shift])
+
+        def plain(x, make=make):
+            job = job_of(volume, medium, scheme, derivatives=False, camera=make(x))
+            return np.sum(run(job, 0.0).emission)
+
+        tracer = make_tracer(job_of(volume, medium, scheme, camera=make(0.0)), 0.0)
+        Wide, step = tracer.backend.Wide, 1e-5
+        x = Wide(0.0)
+        dr.enable_grad(x)
+        *flat, dx, dy, left, low = [
+            float(slope) * x + float(value)
+            for value, slope in zip(numbers(0.0), central(numbers, 0.0, step), strict=True)
+        ]
+        tracer.vectors = [flat[k : k + 3] for k in range(0, len(flat), 3)]
+        tracer.places = [[dx, left], [dy, low]]
+        total = light(tracer) * tracer.source.numbers.unit
+        dr.forward(x)
+        expected = central(plain, 0.0, step)
+        # Rays that enter other cells make kinks; the cubics of curved cells jump by their error.
+        np.testing.assert_allclose(dr.grad(total)[0], expected, rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize("scheme", ["first-order", "second-order"])
 @pytest.mark.parametrize("grid", GRIDS)
-def test_the_light_of_a_picture_has_a_derivative(grid, scheme):
+def test_the_light_of_a_picture_has_a_derivative_by_its_coefficients(grid, scheme):
     grid = GRIDS[grid]()
     volume = vm.Volume(grid, a=np.random.default_rng(0).uniform(0.1, 1, grid.shape))
-    # What a plain picture keeps with the volume must not reach kernels that are differentiated.
-    plain = vm.render(volume, MEDIUM, CAMERA, scheme=scheme, precision="double", cutoff=0.0)
+
+    def at(factor):
+        tracer = make_tracer(job_of(volume, MEDIUM, scheme), 0.0)
+        tracer.source.packets = [packet * factor for packet in tracer.source.packets]
+        return light(tracer)
+
     Float = get_backend("cpu", "double", derivatives=True).Float
     factor = Float(1.0)
     dr.enable_grad(factor)
-    total = light(volume, factor, "double", scheme)
+    total = at(factor)
     dr.forward(factor)
-    step = 1e-5
-    ends = [light(volume, Float(1.0 + s), "double", scheme)[0] for s in (-step, step)]
-    np.testing.assert_allclose(dr.grad(total)[0], (ends[1] - ends[0]) / (2 * step), rtol=1e-6)
-    unit = plain.intensity.sum() / total[0]
-    np.testing.assert_allclose(np.log2(unit), np.round(np.log2(unit)), atol=1e-9)
-    again = vm.render(volume, MEDIUM, CAMERA, scheme=scheme, precision="double", cutoff=0.0)
+    found = dr.grad(total)[0]
+    expected = central(lambda x: at(Float(x))[0], 1.0, 1e-5)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, "post-classified"])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_pictures_with_and_without_derivatives_share_nothing(grid, scheme):
+    """What is kept with volume and grid depends on the kind of arrays."""
+    volume = ball(GRIDS[grid]())
+    options = {"scheme": scheme, "precision": "double", "cutoff": 0.0}
+    plain = vm.render(volume, MEDIUM, CAMERA, **options)
+    recorded = run(job_of(volume, MEDIUM, scheme), 0.0).emission
+    np.testing.assert_allclose(recorded, plain.intensity, atol=1e-3 * plain.intensity.max())
+    again = vm.render(volume, MEDIUM, CAMERA, **options)
     np.testing.assert_array_equal(again.intensity, plain.intensity)
+
+
+def log10(x):
+    return DrjitOps(type(x)).log10(x)
+
+
+def power(x):
+    return DrjitOps(type(x)).power(x, type(x)(1.7))
+
+
+# Functions of one argument, their derivatives, and where.
+UP = np.array([1e-6, 0.1, 0.34, 0.36, 0.5, 3.0, 30.0])
+FUNCTIONS = {
+    "attenuation": (lambda x: functions.attenuation(x)[0], lambda x: -np.exp(-x), UP),
+    "mean transparency": (
+        lambda x: functions.attenuation(x)[1],
+        lambda x: np.where(x < 1e-3, -0.5 + x / 3, (np.exp(-x) * (1 + x) - 1) / x**2),
+        UP,
+    ),
+    "thin attenuation": (
+        lambda x: functions.thin_attenuation(x)[0],
+        lambda x: -np.exp(-x),
+        UP[UP < functions.THIN],
+    ),
+    "decay": (functions.decay, lambda x: -np.exp(-x), UP),
+    "logarithm": (log10, lambda x: 1 / (x * np.log(10)), np.array([1e-30, 0.3, 1.0, 7.0, 1e20])),
+    "power": (power, lambda x: 1.7 * x**0.7, UP),
+    "horner": (lambda x: functions.horner(x, [1.0, 2.0, 3.0]), lambda x: 2 + 6 * x, UP),
+    "polynomial": (lambda x: functions.polynomial(x, [1.0, 2.0, 3.0]), lambda x: 2 + 6 * x, UP),
+    "unit interval": (functions.unit_interval, lambda x: 1.0 * (x < 1), UP),
+    "sharp angle": (
+        lambda x: functions.sharp_angle(x, 0.0 * x + 1.0, dr.sqrt(1.0 + x * x)),
+        lambda x: 1 / (1 + x * x),
+        np.array([-0.9, -0.1, 0.2, 0.99]),
+    ),
+    "flush subnormal": (functions.flush_subnormal, lambda x: np.ones_like(x), UP),
+}
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_functions_have_derivatives(name, precision):
+    """Those by bits and by fits, too: to a few roundings, and to the fits' 1e-6."""
+    function, derivative, places = FUNCTIONS[name]
+    x = get_backend("cpu", precision, derivatives=True).Float(places)
+    dr.enable_grad(x)
+    y = function(x)
+    dr.forward(x)
+    expected = derivative(np.asarray(dr.detach(x), np.float64))
+    rtol = 3e-5 if precision == "single" else 1e-12
+    np.testing.assert_allclose(dr.grad(y), expected, rtol=rtol, atol=1e-36)
 
 
 def test_logarithms_by_bits_have_derivatives():
     Float = get_backend("cpu", "single", derivatives=True).Float
     x = Float([1e-30, 0.3, 1.0, 7.0, 1e20])
     dr.enable_grad(x)
-    n, rest = split_log(x)
+    n, rest = functions.split_log(x)
     dr.forward(x)
     np.testing.assert_allclose(np.array(dr.grad(rest)) * np.array(x), 1.0, rtol=1e-6)
     np.testing.assert_allclose(n * np.log(2) + rest, np.log(np.array(x)), rtol=1e-6)

@@ -65,9 +65,9 @@ class Segment:
         Lanes that are still inside.
     exit : object
         What the grid needs to find where the segment leaves the cell; for `Walk.exit_corners`.
-    ray, walk, track, backward
-        The ray it is a part of, its walk and track, and whether it runs towards the camera; for
-        schemes, sources and media. Set by the ray loop.
+    ray, walk, track, entry, backward
+        The ray it is a part of, its walk and track, the cursor where it begins, and whether it runs
+        towards the camera; for schemes, sources and media. Set by the ray loop.
     """
 
     cell: Int
@@ -79,6 +79,7 @@ class Segment:
     ray: Ray | None = field(default=None, kw_only=True)
     walk: Any = field(default=None, kw_only=True)
     track: Any = field(default=None, kw_only=True)
+    entry: Any = field(default=None, kw_only=True)
     backward: bool = field(default=False, kw_only=True)
 
     @property

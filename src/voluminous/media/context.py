@@ -17,6 +17,22 @@ from ..units import Unit
 T = TypeVar("T")
 
 
+class Tape:
+    """The run-time numbers that media ask for, in the order in which they first do.
+
+    One array for each number, so that a result can be differentiated by it. Equal numbers share it.
+    """
+
+    def __init__(self) -> None:
+        self.numbers: dict[tuple[Any, float], Float] = {}
+
+    def number(self, kind: Any, value: float) -> Float:
+        """Return the array of a number."""
+        if (kind, value) not in self.numbers:
+            self.numbers[kind, value] = dr.opaque(kind, value)
+        return self.numbers[kind, value]
+
+
 @dataclass
 class MediumSample:
     """Emissivity per channel; one extinction for all channels (grey), or one per channel."""
@@ -61,6 +77,8 @@ class Context:
         The volume's length unit.
     unit_of : callable
         Returns the unit of an `Expression`, or None if it has none or is unknown.
+    opaque : callable
+        Turns a Python float into run-time data of a given type.
     narrow : callable
         Converts values of `real` to the type of integrals along rays.
     scale : float
@@ -83,6 +101,7 @@ class Context:
     number: Callable[[float], Float]
     unit: Unit
     unit_of: Callable[[Expression], Unit]
+    opaque: Callable[[Any, float], Float] = dr.opaque
     narrow: Callable[[Float], Float] = lambda value: value
     scale: float = 1.0
     radiance: float = 1.0
@@ -116,7 +135,7 @@ class Context:
         """
         number = self.number(value)
         kind = type(self.narrow(number))
-        return number if isinstance(number, kind) else dr.opaque(kind, value)
+        return number if isinstance(number, kind) else self.opaque(kind, value)
 
     def evaluate(self, expression: Expression, fields: dict[str, Float]) -> Float:
         """Return the value of an expression of the fields."""

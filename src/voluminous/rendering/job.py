@@ -8,6 +8,7 @@ from typing import Any
 
 from ..backend import Backend, dr
 from ..cameras.contract import Camera, Frame
+from ..media.context import Tape
 from ..media.contract import Medium
 from ..packages import VERSION
 from ..schemes.base import Scheme
@@ -32,6 +33,8 @@ class RenderJob:
         Cache of results for the volume.
     hidden : HiddenCells, optional
         Cells that hold no value.
+    tape : Tape, optional
+        Records the numbers of the medium, to differentiate by them.
     adaptive, recursive : bool
         More rays where the picture is not smooth; parts of pixels no wider than cells.
     done : int
@@ -50,6 +53,7 @@ class RenderJob:
     progress: Callable[[int, int], None]
     cache: Cache
     hidden: HiddenCells | None = None
+    tape: Tape | None = None
     samples: int = 1
     adaptive: bool = False
     recursive: bool = False
@@ -88,7 +92,8 @@ class RenderJob:
     def _make_source(self, faintest: bool) -> Any:
         scheme, cache, whole = self.scheme, self.cache, self.hidden is None
         numbers = choose_layout(self.medium, scheme, self.backend)
-        evaluator = CellEvaluator(self.volume, self.medium, numbers, self.backend, cache.statistics)
+        known = self.backend, cache.statistics, self.tape
+        evaluator = CellEvaluator(self.volume, self.medium, numbers, *known)
         if scheme.coefficients_at == "field":
             return interpolated_fields(evaluator, cache, scheme, self.tolerance, faintest, whole)
         nx, ny = self.frame.pixels

@@ -239,7 +239,7 @@ class RayTracer:
 
     def ray_through(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Ray:
         """Return the rays themselves, on at least two lanes; see `rays`."""
-        return self._ray(self._lanes(pixel, du, dv))
+        return self.ray(self._lanes(pixel, du, dv))
 
     def _lanes(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Lanes:
         return some_lanes(pixel, du, dv, self.job.frame.pixels, self.backend)
@@ -279,7 +279,7 @@ class RayTracer:
             reader.source = copy.copy(self.source)
             reader.source.tolerance = tolerance
         lanes = lanes or batch.lanes
-        state = reader.march(reader._ray(lanes, offset, batch.depths))
+        state = reader.march(reader.ray(lanes, offset, batch.depths))
         path = state.path
         numbers = path.emission + path.transparency + path.depth + path.error
         kind = type(path.transparency[0] if path.transparency else numbers[0])
@@ -304,7 +304,7 @@ class RayTracer:
         numbers = self.source.numbers
         return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
 
-    def _ray(
+    def ray(
         self,
         lanes: Lanes,
         offset: list[Float] | None = None,

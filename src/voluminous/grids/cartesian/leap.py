@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import Int, dr, from_host
+from ...backend.functions import branch
 from ...backend.types import Float, Mask
 from ..box_walk import AxisTrack
 from ..lanes import least, lesser, nearest
@@ -156,7 +157,7 @@ def leap(way: Way, cursor: Any) -> Leap:
 
     (end,) = dr.while_loop((start,), searching, cross, label="leap")
     # Most rays are where something is, and stay: what the others need is computed in a branch.
-    index = dr.if_stmt(
+    index = branch(
         args=(cursor.index, end.block, end.t),
         cond=moved,
         true_fn=way.cells,

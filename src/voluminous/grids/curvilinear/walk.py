@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.functions import branch
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
 from ..contract import Corners, Ray, Segment, Walk
@@ -278,7 +279,7 @@ class CurvilinearWalk(Walk):
         def stay(cursor: Any) -> tuple[Any]:
             return (cursor,)
 
-        (there,) = dr.if_stmt((cursor,), gap, beyond, stay, label="gap")
+        (there,) = branch((cursor,), gap, beyond, stay)
         return GapLanding(there, gap, self, track)
 
     def _jump(self, track: SurfaceTrack, count: list[Int], t: Float) -> tuple[list[Int], Float]:
@@ -298,7 +299,7 @@ class CurvilinearWalk(Walk):
         def as_they_are(count: list[Int], through: list[Mask], end: Float) -> list[Int]:
             return count  # rays leave the domain: searching took a tenth of a disc's picture
 
-        count = dr.if_stmt((count, through, end), end < track.leave, passed, as_they_are)
+        count = branch((count, through, end), end < track.leave, passed, as_they_are)
         return _beyond(count, through), end
 
     def entry_corners(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Corners:

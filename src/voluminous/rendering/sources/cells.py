@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...expressions import Expression
 from ...expressions.interval import Interval
 from ...fields import COORDINATES, coordinates
-from ...media.context import Context
+from ...media.context import Context, Tape
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
 from ...memory import check_memory
@@ -42,6 +42,8 @@ class CellEvaluator:
         The coordinates that the medium uses. A grid with `traced_centers` computes x, y and z in
         the kernel. Those of other grids are computed on the host: for consecutive cells during
         classification, for all cells during ray tracing.
+    tape : Tape, optional
+        Records the numbers of the medium.
     """
 
     def __init__(
@@ -51,20 +53,23 @@ class CellEvaluator:
         numbers: ChannelLayout,
         backend: Backend,
         statistics: VolumeStatistics | None = None,
+        tape: Tape | None = None,
     ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
-        self.backend, self.grid = backend, volume.grid
+        self.backend, self.grid, self.tape = backend, volume.grid, tape
         self.statistics = statistics or VolumeStatistics(volume)
         check_fields(volume, medium)
         self.places = [n for n in medium.names if n in volume.coordinates and n not in volume]
         cartesian = all(name in COORDINATES for name in self.places)
         self._traced = cartesian and self.grid.has_traced_centers
 
-    def context(self, real: Any) -> Context:
+    def context(self, real: Any, tape: Tape | None = None) -> Context:
         """Return the context that evaluates the medium with a given number type."""
+        opaque = dr.opaque if tape is None else tape.number
         return Context(
             real=real,
-            number=lambda value: dr.opaque(real, value),
+            number=functools.partial(opaque, real),
+            opaque=opaque,
             unit=self.volume.unit,
             unit_of=self.volume.expression_unit,
         )
@@ -72,7 +77,8 @@ class CellEvaluator:
     def evaluate(self, fields: dict[str, Float]) -> list[Float]:
         """Return the numbers times the grid's scale, from field values (traced)."""
         scale = self.backend.wide(self.grid.scale)
-        return [v * scale for v in self.numbers.values(fields, self.context(self.backend.Wide))]
+        context = self.context(self.backend.Wide, self.tape)
+        return [v * scale for v in self.numbers.values(fields, context)]
 
     def classify(self, first: int, count: int) -> tuple[list[Float], Mask]:
         """Return the numbers of consecutive cells, and where they cannot be used (traced)."""

@@ -291,7 +291,8 @@ def choose_layout(medium: Medium, scheme: Scheme, backend: Backend) -> ChannelLa
     """Return the layout of a medium's numbers: shapes where that is possible and fewer."""
     parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.mixes)
     mixed = len(parts) < len(medium.components())
-    if mixed or not scheme.linear or len(parts) > medium.channels:
+    # Of shared profiles colours and opacities are no numbers of kernels.
+    if backend.derivatives or mixed or not scheme.linear or len(parts) > medium.channels:
         return PerChannel(medium)
     color = np.array([part.color for part in parts], dtype=np.float64).T
     unit = unit_near(float(np.max(np.abs(color))))

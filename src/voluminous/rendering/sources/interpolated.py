@@ -235,7 +235,7 @@ def interpolated_fields(
     real = backend.Float if single else backend.Wide
     extremes = {n: statistics.extremes(n) for n in medium.names if n in volume}
     context = replace(
-        evaluator.context(real),
+        evaluator.context(real, evaluator.tape),
         narrow=backend.Float,
         scale=grid.scale,
         radiance=numbers.unit,

@@ -231,7 +231,8 @@ def tabulated(
         return OnRay(evaluator)
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
     key: Hashable = None
-    if (own := numbers.key()) is not None:
+    # A table that depends on a tape is its own.
+    if (own := numbers.key()) is not None and evaluator.tape is None:
         digests = cache.statistics.digests(evaluator.medium.names)
         key = (own, scheme.coefficients_at, (faint, scheme.everywhere), backend, digests)
         found: CoefficientTable | None = cache.get(key)

@@ -1,0 +1,142 @@
+"""Derivatives of pictures by the numbers of a medium: rays are traced again, from front to back.
+
+The intensity of a ray is B = b₁ + θ₁ (b + θ b₂), for a segment (b, θ) behind (b₁, θ₁) and before
+(b₂, θ₂). With B known from a first pass, B - b₁ - θ₁ b is what is seen of all that lies behind, so
+
+    ∂B/∂b = θ₁,    ∂B/∂θ = (B - b₁ - θ₁ b) / θ
+
+need nothing but the path in front (Vicini, Speierer & Jakob 2021, *Path replay backpropagation*).
+Each segment is differentiated where it is solved, with everything that it depends on evaluated
+again; nothing is stored along a ray.
+"""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr, from_host
+from ..backend.types import Float, Mask
+from ..grids.contract import Segment
+from ..media.context import Tape
+from ..schemes.base import Position, Scheme, Solution, Source
+from ..schemes.path import Path, empty_path
+from .job import RenderJob
+from .pixels import whole_picture
+from .run import make_tracer
+
+
+@dataclass
+class _Before:
+    """What a segment begins with.
+
+    The emission and the transparency in front, the scheme's state, where that was not carried from
+    the segment before (`fresh`), and that segment.
+    """
+
+    seen: list[Float]
+    through: list[Float]
+    state: list[Float]
+    fresh: Mask
+    segment: tuple[Any, ...]
+
+
+_PARTS = "cell", "length", "begin", "end", "active", "exit"
+_parts = operator.attrgetter(*_PARTS)
+
+
+class Replay(Scheme):
+    """A scheme that adds the derivatives of Σ `weights` · intensity to all that segments depend on.
+
+    What is carried in a loop has no derivatives: the scheme's state is computed again where it was
+    computed first, in the previous segment.
+    """
+
+    def __init__(self, scheme: Scheme, total: Path, weights: list[Float]) -> None:
+        self.scheme, self.total, self.weights = scheme, total, weights
+        self.name = scheme.name
+
+    def start(self, position: Position, source: Source) -> list[Any]:
+        first, _ = position.walk.next(position.track, position.cursor)
+        path = empty_path(source.backend.Float, len(self.weights), len(self.total.transparency))
+        own = self.scheme.start(position, source)
+        inside = position.cursor.inside
+        return [_Before(path.emission, path.transparency, own, inside, _parts(first))]
+
+    def after_skip(
+        self, position: Position, source: Source, carried: list[Any], moved: Mask
+    ) -> list[Any]:
+        (before,) = carried
+        return [replace(before, fresh=before.fresh | moved)]
+
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Any]
+    ) -> tuple[Solution, list[Any]]:
+        (before,) = carried
+        place = Position(segment.walk, segment.track, segment.entry)
+        previous = replace(segment, **dict(zip(_PARTS, before.segment, strict=True)))
+        with dr.resume_grad():  # type: ignore[no-untyped-call]
+            _, state = self.scheme.solve(previous, source, before.state)
+            state = self.scheme.after_skip(place, source, state, before.fresh)
+            solution, _ = self.scheme.solve(segment, source, state)
+            seen, loss = self._replayed(before, solution)
+            dr.backward_from(dr.select(segment.active, loss, 0.0))
+        solution, state, never = dr.detach(solution), dr.detach(state), before.fresh & False
+        through = [a * b for a, b in zip(before.through, solution.transparency, strict=True)]
+        return solution, [_Before(seen, through, state, never, _parts(segment))]
+
+    def _replayed(self, before: _Before, solution: Path) -> tuple[list[Float], Float]:
+        """Return the emission up to the end of a segment, and what has the loss's derivatives."""
+        seen: list[Float] = []
+        loss: Float = 0.0
+        for c, (weight, b) in enumerate(zip(self.weights, solution.emission, strict=True)):
+            k = c if len(before.through) > 1 else 0
+            front, theta = before.through[k], solution.transparency[k]
+            seen.append(dr.fma(front, dr.detach(b), before.seen[c]))
+            behind = self.total.emission[c] - seen[c]
+            behind = behind / dr.select(theta > 0.0, dr.detach(theta), 1.0)
+            loss = loss + weight * dr.fma(front, b, behind * theta)
+        return seen, loss
+
+
+def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
+    """Return intensities, and the numbers of the medium with the gradient of Σ weights · intensity.
+
+    Parameters
+    ----------
+    job : RenderJob
+        One whose backend has derivatives, and whose rays are traced from front to back.
+    weights : float array, shape (ny, nx, channel)
+        The derivatives of a loss by the intensities, for example.
+
+    Returns
+    -------
+    intensity : float array, shape (ny, nx, channel)
+        Without a background.
+    tape : Tape
+        `drjit.grad` of its numbers is the gradient.
+    """
+    tape = job.tape = Tape()
+    lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
+    tracer = make_tracer(job, 0.0)
+    ray = tracer.ray(lanes)
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        total = tracer.march(ray).path
+        dr.eval(total)
+    dr.enable_grad(list(tape.numbers.values()))
+    tracer = make_tracer(job, 0.0)  # its tables depend on the numbers
+    numbers, real = tracer.source.numbers, job.backend.Float
+    intensity = np.zeros((len(total.emission), ny * nx))
+    there = np.asarray(lanes.there)
+    intensity[:, np.asarray(lanes.target)[there]] = [np.asarray(b)[there] for b in total.emission]
+    given = [
+        dr.gather(real, from_host(real, channel * numbers.unit), lanes.target, lanes.there)
+        for channel in np.reshape(weights, (-1, len(total.emission))).T
+    ]
+    tracer.scheme = Replay(tracer.scheme, total, given)
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        dr.eval(tracer.march(ray).path)
+    return numbers.mix(intensity.reshape(-1, ny, nx)), tape
