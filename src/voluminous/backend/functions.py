@@ -31,11 +31,21 @@ def branch(
     A vector whose lanes agree skips the other function. Arrays that record derivatives take both:
     Dr.Jit 1.5 loses the derivatives of what a branch in a loop uses besides its arguments.
     """
-    if dr.is_diff_v(cond):
+    if records(cond):
         both: Result = dr.select(cond, true_fn(*args), false_fn(*args))
         return both
     result: Result = dr.if_stmt(args, cond, true_fn, false_fn)
     return result
+
+
+def records(array: Any) -> bool:
+    """Return whether operations on such arrays are recorded here, to be differentiated."""
+    if not dr.is_diff_v(array):
+        return False
+    kind: Any = dr.float64_array_t(type(array))
+    number = kind(0.0)
+    dr.enable_grad(number)
+    return bool(dr.grad_enabled(number))  # not where gradients are suspended
 
 
 def attenuation(tau: Float) -> tuple[Float, Float]:

@@ -12,6 +12,8 @@ again; nothing is stored along a ray.
 
 from __future__ import annotations
 
+import copy
+import functools
 import operator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,25 +22,25 @@ import numpy as np
 
 from ..backend import dr, from_host
 from ..backend.types import Float, Mask
+from ..errors import InputError
 from ..grids.contract import Segment
 from ..media.context import Tape
 from ..schemes.base import Position, Scheme, Solution, Source
-from ..schemes.path import Path, empty_path
+from ..schemes.path import Path, empty_path, over
 from .job import RenderJob
 from .pixels import whole_picture
-from .run import make_tracer
+from .run import make_tracer, run
 
 
 @dataclass
 class _Before:
     """What a segment begins with.
 
-    The emission and the transparency in front, the scheme's state, where that was not carried from
-    the segment before (`fresh`), and that segment.
+    The path in front, the scheme's state, where that was not carried from the segment before
+    (`fresh`), and that segment.
     """
 
-    seen: list[Float]
-    through: list[Float]
+    path: Path
     state: list[Float]
     fresh: Mask
     segment: tuple[Any, ...]
@@ -61,10 +63,8 @@ class Replay(Scheme):
 
     def start(self, position: Position, source: Source) -> list[Any]:
         first, _ = position.walk.next(position.track, position.cursor)
-        path = empty_path(source.backend.Float, len(self.weights), len(self.total.transparency))
         own = self.scheme.start(position, source)
-        inside = position.cursor.inside
-        return [_Before(path.emission, path.transparency, own, inside, _parts(first))]
+        return [_Before(self._nothing(source), own, position.cursor.inside, _parts(first))]
 
     def after_skip(
         self, position: Position, source: Source, carried: list[Any], moved: Mask
@@ -76,30 +76,38 @@ class Replay(Scheme):
         self, segment: Segment, source: Source, carried: list[Any]
     ) -> tuple[Solution, list[Any]]:
         (before,) = carried
-        place = Position(segment.walk, segment.track, segment.entry)
-        previous = replace(segment, **dict(zip(_PARTS, before.segment, strict=True)))
-        with dr.resume_grad():  # type: ignore[no-untyped-call]
-            _, state = self.scheme.solve(previous, source, before.state)
-            state = self.scheme.after_skip(place, source, state, before.fresh)
-            solution, _ = self.scheme.solve(segment, source, state)
-            seen, loss = self._replayed(before, solution)
-            dr.backward_from(dr.select(segment.active, loss, 0.0))
-        solution, state, never = dr.detach(solution), dr.detach(state), before.fresh & False
-        through = [a * b for a, b in zip(before.through, solution.transparency, strict=True)]
-        return solution, [_Before(seen, through, state, never, _parts(segment))]
+        never, place = before.fresh & False, Position(segment.walk, segment.track, segment.entry)
+        if self.scheme.controlled:
+            own: Any = copy.copy(source)
+            own.recording, own.accept = dr.resume_grad, functools.partial(self._add, before)
+            state = self.scheme.after_skip(place, source, before.state, before.fresh)
+            solution, state = self.scheme.solve(segment, own, state)
+        else:
+            previous = replace(segment, **dict(zip(_PARTS, before.segment, strict=True)))
+            with dr.resume_grad():  # type: ignore[no-untyped-call]
+                _, state = self.scheme.solve(previous, source, before.state)
+                state = self.scheme.after_skip(place, source, state, before.fresh)
+                solution, _ = self.scheme.solve(segment, source, state)
+            self._add(before, self._nothing(source), solution, segment.active)
+        solution, state = dr.detach(solution), dr.detach(state)
+        return solution, [_Before(over(before.path, solution), state, never, _parts(segment))]
 
-    def _replayed(self, before: _Before, solution: Path) -> tuple[list[Float], Float]:
-        """Return the emission up to the end of a segment, and what has the loss's derivatives."""
-        seen: list[Float] = []
-        loss: Float = 0.0
-        for c, (weight, b) in enumerate(zip(self.weights, solution.emission, strict=True)):
-            k = c if len(before.through) > 1 else 0
-            front, theta = before.through[k], solution.transparency[k]
-            seen.append(dr.fma(front, dr.detach(b), before.seen[c]))
-            behind = self.total.emission[c] - seen[c]
-            behind = behind / dr.select(theta > 0.0, dr.detach(theta), 1.0)
-            loss = loss + weight * dr.fma(front, b, behind * theta)
-        return seen, loss
+    def _add(self, before: _Before, between: Path, piece: Path, where: Mask) -> None:
+        """Add the derivatives of a piece of a segment, given what is in front of it."""
+        with dr.resume_grad():  # type: ignore[no-untyped-call]
+            front = over(before.path, between)
+            seen = over(front, dr.detach(piece)).emission
+            loss: Float = 0.0
+            for c, (weight, b) in enumerate(zip(self.weights, piece.emission, strict=True)):
+                k = c if len(front.transparency) > 1 else 0
+                theta = piece.transparency[k]
+                behind = self.total.emission[c] - seen[c]
+                behind = behind / dr.select(theta > 0.0, dr.detach(theta), 1.0)
+                loss = loss + weight * dr.fma(front.transparency[k], b, behind * theta)
+            dr.backward_from(dr.select(where, loss, 0.0))
+
+    def _nothing(self, source: Source) -> Path:
+        return empty_path(source.backend.Float, len(self.weights), len(self.total.transparency))
 
 
 def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
@@ -118,16 +126,29 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         Without a background.
     tape : Tape
         `drjit.grad` of its numbers is the gradient.
+
+    Raises
+    ------
+    InputError
+        If the scheme ends panels at the medium's jumps.
     """
+    tolerance = run(job, 0.0).tracer.source.tolerance if job.scheme.controlled else ()
     tape = job.tape = Tape()
     lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
     tracer = make_tracer(job, 0.0)
+    tracer.source.tolerance = tolerance
+    if job.scheme.controlled and tracer.source.edges:
+        raise InputError(
+            f"scheme {job.scheme.name!r} ends its panels where a medium jumps, and has no gradient "
+            "by the places of its jumps (of vm.Rectangle, where=…); take scheme='pre-integrated'"
+        )
     ray = tracer.ray(lanes)
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         total = tracer.march(ray).path
         dr.eval(total)
     dr.enable_grad(list(tape.numbers.values()))
     tracer = make_tracer(job, 0.0)  # its tables depend on the numbers
+    tracer.source.tolerance = tolerance
     numbers, real = tracer.source.numbers, job.backend.Float
     intensity = np.zeros((len(total.emission), ny * nx))
     there = np.asarray(lanes.there)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import THIN, branch, precision_of, thin_attenuation
+from ..backend.functions import THIN, branch, precision_of, records, thin_attenuation
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from ..media.edges import edges_ahead, first_edge
@@ -82,7 +82,7 @@ class PostClassified(Scheme):
         self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         *scalars, through, used = carried
-        budget = ErrorBudget(through, used)
+        budget = dr.detach(ErrorBudget(through, used))  # what is accepted has no derivative
         cubics = source.along(segment).polynomials()
         # First a rough estimate, which restricts the rest to visible segments: a shell in the
         # radius takes a sixth of the time.
@@ -118,6 +118,28 @@ def _visible(
     nothing: Path,
 ) -> Path:
     """Return a segment solved at once, or in panels where that is not accurate enough."""
+    with source.recording():
+        found, good, widest = _as_one(source, backward, cubics, values, length, budget, nothing)
+    source.accept(nothing, found, good)
+    solved: Path = branch(
+        args=(cubics, values, length, budget, nothing, found),
+        cond=good,
+        true_fn=last_argument,
+        false_fn=functools.partial(_in_panels, source, backward, widest),
+    )
+    return solved
+
+
+def _as_one(
+    source: Any,
+    backward: bool,
+    cubics: Polynomials,
+    values: Values,
+    length: Float,
+    budget: ErrorBudget,
+    nothing: Path,
+) -> tuple[Path, Mask, float]:
+    """Return a segment solved at once, where that is accurate enough, and the widest panel else."""
     whole = _stretch(source, cubics, values, length, rough=source.smooth)
     if source.smooth:
         found, good = sampled_segment(source, whole, budget, backward)
@@ -136,13 +158,7 @@ def _visible(
         if source.edges:
             count, _ = edges_ahead(whole, source.edges)
             good, widest = good & (count == 0), 1.0
-    solved: Path = branch(
-        args=(cubics, values, length, budget, nothing, found),
-        cond=good,
-        true_fn=last_argument,
-        false_fn=functools.partial(_in_panels, source, backward, widest),
-    )
-    return solved
+    return found, good, widest
 
 
 def _stretch(
@@ -150,8 +166,9 @@ def _stretch(
 ) -> Stretch:
     """Return a segment's stretch with the scalars that were computed outside of a branch."""
     whole: Stretch = source.stretch(cubics, length, rough=rough)
-    for expr, own in zip(source.scalars, values, strict=True):
-        whole.set_controls(expr, own)
+    if not records(length):  # scalars that were computed outside have no derivatives
+        for expr, own in zip(source.scalars, values, strict=True):
+            whole.set_controls(expr, own)
     return whole
 
 
@@ -224,6 +241,8 @@ class SubPanel:
         """Return the panel as a stretch; the medium decides whether edges may be inside."""
         part = self._part(source)
         part.edgeless = edgeless and bool(source.edges)
+        if records(self.length):  # scalars are computed again: those of a loop have no derivatives
+            return part
         for expr, (first, last) in zip(source.scalars, self.scalars, strict=True):
             part.set_scalar(expr, 0.0, first)
             part.set_scalar(expr, 1.0, last)
@@ -287,25 +306,34 @@ def _in_panels(
     if source.linear:
         closed |= _straight(source, cubics, values, length)
 
-    def going_on(state: PanelState) -> Mask:
+    segment = cubics, values, length
+    # Dr.Jit 1.5 loses the derivatives of what a loop in a loop uses besides its arguments.
+    arguments = segment if records(length) else ()
+
+    def going_on(state: PanelState, *_: Any) -> Mask:
         return state.begin < 1.0
 
-    def step(state: PanelState) -> tuple[PanelState]:
+    def step(state: PanelState, *own: Any) -> tuple[Any, ...]:
+        cubics, values, length = own or segment
         pairs = [[value, value] for value in state.scalars]
-        panel = SubPanel(cubics, length, state.begin, state.width, pairs).ending(source, values)
-        panel, passed, hidden = _up_to_edge(source, panel, values)
-        left = budget.behind(source, state.path, backward)
-        found, good = _solve_panel(source, backward, panel, left, closed)
-        good &= ~hidden | (panel.width <= _NARROWEST)
-        found = _with_layer(source, backward, panel, good & passed, found)
+        with source.recording():
+            panel = SubPanel(cubics, length, state.begin, state.width, pairs)
+            panel = panel.ending(source, values)
+            panel, passed, hidden = _up_to_edge(source, panel, values)
+            left = budget.behind(source, state.path, backward)
+            found, good = _solve_panel(source, backward, panel, left, closed)
+            good &= ~hidden | (panel.width <= _NARROWEST)
+            found = _with_layer(source, backward, panel, good & passed, found)
+        source.accept(state.path, found, good)
         front, back = (found, state.path) if backward else (state.path, found)
         place = next_panel(good, state.begin, panel.width, state.width)
         scalars = [dr.select(good, end, start) for start, end in panel.scalars]
-        return (PanelState(*place, scalars, dr.select(good, over(front, back), state.path)),)
+        path = dr.select(good, over(front, back), state.path)
+        return PanelState(*place, scalars, path), *own
 
     state = PanelState(real(0), real(widest), [own[0] for own in values], nothing)
     end: PanelState
-    (end,) = dr.while_loop((state,), going_on, step, label="panels")
+    end, *_ = dr.while_loop((state, *arguments), going_on, step, label="panels")
     return end.path
 
 

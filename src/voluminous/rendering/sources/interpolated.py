@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ...backend import dr
-from ...backend.types import Float
+from ...backend.types import Float, Mask
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.contract import Segment
 from ...media.context import Context, completed
@@ -142,6 +143,13 @@ class Interpolated:
         most = 0.5 * float(np.finfo(self.backend.dtype).max)
         allowed = (min(share * error, most) for error in (emission, transparency))
         self.tolerance = (*map(o, allowed), o(share))
+
+    def recording(self) -> AbstractContextManager[None]:
+        """Return a context in which a panel is solved: nothing, but where it is differentiated."""
+        return nullcontext()
+
+    def accept(self, front: Path, panel: Path, where: Mask) -> None:
+        """Take note of a panel that is accepted, and of the part of its segment in front of it."""
 
     def along(self, segment: Segment) -> FieldsAlong:
         """Return the fields around the dual cell of a segment."""
