@@ -72,14 +72,17 @@ class Hiding(Scheme):
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
-        cell = segment.own_cell
-        word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
-        hidden = (word >> (cell & 31)) & 1 == 1
+        hidden = self.hides(segment)
         path, onward = self.scheme.solve(segment, source, carried)
         parts = (path.emission, path.transparency, path.error)
         nothing = empty_path(type(segment.length), *map(len, parts))
         beyond = self.scheme.after_hidden(carried, onward)
         return dr.select(hidden, nothing, path), dr.select(hidden, beyond, onward)
+
+    def hides(self, segment: Segment) -> Mask:
+        cell = segment.own_cell
+        word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
+        return (word >> (cell & 31)) & 1 == 1
 
 
 # Cells processed at once.

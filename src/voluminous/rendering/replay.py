@@ -77,9 +77,10 @@ class Replay(Scheme):
     ) -> tuple[Solution, list[Any]]:
         (before,) = carried
         never, place = before.fresh & False, Position(segment.walk, segment.track, segment.entry)
+        shown = segment.active & ~self.scheme.hides(segment)
         if self.scheme.controlled:
             own: Any = copy.copy(source)
-            own.recording, own.accept = dr.resume_grad, functools.partial(self._add, before)
+            own.recording, own.accept = dr.resume_grad, functools.partial(self._add, before, shown)
             state = self.scheme.after_skip(place, source, before.state, before.fresh)
             solution, state = self.scheme.solve(segment, own, state)
         else:
@@ -88,11 +89,11 @@ class Replay(Scheme):
                 _, state = self.scheme.solve(previous, source, before.state)
                 state = self.scheme.after_skip(place, source, state, before.fresh)
                 solution, _ = self.scheme.solve(segment, source, state)
-            self._add(before, self._nothing(source), solution, segment.active)
+            self._add(before, shown, self._nothing(source), solution, shown)
         solution, state = dr.detach(solution), dr.detach(state)
         return solution, [_Before(over(before.path, solution), state, never, _parts(segment))]
 
-    def _add(self, before: _Before, between: Path, piece: Path, where: Mask) -> None:
+    def _add(self, before: _Before, shown: Mask, between: Path, piece: Path, where: Mask) -> None:
         """Add the derivatives of a piece of a segment, given what is in front of it."""
         with dr.resume_grad():  # type: ignore[no-untyped-call]
             front = over(before.path, between)
@@ -104,7 +105,7 @@ class Replay(Scheme):
                 behind = self.total.emission[c] - seen[c]
                 behind = behind / dr.select(theta > 0.0, dr.detach(theta), 1.0)
                 loss = loss + weight * dr.fma(front.transparency[k], b, behind * theta)
-            dr.backward_from(dr.select(where, loss, 0.0))
+            dr.backward_from(dr.select(where & shown, loss, 0.0))
 
     def _nothing(self, source: Source) -> Path:
         return empty_path(source.backend.Float, len(self.weights), len(self.total.transparency))

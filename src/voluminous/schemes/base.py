@@ -112,6 +112,10 @@ class Scheme:
         """
         return onward
 
+    def hides(self, segment: Segment) -> Mask:
+        """Return where the solution of a segment is discarded."""
+        return segment.active & False
+
     def key(self) -> Hashable:
         """Return the identity of the scheme: equal keys share traced kernels.
 
