@@ -117,7 +117,7 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
     Parameters
     ----------
     job : RenderJob
-        One whose backend has derivatives, and whose rays are traced from front to back.
+        One whose backend has derivatives. Each pixel is one ray.
     weights : float array, shape (ny, nx, channel)
         The derivatives of a loss by the intensities, for example.
 
@@ -126,13 +126,15 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
     intensity : float array, shape (ny, nx, channel)
         Without a background.
     tape : Tape
-        `drjit.grad` of its numbers is the gradient.
+        `drjit.grad` of its numbers is the gradient. Numbers in tables of media are not among them.
 
     Raises
     ------
     InputError
-        If the scheme ends panels at the medium's jumps.
+        If rays run towards the observer, or the scheme ends panels at the medium's jumps.
     """
+    if job.backward:
+        raise InputError("gradients need rays that run from front to back: order='front-to-back'")
     tolerance = run(job, 0.0).tracer.source.tolerance if job.scheme.controlled else ()
     tape = job.tape = Tape()
     lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
