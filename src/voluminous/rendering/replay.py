@@ -135,9 +135,10 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
     """
     if job.backward:
         raise InputError("gradients need rays that run from front to back: order='front-to-back'")
-    tolerance = run(job, 0.0).tracer.source.tolerance if job.scheme.controlled else ()
-    tape = job.tape = Tape()
     lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        tolerance = run(job, 0.0).tracer.source.tolerance if job.scheme.controlled else ()
+    tape = job.tape = Tape()
     tracer = make_tracer(job, 0.0)
     tracer.source.tolerance = tolerance
     if job.scheme.controlled and tracer.source.edges:
