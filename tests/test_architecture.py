@@ -55,6 +55,14 @@ def test_no_module_loads_anything_heavy_before_it_is_used():
     assert not loaded & set(HEAVY)
 
 
+def test_branches_of_schemes_and_media_can_be_differentiated():
+    """In loops Dr.Jit loses derivatives of what its own branches use besides their arguments."""
+    source = ROOT / "src/voluminous"
+    files = [path for room in ("schemes", "media") for path in (source / room).glob("*.py")]
+    assert files
+    assert not [path.name for path in files if "dr.if_stmt" in path.read_text(encoding="utf-8")]
+
+
 @pytest.mark.parametrize("name", [n for n in vm.__all__ if n != "__version__"])
 def test_public_names_are_documented(name):
     public = getattr(vm, name)
