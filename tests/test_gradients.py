@@ -11,7 +11,7 @@ from voluminous.errors import InputError
 from voluminous.expressions import DrjitOps
 from voluminous.rendering.pixels import whole_picture
 from voluminous.rendering.prepare import prepare
-from voluminous.rendering.replay import gradient
+from voluminous.rendering.replay import gradient, tracer_like
 from voluminous.rendering.run import make_tracer, run
 
 AXIS = np.linspace(-1, 1, 5)
@@ -65,18 +65,17 @@ def job_of(volume, medium, scheme, precision="double", derivatives=True, camera=
     return job
 
 
-def picture(job, tolerance=()):
-    """Return the intensities of a job; to a tolerance of the kernel, for schemes that have one."""
-    tracer = make_tracer(job, 0.0)
-    tracer.source.tolerance = tolerance
+def picture(job, drawn=None):
+    """Return the intensities of a job; with the limits of one that was drawn, if there are any."""
+    tracer = tracer_like(job, drawn)
     nx, ny = job.frame.pixels
     emission = [np.array(row).reshape(ny, nx) for row in tracer.frame().emission]
     return tracer.source.numbers.mix(emission)
 
 
-def tolerance_of(job):
-    """Return the tolerance with which kernels draw most pixels."""
-    return run(job, 0.0).tracer.source.tolerance if job.scheme.controlled else ()
+def limits_of(job):
+    """Return a source with the limits with which kernels draw most pixels, if there are any."""
+    return run(job, 0.0).tracer.source if job.scheme.controlled else None
 
 
 def central(f, x, step):
@@ -97,12 +96,12 @@ def check_gradient(volume, name, scheme, precision="double", rtol=1e-5):
     intensity, tape = replayed(parameters)
     by_number = np.array([dr.grad(number)[0] for number in tape.numbers.values()])
     # The default scheme takes the same tolerance for all: panels are then equal, but for a few.
-    tolerance = tolerance_of(job_of(volume, make(parameters), scheme))
-    derivatives = bool(tolerance)  # parts of sums have one tolerance, or one each
+    limits = limits_of(job_of(volume, make(parameters), scheme))
+    derivatives = limits is not None  # parts of sums have one tolerance, or one each
 
     def loss(p):
         job = job_of(volume, make(p), scheme, derivatives=derivatives)
-        return float(np.sum(picture(job, tolerance) * WEIGHTS))
+        return float(np.sum(picture(job, limits) * WEIGHTS))
 
     expected = loss(parameters)
     np.testing.assert_allclose(np.sum(intensity * WEIGHTS), expected, rtol=rtol, atol=rtol)
@@ -113,7 +112,7 @@ def check_gradient(volume, name, scheme, precision="double", rtol=1e-5):
 
         # Pictures jump by 1e-9, where a shell is too faint: small steps would show that. Those of
         # the default scheme jump by its tolerance, where other panels are accepted: large ones do.
-        step = 1e-6 if tolerance else 1e-4 * max(1.0, abs(parameters[k]))
+        step = 1e-6 if limits else 1e-4 * max(1.0, abs(parameters[k]))
         by_parameter = central(lambda x: numbers(at(x)), parameters[k], step)
         expected = central(lambda x: loss(at(x)), parameters[k], step)
         size = np.sum(np.abs(by_number * by_parameter))
@@ -199,14 +198,14 @@ def test_the_light_of_a_picture_has_a_derivative_by_the_camera(grid, scheme, cam
             return np.array([*frame.vectors.reshape(-1), *frame.pixel, *frame.shift])
 
         job = job_of(volume, medium, scheme, camera=make(0.0))
-        tolerance = tolerance_of(job)
+        limits = limits_of(job)
 
-        def plain(x, make=make, tolerance=tolerance):
-            job = job_of(volume, medium, scheme, derivatives=bool(tolerance), camera=make(x))
-            return np.sum(picture(job, tolerance))
+        def plain(x, make=make, limits=limits):
+            derivatives = limits is not None
+            job = job_of(volume, medium, scheme, derivatives=derivatives, camera=make(x))
+            return np.sum(picture(job, limits))
 
-        tracer = make_tracer(job, 0.0)
-        tracer.source.tolerance = tolerance
+        tracer = tracer_like(job, limits)
         Wide, step = tracer.backend.Wide, 1e-5
         x = Wide(0.0)
         dr.enable_grad(x)

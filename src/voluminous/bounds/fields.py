@@ -50,6 +50,7 @@ class Numbers:
 
     emissions: int
     extinctions: int
+    weights: tuple[Float, ...] = ()
 
 
 @dataclass

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..rendering.job import RenderJob
 from ..rendering.pixels import BLOCK
+from ..rendering.sources.channel_layout import blocks_of
 from ..rendering.tracer import Paths, RayTracer
 from .bracket import Bracket
 from .fields import Bracketed
@@ -56,6 +57,16 @@ def bracket(
     """
     if not budget:
         return None, None
+    blocks = blocks_of(job.medium.channels, job.scheme)
+    media = [job.medium.block(block.start, block.stop) for block in blocks]
+    if len(blocks) > 1 and all(map(is_bounded, (p for one in media for p in one.components()))):
+        behind = np.broadcast_to(background, intensity.shape)
+        lower, upper = np.empty(intensity.shape), np.empty(intensity.shape)
+        for block, medium in zip(blocks, media, strict=True):
+            one = replace(job, medium=medium)
+            ends = bracket(one, budget, intensity, behind[..., block])
+            lower[..., block], upper[..., block] = ends
+        return lower, upper
     for part in job.medium.components():
         if not is_bounded(part):
             raise InputError(

@@ -37,7 +37,9 @@ class Image:
     optical_depth : array_like or callable, optional
         Likewise; or a function without arguments that gives it, called once, on first use.
     error : array_like, shape (ny, nx), optional
-        Estimated absolute error of the intensity, the largest of all channels.
+        Estimated absolute error of the intensity: the largest of all channels for the colours of a
+        picture; for a spectrum that of the brightest channel, and the same fraction of the maximum
+        in every other one.
     lower, upper : array_like, shape (ny, nx, channel), optional
         Guaranteed bounds of the intensity.
     x, y : array_like or Quantity, shapes (nx,) and (ny,), optional

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -117,7 +117,8 @@ def probe(
     (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))
     flat = iy * job.frame.pixels[0] + ix
     tracer = _Recording(job, _source_of(job, flat, brightest), brightest)
-    ray = tracer.follow(flat, place.offset, _ROOM * int(job.volume.grid.cells_across) + 64)
+    room = _ROOM * int(job.volume.grid.cells_across) + 64
+    ray = tracer.follow_all(flat, place.offset, room)
     full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
     return _assembled(job, seen, place, ray, more, full[iy, ix])
 
@@ -264,7 +265,10 @@ def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
             job.progress(1, 1)
         if rounds.faintest or remembered is None:  # drawing may take double precision, too
             source = copy.copy(job.source(rounds.faintest))
-        source.allow(*rounds.of(pixel))
+        allowed, maxima = rounds.of(pixel)
+        source.allow(*allowed)
+        if source.numbers.spectral:
+            source.numbers.weigh(maxima, job.backend.opaque)
     # If steps are single cells, rays also visit empty ones.
     if source.blocks is None or not getattr(source.blocks, "coarse", False):
         source.blocks = source.walk = None
@@ -284,6 +288,29 @@ class _Ray(NamedTuple):
 
 class _Recording(RayTracer):
     """Ray tracer that records one ray."""
+
+    def follow_all(self, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
+        """Return the ray with all blocks of channels; some may end before others."""
+        if len(blocks := self.blocks) == 1:
+            return self.follow(pixel, offset, capacity)
+        rays = [cast(_Recording, part).follow(pixel, offset, capacity) for _, part in self.parts()]
+        longest = max(rays, key=lambda ray: len(ray.rows["begin"]))
+        emissions, extinctions, _ = self.counts
+        rows, path = dict(longest.rows), self.nothing()
+        for name in ("j", "alpha", "tau", "transparency", "emission"):
+            count = emissions if name in ("j", "emission") else extinctions
+            shape = (len(longest.rows[name]), count)
+            rows[name] = np.full(shape, 1.0 if name == "transparency" else 0.0)
+        for block, ray in zip(blocks, rays, strict=True):
+            grey = slice(0, 1) if extinctions == 1 else block
+            for name in ("j", "emission"):
+                rows[name][: len(ray.rows[name]), block] = ray.rows[name]
+            for name in ("alpha", "tau", "transparency"):
+                rows[name][: len(ray.rows[name]), grey] = ray.rows[name]
+            path.emission[block] = ray.path.emission
+            path.transparency[grey], path.depth[grey] = ray.path.transparency, ray.path.depth
+        stopped = any(ray.stopped for ray in rays)
+        return longest._replace(rows=rows, path=path, stopped=stopped, numbers=self.source.numbers)
 
     def follow(self, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
         inner, medium = self.scheme, self.job.medium

@@ -58,6 +58,10 @@ class _Scan(RayTracer):
         assert isinstance(scanner, Scanner)
         return scanner.count(self.source.numbers.extinctions), 0, 0
 
+    @property
+    def blocks(self) -> list[slice]:
+        return [slice(None)]
+
     def nothing(self) -> Path:
         return NOTHING
 
@@ -79,7 +83,7 @@ def scan(
     source = job.source()
     results = _Scan(job, source, 0.0).frame().emission
     values = np.stack(results).astype(np.float64).reshape(-1, ny, nx)
-    return values, source.numbers.unit / volume.grid.scale
+    return values, float(np.max(source.numbers.unit)) / volume.grid.scale
 
 
 def distance(track: Track, t: Float) -> Float:

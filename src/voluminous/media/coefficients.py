@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..backend import dr
 from ..backend.types import Float, Mask
 from ..errors import InputError, UnitsError
@@ -212,8 +214,9 @@ class Coefficients(Medium):
         found = stretch.length < 0.0
         stretch, coefficients = self._on_one_side(stretch, context)
         for every, unit in zip(coefficients, units, strict=True):
-            for expr in filter(_restless, every):
-                found = found | may_peak(stretch, expr, context.number(_FAINT * unit))
+            for expr, own in zip(every, np.broadcast_to(unit, len(every)), strict=True):
+                if _restless(expr):
+                    found = found | may_peak(stretch, expr, context.number(_FAINT * float(own)))
         return found
 
     def _decided(self, stretch: Stretch) -> bool:
@@ -240,6 +243,11 @@ class Coefficients(Medium):
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.coefficients(fields, context)
+
+    def block(self, first: int, last: int) -> Coefficients:
+        part = slice(first, last)
+        extinction = self.extinction if self.grey else self.extinction[part]
+        return self.replace(emissivity=self.emissivity[part], extinction=extinction)
 
     def intensity_unit(self, context: Context) -> Any:
         units = (context.unit_of(e) for e in self.emissivity)

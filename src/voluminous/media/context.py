@@ -84,8 +84,8 @@ class Context:
     scale : float
         The unit of lengths along rays (`Stretch.length`), in the volume's unit; `Medium.means` are
         per this length.
-    radiance : float
-        The unit of emission of `Medium.means`.
+    radiance : float or array
+        The unit of emission of `Medium.means`; one per channel if the medium is `spectral`.
     limits : dict of str to (array, array)
         Least and largest values of fields. Interpolated values are clipped to them, since rounding
         beyond them makes logarithms of fields with zeros undefined.
@@ -104,7 +104,7 @@ class Context:
     opaque: Callable[[Any, float], Float] = dr.opaque
     narrow: Callable[[Float], Float] = lambda value: value
     scale: float = 1.0
-    radiance: float = 1.0
+    radiance: Any = 1.0
     limits: dict[str, tuple[Float, Float]] = field(default_factory=dict)
     faint: float = 1e-8
     tolerance: float = 1e-3

@@ -167,6 +167,19 @@ class Medium(Value):
         """Return the brightness and opacity of one path length at the peak; 0 without a peak."""
         return 0.0, 0.0
 
+    @property
+    def spectral(self) -> bool:
+        """Whether each channel is a picture of its own, with its own unit and tolerance.
+
+        The channels of a medium whose `emission_range` is known are colours of one picture.
+        """
+        return all(part.emission_range() is None for part in self.components())
+
+    def block(self, first: int, last: int) -> Medium:
+        """Return the medium of the channels from `first` up to `last`, which are drawn together."""
+        some: Medium = room("media.some_channels").SomeChannels(self, first, last)
+        return some
+
     def prominence(self, x: Float, context: Context) -> Float:
         """Return its strength at a value of the only scalar, relative to the peak, from 0 to 1.
 
@@ -225,12 +238,18 @@ class Medium(Value):
         """Return j, then α, at a place in the units of `means`."""
         bright, dense = context.keep(
             "units",
-            lambda: [context.number(u) for u in (context.scale / context.radiance, context.scale)],
+            lambda: (
+                [context.number(u) for u in np.atleast_1d(context.scale / context.radiance)],
+                context.number(context.scale),
+            ),
         )
         sample = self.coefficients(fields, context)
         # A negative extinction becomes NaN, even where the mean would hide it.
         usable = [dr.select(a >= 0.0, a, math.nan) for a in sample.extinction]
-        values = [bright * j for j in sample.emissivity] + [dense * a for a in usable]
+        if len(bright) == 1:
+            bright = bright * self.channels
+        values = [unit * j for unit, j in zip(bright, sample.emissivity, strict=True)]
+        values += [dense * a for a in usable]
         return [context.narrow(v) for v in values]
 
     def discontinuities(self, context: Context) -> list[Level]:

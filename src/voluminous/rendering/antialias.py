@@ -6,7 +6,6 @@ import functools
 
 import numpy as np
 
-from .tolerance import in_kernel_unit
 from .tracer import Paths, RayTracer
 
 # Rays per pixel after each round.
@@ -30,15 +29,19 @@ def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
     """
     values, (nx, ny) = _picture_values(tracer, paths), tracer.job.frame.pixels
     clear = len(paths.transparency)
-    brightest = float(np.max(np.abs(values[:-clear]), initial=0.0)) or 1.0
-    scale = np.full((len(values), 1), brightest, values.dtype)
+    numbers = tracer.source.numbers
+    scale = np.max(np.abs(values), axis=1, initial=0.0, keepdims=True)
+    brightest = float(np.max(scale[:-clear])) or 1.0
+    if not numbers.spectral:
+        scale[:-clear] = brightest
     scale[-clear:] = 1.0
+    scale[scale == 0.0] = 1.0
     values /= scale
     planes = values.reshape(-1, ny, nx)
 
     def add_error(pixel: np.ndarray, wrong: np.ndarray) -> None:
         if paths.error:
-            unit = in_kernel_unit(brightest, tracer.source.numbers.unit)
+            unit = brightest / numbers.error_unit
             paths.error[0][pixel] += wrong[:-clear].max(axis=0) * unit
             paths.error[1][pixel] += wrong[-clear:].max(axis=0)
 

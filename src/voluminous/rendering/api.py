@@ -73,7 +73,8 @@ def render(
         (media from `suggest_medium`) default to ``"first-order"``, because labels must not be
         interpolated.
     tolerance : float
-        For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
+        For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest;
+        of a spectrum (`Coefficients`, functions), of the brightest in each channel.
         `Image.error` holds the error reached. None disables error control, which is the scheme
         ``"pre-integrated"``: 2 to 6 times faster.
     background : float, sequence of float, array (ny, nx[, channel]) or Image

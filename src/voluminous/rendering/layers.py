@@ -118,7 +118,7 @@ def between(
     error = np.empty((len(emission), 0))
     if paths.error:
         error = _columns(paths.error)
-        error[:, ::2] *= numbers.unit
+        error[:, ::2] *= numbers.error_unit
     return Pairs(emission, through, error)
 
 
@@ -169,7 +169,8 @@ def lay(planes: RenderResult, layers: Layers, tracer: RayTracer) -> None:
     wrong, _, bright = bare.error.T
     lost = wrong + fixed_relative_error(tracer) * bright
     if job.scheme.controlled:
-        lost += tracer.source.neglected * tracer.source.numbers.unit
+        numbers = tracer.source.numbers
+        lost += tracer.source.neglected * numbers.heaviest * numbers.error_unit
     error = planes.error.reshape(-1)
     error[pixel] = (1.0 - through) * lost + through * error.take(pixel) + shown.error[:, 0]
     if job.adaptive:  # edges of layers

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,19 +21,30 @@ class Cutoff:
 
     A ray stops where ``transparency · behind < Σ weight · emission + least``: `behind` bounds the
     intensity from behind, and the sum is an allowed fraction of the intensity gathered so far. With
-    ``behind = 1`` and no weights it stops at transparency `least`.
+    ``behind = 1`` and no weights it stops at transparency `least`. If there is one `behind` for
+    each channel of a spectrum, a ray stops where all of them may.
     """
 
-    behind: Float
+    behind: list[Float]
     weights: list[Float]
     least: Float
 
     def reached(self, path: Path) -> Mask:
         """Return the lanes that may stop."""
+        if len(self.behind) > 1:
+            return self._every(path)
         brightest, enough = most(path.transparency), self.least
         for weight, b in zip(self.weights, path.emission, strict=False):
             enough = dr.fma(weight, b, enough)
-        return brightest * self.behind < enough
+        return brightest * self.behind[0] < enough
+
+    def _every(self, path: Path) -> Mask:
+        through, count = path.transparency, len(self.behind)
+        through = through if len(through) > 1 else through * count
+        rows = zip(through, self.behind, self.weights, path.emission, strict=True)
+        # Channels without emission are not waited for.
+        stops = (t * behind <= weight * b for t, behind, weight, b in rows)
+        return functools.reduce(operator.and_, stops)
 
 
 @dataclass

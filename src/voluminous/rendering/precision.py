@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from ..errors import UnitsError
 from ..expressions import Expression, NumpyOps
 from ..expressions.expression import on_one_side
+from ..expressions.interval import Interval
 from ..fields import coordinates
 from ..media.context import Feature
 from ..media.contract import Medium
@@ -31,6 +33,8 @@ _TINY, _HUGE = 1e-30, 1e30
 _TINY_SUM = 1e-22
 # For optical depths up to this, the inverse and the square are in range as well.
 _DENSE = 1e12
+# Fields of which all combinations of ends are looked at.
+_MOST_FIELDS = 8
 # Contrast of media without expressions.
 _UNKNOWN = 10.0
 _EPS = float(np.finfo(np.float32).eps)
@@ -65,6 +69,28 @@ def exactness(volume: Volume, medium: Medium) -> tuple[bool, float]:
             single = not _tiny_or_huge(exact) and lost <= _LOST * max(span, size)
             single = single and not 0 < width * _LOST_OF_WIDTH < lost
     return single, contrast * medium.sensitivity
+
+
+@np.errstate(all="ignore")
+def in_single_range(medium: Medium, ranges: dict[str, Interval]) -> bool:
+    """Return whether single precision evaluates expressions at all ends of ranges of the fields.
+
+    In few cells, which a sample misses, parts of an expression may be too large or too small for
+    it, although the whole is not.
+    """
+    if len(ranges) > _MOST_FIELDS:
+        return False
+    ends = itertools.product(*((float(r.lo), float(r.hi)) for r in ranges.values()))
+    corners = dict(zip(ranges, np.array(list(ends)).T, strict=True))
+    for feature in medium.known_features():
+        exact, rounded = (_values(feature.expr, corners, kind) for kind in (np.float64, np.float32))
+        defined = np.isfinite(exact)
+        lost = _largest((exact - rounded)[defined])
+        if not np.array_equal(defined, np.isfinite(rounded)) or lost > _LOST * _largest(
+            exact[defined]
+        ):
+            return False
+    return True
 
 
 @np.errstate(all="ignore")

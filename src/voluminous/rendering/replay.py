@@ -30,6 +30,7 @@ from ..schemes.path import Path, empty_path, over
 from .job import RenderJob
 from .pixels import whole_picture
 from .run import make_tracer, run
+from .tracer import RayTracer
 
 
 @dataclass
@@ -111,6 +112,16 @@ class Replay(Scheme):
         return empty_path(source.backend.Float, len(self.weights), len(self.total.transparency))
 
 
+def tracer_like(job: RenderJob, drawn: Any) -> RayTracer:
+    """Return a tracer with the limits of a source that has been drawn, if there is one."""
+    tracer = make_tracer(job, 0.0)
+    if drawn is not None:
+        tracer.source.tolerance = drawn.tolerance
+        if drawn.numbers.spectral:
+            tracer.source.numbers.weigh(drawn.numbers.peaks, job.backend.opaque)
+    return tracer
+
+
 def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
     """Return intensities, and the numbers of the medium with the gradient of Σ weights · intensity.
 
@@ -137,10 +148,9 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         raise InputError("gradients need rays that run from front to back: order='front-to-back'")
     lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
-        tolerance = run(job, 0.0).tracer.source.tolerance if job.scheme.controlled else ()
+        drawn = run(job, 0.0).tracer.source if job.scheme.controlled else None
     tape = job.tape = Tape()
-    tracer = make_tracer(job, 0.0)
-    tracer.source.tolerance = tolerance
+    tracer = tracer_like(job, drawn)
     if job.scheme.controlled and tracer.source.edges:
         raise InputError(
             f"scheme {job.scheme.name!r} ends its panels where a medium jumps, and has no gradient "
@@ -151,15 +161,14 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         total = tracer.march(ray).path
         dr.eval(total)
     dr.enable_grad(list(tape.numbers.values()))
-    tracer = make_tracer(job, 0.0)  # its tables depend on the numbers
-    tracer.source.tolerance = tolerance
+    tracer = tracer_like(job, drawn)  # its tables depend on the numbers
     numbers, real = tracer.source.numbers, job.backend.Float
     intensity = np.zeros((len(total.emission), ny * nx))
     there = np.asarray(lanes.there)
     intensity[:, np.asarray(lanes.target)[there]] = [np.asarray(b)[there] for b in total.emission]
     given = [
-        dr.gather(real, from_host(real, channel * numbers.unit), lanes.target, lanes.there)
-        for channel in np.reshape(weights, (-1, len(total.emission))).T
+        dr.gather(real, from_host(real, channel), lanes.target, lanes.there)
+        for channel in (np.reshape(weights, (-1, len(total.emission))) * numbers.unit).T
     ]
     tracer.scheme = Replay(tracer.scheme, total, given)
     with dr.suspend_grad():  # type: ignore[no-untyped-call]

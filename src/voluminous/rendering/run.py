@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..backend import dr
 from .antialias import refine
 from .flux_conserving import FluxConserving
 from .job import RenderJob
 from .sources.channel_layout import channels_last, in_units_of
-from .tolerance import Rounds, add_rounding_error, in_kernel_unit, render_to_tolerance
+from .tolerance import Rounds, add_rounding_error, in_error_unit, render_to_tolerance
 from .tracer import Batches, KernelCache, RayTracer, exhausted
 
 
@@ -23,7 +24,7 @@ class RenderResult:
     emission: np.ndarray
     transparency: np.ndarray
     depth: np.ndarray
-    # Of an intensity in its worst channel, (ny, nx).
+    # Of the intensity, (ny, nx): in the worst channel, or of a spectrum in the brightest one.
     error: np.ndarray | None
     stopped: bool
     # For further rays.
@@ -109,6 +110,8 @@ def _draw(
         refine(tracer, paths, job.tolerance)
     if job.scheme.controlled:
         add_rounding_error(tracer, paths)
+    if len(tracer.blocks) > 1:  # memory of their tables
+        dr.flush_malloc_cache()
     (nx, ny), numbers = job.frame.pixels, tracer.source.numbers
     emission, through, depth, error = (
         [row.reshape(ny, nx) for row in rows]
@@ -116,8 +119,8 @@ def _draw(
     )
     wrong = None
     if error:
-        behind = in_kernel_unit(background, numbers.unit)
-        wrong = in_units_of(numbers.unit, error[0] + error[1] * behind)
+        behind = in_error_unit(background, numbers)
+        wrong = in_units_of(numbers.error_unit, error[0] + error[1] * behind)
     planes = numbers.mix(emission), channels_last(through), channels_last(depth), wrong
     return RenderResult(*planes, paths.stopped, tracer, rounds)
 

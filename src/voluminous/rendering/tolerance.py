@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .sources.channel_layout import fits_single
+from .sources.channel_layout import ChannelLayout, fits_single
 from .tracer import MARGIN, Batches, Paths, RayTracer
 
 if TYPE_CHECKING:
@@ -32,8 +32,10 @@ _ROUNDING = {"single": 3e-6, "double": 1e-14}
 _UNDERFLOW = 1e-12
 
 
-# Pixels that were traced, or None for all, and the arguments of the source's `allow`.
-Limits: TypeAlias = tuple[np.ndarray | None, tuple[float, float, float]]
+# Pixels that were traced, or None for all; the arguments of the source's `allow`, and the maxima of
+# channels to which errors are relative.
+Allowed: TypeAlias = tuple[float, float, float]
+Limits: TypeAlias = tuple[np.ndarray | None, Allowed, np.ndarray]
 
 
 @dataclass
@@ -51,11 +53,10 @@ class Rounds:
     limits: list[Limits]
     faintest: bool
 
-    def of(self, pixel: int) -> tuple[float, float, float]:
+    def of(self, pixel: int) -> tuple[Allowed, np.ndarray]:
         """Return the limits with which a pixel was traced last."""
-        return next(
-            limits for pixels, limits in self.limits[::-1] if pixels is None or pixel in pixels
-        )
+        rounds = self.limits[::-1]
+        return next((a, m) for pixels, a, m in rounds if pixels is None or pixel in pixels)
 
     @staticmethod
     def key(job: RenderJob, background: float) -> Hashable:
@@ -76,18 +77,25 @@ def render_to_tolerance(
     Returns the paths, the limits, and False if the medium's faint places, which were skipped, may
     be visible. The errors are those of segments; `add_rounding_error` adds the others.
     """
-    source = tracer.source
-    behind = in_kernel_unit(background, source.numbers.unit)
+    source, spectral = tracer.source, tracer.source.numbers.spectral
     first, *shares = _SHARES
-    scale = _estimate_scale(tracer, behind)
-    if scale > 0.0:
-        limits: list[Limits] = [(None, (tolerance * scale, tolerance, first))]
+    if spectral:
+        scale = _estimate_maxima(tracer, background)
     else:
-        limits, shares = [(None, (np.inf, np.inf, 1.0))], list(_SHARES)
+        scale = _estimate_scale(tracer, background)
+    if scale > 0.0:
+        allowed = tolerance * scale, tolerance, first
+    else:
+        allowed, shares = (np.inf, np.inf, 1.0), list(_SHARES)
+    limits: list[Limits] = [(None, allowed, source.numbers.peaks)]
     source.allow(*limits[0][1])
     paths = yield from tracer.batches(seconds, focus)
     for share in shares:
-        scale = _brightness(tracer, paths, behind).max()
+        if spectral:
+            _weigh(tracer, paths, background)
+        else:
+            scale = _brightness(tracer, paths, background).max()
+        behind = in_error_unit(background, source.numbers)
         wrong, dim, _ = paths.error
         floor, dim_floor = _floor(tracer, paths)
         # Rounding counts up to half of the tolerance: where it alone exceeds it more panels do not
@@ -97,30 +105,53 @@ def render_to_tolerance(
         pixel = np.flatnonzero(exceeds | (dim > tolerance))
         if not len(pixel):
             break
-        limits.append((pixel, (tolerance * scale, tolerance, share)))
+        limits.append((pixel, (tolerance * scale, tolerance, share), source.numbers.peaks))
         source.allow(*limits[-1][1])
         paths.put(pixel, tracer.pixels(pixel))
         yield tracer, pixel, paths
     source.allow(tolerance * scale, tolerance, first)  # for rays still to come
-    return paths, limits, source.neglected <= tolerance * scale
+    return paths, limits, source.neglected * source.numbers.heaviest <= tolerance * scale
 
 
-def in_kernel_unit(background: float, unit: float) -> Any:
-    """Return a background in the kernel's unit, in double precision if its products need it."""
-    value = background / unit
+def in_error_unit(background: float, numbers: ChannelLayout) -> Any:
+    """Return a background in the unit of errors, in double precision if its products need it."""
+    value = background / numbers.faintest_unit
     return value if fits_single(value) else np.float64(value)
 
 
-def _brightness(tracer: RayTracer, paths: Paths, behind: Any) -> np.ndarray:
+def _brightness(tracer: RayTracer, paths: Paths, background: float) -> np.ndarray:
     """Return the brightness of pixels in their brightest channels, in the kernel's unit."""
     brightest = tracer.source.numbers.brightest_channel(paths.emission)
     through = functools.reduce(np.maximum, paths.transparency)
-    total: np.ndarray = brightest + through * behind
+    total: np.ndarray = brightest + through * in_error_unit(background, tracer.source.numbers)
     # A picture without net emission is compared with the sum of magnitudes along the ray.
     return total if np.any(total) else paths.error[2]
 
 
-def _estimate_scale(tracer: RayTracer, behind: Any) -> float:
+def _estimate_maxima(tracer: RayTracer, background: float) -> float:
+    """Estimate the maxima of a spectrum's channels from a sample of pixels; return their unit.
+
+    A wrong estimate costs time: errors will be relative to the maxima of the picture itself.
+    """
+    source, count = tracer.source, int(np.prod(tracer.job.frame.pixels))
+    source.numbers.weigh(np.ones(source.numbers.emissions), tracer.backend.opaque)
+    source.allow(np.inf, np.inf, 1.0)
+    step = max(count // _SAMPLES, _WORTHWHILE) | 1  # odd: not in few columns
+    paths = tracer.pixels(np.arange(min(step // 2, count - 1), count, step))
+    _weigh(tracer, paths, background)
+    return 1.0
+
+
+def _weigh(tracer: RayTracer, paths: Paths, background: float) -> None:
+    """Weight a spectrum's channels by their maxima in some paths, and their errors, too."""
+    numbers, (wrong, _, bright) = tracer.source.numbers, paths.error
+    maxima = numbers.maxima(paths.emission, paths.transparency, background)
+    growth = numbers.weigh(maxima, tracer.backend.opaque)
+    wrong *= growth
+    bright *= growth
+
+
+def _estimate_scale(tracer: RayTracer, background: float) -> float:
     """Return the maximum brightness of a sample of pixels at any error; 0 for a small picture."""
     tracer.source.allow(np.inf, np.inf, 1.0)
     nx, ny = tracer.job.frame.pixels
@@ -128,7 +159,7 @@ def _estimate_scale(tracer: RayTracer, behind: Any) -> float:
         return 0.0
     step = nx * ny // _SAMPLES | 1  # odd: not in few columns
     pixel = np.arange(step // 2, nx * ny, step)
-    values = _brightness(tracer, tracer.pixels(pixel), behind)
+    values = _brightness(tracer, tracer.pixels(pixel), background)
     brightest = float(np.max(values))
     if brightest <= _PEAK * float(np.quantile(values, 0.99)):
         return brightest
@@ -138,7 +169,7 @@ def _estimate_scale(tracer: RayTracer, behind: Any) -> float:
         for place, count in ((peak % nx, nx), (peak // nx, ny))
     )
     around = tracer.pixels((y[:, None] * nx + x).reshape(-1))
-    return max(brightest, float(_brightness(tracer, around, behind).max()))
+    return max(brightest, float(_brightness(tracer, around, background).max()))
 
 
 def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
@@ -154,8 +185,9 @@ def _floor(tracer: RayTracer, paths: Paths) -> tuple[np.ndarray, float]:
     source, brightness = tracer.source, paths.error[2]
     # Sums that were clamped to zero, given that colours are near one.
     clamped = 2.0 * (source.numbers.emissions + 1) * MARGIN * tracer.backend.tiny
-    lost = _UNDERFLOW * float(np.max(brightness, initial=0.0)) + clamped
-    floor = fixed_relative_error(tracer) * brightness + (source.neglected + lost)
+    lost = _UNDERFLOW * float(np.max(brightness, initial=0.0))
+    lost += (source.neglected + clamped) * source.numbers.heaviest
+    floor = fixed_relative_error(tracer) * brightness + lost
     # For rays that stop early, the transparency states how much of the background is missing.
     return floor, _ROUNDING[tracer.backend.precision] + source.neglected_depth
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import copy
+import functools
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -20,6 +21,7 @@ from ..schemes.path import Path, empty_path
 from .march import Cutoff, MarchState, RayState, march
 from .missing import Hiding, through_cells
 from .pixels import BLOCK, MOST_KEPT, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
+from .sources.channel_layout import PerChannel, blocks_of
 
 if TYPE_CHECKING:
     from .job import RenderJob
@@ -131,6 +133,7 @@ class RayTracer:
     def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
         self.job, self.source, self.backend = job, source, job.backend
         self.kernels: KernelCache | None = None
+        self.background, self.first = brightest_background, 0
         grid, wide = job.volume.grid, job.backend.wide
         self.walk = source.walk or grid.walk(job.backend, source.walk_kind or job.walk_kind)
         self.scheme = job.scheme
@@ -142,7 +145,10 @@ class RayTracer:
         blocks, steps = source.blocks, grid.cells_across
         if blocks is not None:
             steps *= float(max(blocks.filled ** (1 / 3) * blocks.share, 0.03))
-        self.batch = max(1, int(_STEPS_PER_BATCH / steps) // BLOCK**2) * BLOCK**2
+        lanes = int(_STEPS_PER_BATCH / steps)
+        if (count := len(self.blocks)) > 1:  # which take the longer, or need tables again
+            lanes = min(lanes, max(lanes // count, _MOST_RAYS))
+        self.batch = max(1, lanes // BLOCK**2) * BLOCK**2
         self.ending = self._ending(brightest_background)
         self.vectors = job.frame.traced_vectors(job.backend)
         self.places = [
@@ -156,14 +162,36 @@ class RayTracer:
             return None
         opaque = self.backend.opaque
         if job.cutoff is not None:
-            return Cutoff(opaque(1.0), [], opaque(job.cutoff))
+            return Cutoff([opaque(1.0)], [], opaque(job.cutoff))
         bounds = job.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / job.volume.grid.scale
-        most = numbers.brightest(self.source.largest) * diagonal
-        most += brightest_background / numbers.unit
-        most = min(most, float(np.finfo(self.backend.dtype).max))  # no bound: rays hardly stop
-        weights = [opaque(job.early_error * float(w)) for w in numbers.weights()]
-        return Cutoff(opaque(most), weights, opaque(0.0))
+        largest = [diagonal * value for value in self.source.largest]
+        behind = numbers.behind(largest, brightest_background)
+        shares = [1.0] * len(behind) if numbers.spectral else numbers.shares_of_brightest()
+        most = float(np.finfo(self.backend.dtype).max)  # no bound: rays hardly stop
+        weights = [opaque(job.early_error * float(w)) for w in shares]
+        return Cutoff([opaque(min(b, most)) for b in behind], weights, opaque(0.0))
+
+    @property
+    def blocks(self) -> list[slice]:
+        """The blocks of channels that are drawn together: more than one if there are many.
+
+        Gradients are of all together.
+        """
+        numbers = self.source.numbers
+        if isinstance(numbers, PerChannel) and not self.backend.derivatives:
+            return blocks_of(numbers.emissions, self.job.scheme)
+        return [slice(0, numbers.emissions)]
+
+    def parts(self) -> Iterator[tuple[int, RayTracer]]:
+        """Yield a tracer of each block of channels, one after the other: each may need memory."""
+        for number, block in enumerate(blocks := self.blocks):
+            part = self
+            if len(blocks) > 1:
+                part = copy.copy(self)
+                part.source, part.first = self.source.block(block), block.start
+                part.ending = part._ending(self.background)
+            yield number, part
 
     def frame(self) -> Paths:
         """Return the paths of all pixels, in the order of the image's rows."""
@@ -247,20 +275,43 @@ class RayTracer:
     def _buffers(self, count: int, *, partial: bool = False) -> list[Float]:
         """Return arrays for the components of paths, and one that marks rays that stopped early.
 
-        Zeros are needed only where elements are read before they are written (`partial`).
+        Zeros are needed only where elements are read before they are written (`partial`). Each
+        block of channels has its own errors and marks.
         """
         emissions, extinctions, errors = self.counts
         make = dr.zeros if partial else dr.empty
-        total = emissions + 2 * extinctions + errors + 1
+        total = emissions + 2 * extinctions + (errors + 1) * len(self.blocks)
         return [make(self.backend.Float, count) for _ in range(total)]
 
     def _paths(self, rows: list[Float]) -> Paths:
-        *values, early = (row.numpy() for row in rows)
-        return Paths(values, self.counts, self.ending is not None and bool(np.any(early)))
+        emissions, extinctions, errors = self.counts
+        values, own = [row.numpy() for row in rows], errors + 1
+        common = emissions + 2 * extinctions
+        worst = [functools.reduce(np.maximum, values[common + k :: own]) for k in range(own)]
+        early = self.ending is not None and bool(np.any(worst[-1]))
+        return Paths([*values[:common], *worst[:-1]], self.counts, early)
 
     def _draw(self, batch: RayBatch, rows: list[Float]) -> None:
-        if self.kernels is None or not self.kernels.draw(self, batch, rows):
-            _write(rows, *self.trace(batch, self.inputs(batch)), batch.first)
+        for number, part in self.parts():
+            own = self._rows_of(number, rows)
+            if part.kernels is None or not part.kernels.draw(part, batch, own):
+                _write(own, *part.trace(batch, part.inputs(batch)), batch.first)
+            del part  # and its table, before there is another
+
+    def _rows_of(self, number: int, rows: list[Float]) -> list[Float]:
+        """Return the rows that a block of channels writes."""
+        emissions, extinctions, errors = self.counts
+        if len(self.blocks) == 1:
+            return rows
+        block, common = self.blocks[number], emissions + 2 * extinctions
+        grey = slice(0, 1) if extinctions == 1 else block
+        first = common + number * (errors + 1)
+        return [
+            *rows[block],
+            *rows[emissions : emissions + extinctions][grey],
+            *rows[emissions + extinctions : common][grey],
+            *rows[first : first + errors + 1],
+        ]
 
     def inputs(self, batch: RayBatch) -> tuple[Any, ...]:
         """Return the kernel inputs that change from picture to picture: arrays of one number each.
@@ -269,15 +320,18 @@ class RayTracer:
         """
         offset = [self.backend.wide(o) for o in batch.offset]
         lanes = batch.lanes if batch.whole is None else None
-        return self.vectors, self.places, self.ending, self.source.tolerance, offset, lanes
+        limits = self.source.tolerance, self.source.numbers.weights
+        return self.vectors, self.places, self.ending, limits, offset, lanes
 
     def trace(self, batch: RayBatch, inputs: tuple[Any, ...]) -> tuple[list[Float], Lanes]:
         """Return the components of the paths, traced but not evaluated, and the lanes."""
         reader = copy.copy(self)
-        reader.vectors, reader.places, reader.ending, tolerance, offset, lanes = inputs
-        if tolerance:
+        reader.vectors, reader.places, reader.ending, limits, offset, lanes = inputs
+        if limits[0]:
             reader.source = copy.copy(self.source)
-            reader.source.tolerance = tolerance
+            reader.source.tolerance, weights = limits
+            reader.source.numbers = copy.copy(self.source.numbers)
+            reader.source.numbers.weights = weights
         lanes = lanes or batch.lanes
         state = reader.march(reader.ray(lanes, offset, batch.depths))
         path = state.path
@@ -372,7 +426,7 @@ def reverse(ray: Ray) -> Ray:
 # With more rays, unless they are a whole picture's, tracing is a small part of the time, and cached
 # lanes take memory.
 _MOST_RAYS = 1 << 16
-# Maximum number of batches in the cache.
+# Maximum number of batches in the cache, for each block of channels.
 _KEPT = 8
 
 
@@ -400,10 +454,10 @@ class KernelCache:
         if many or not self._lock.acquire(blocking=False):
             return False
         try:
-            key = (len(batch.lanes.target), batch.whole)
+            key = (len(batch.lanes.target), batch.whole, tracer.first)
             if key not in self._kept:
                 self._kept[key] = None
-                if len(self._kept) > _KEPT:
+                if len(self._kept) > _KEPT * len({first for *_, first in self._kept}):
                     self._kept.popitem(last=False)
                 return False
             self._kept.move_to_end(key)

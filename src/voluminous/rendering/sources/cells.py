@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from ...media.ranges import RangeContext
 from ...memory import check_memory
 from ...volume import Volume
 from ..cache import VolumeStatistics
-from .channel_layout import ChannelLayout
+from .channel_layout import ChannelLayout, PerChannel, blocks_of
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 LARGEST = 2**32 - 1
 # Cells classified at once: limits the memory of temporaries, and the delay of an interrupt.
 SLAB = 1 << 19
+# Runs of consecutive cells in which sizes without bounds are looked up.
+_RUNS, _RUN = 8, 1 << 13
 
 
 class CellEvaluator:
@@ -63,6 +66,12 @@ class CellEvaluator:
         cartesian = all(name in COORDINATES for name in self.places)
         self._traced = cartesian and self.grid.has_traced_centers
 
+    def block(self, numbers: PerChannel) -> CellEvaluator:
+        """Return the evaluator of some of the channels."""
+        part = copy.copy(self)
+        part.medium, part.numbers = numbers.medium, numbers
+        return part
+
     def context(self, real: Any, tape: Tape | None = None) -> Context:
         """Return the context that evaluates the medium with a given number type."""
         opaque = dr.opaque if tape is None else tape.number
@@ -74,10 +83,10 @@ class CellEvaluator:
             unit_of=self.volume.expression_unit,
         )
 
-    def evaluate(self, fields: dict[str, Float]) -> list[Float]:
+    def evaluate(self, fields: dict[str, Float], real: Any = None) -> list[Float]:
         """Return the numbers times the grid's scale, from field values (traced)."""
-        scale = self.backend.wide(self.grid.scale)
-        context = self.context(self.backend.Wide, self.tape)
+        real = real or self.backend.Wide
+        scale, context = dr.opaque(real, self.grid.scale), self.context(real, self.tape)
         return [v * scale for v in self.numbers.values(fields, context)]
 
     def classify(self, first: int, count: int) -> tuple[list[Float], Mask]:
@@ -153,6 +162,26 @@ class CellEvaluator:
         """Bounds of the numbers' magnitudes, from the ranges of the fields alone."""
         fields = {name: self.statistics.range_of(name) for name in self.medium.names}
         return [float(end.max()) for end in self.most_in(fields)]
+
+    @property
+    def sizes(self) -> list[float]:
+        """The bounds, or for a spectrum without them the largest values in some cells."""
+        numbers, sizes = self.numbers, list(self.largest)
+        if not numbers.spectral or np.all(np.isfinite(sizes[: numbers.emissions])):
+            return sizes
+        assert isinstance(numbers, PerChannel)
+        count = min(_RUN, self.grid.size)
+        for block in blocks_of(numbers.emissions):
+            part = self.block(numbers.block(block))
+            part.tape = None
+            for first in np.linspace(0, self.grid.size - count, _RUNS).astype(int).tolist():
+                values, _ = part.classify(first, count)
+                dr.eval(values)
+                for c, found in zip(range(block.start, block.stop), values, strict=False):
+                    size = np.abs(np.asarray(found))
+                    most = float(size[np.isfinite(size)].max(initial=0.0))
+                    sizes[c] = most if sizes[c] == np.inf else max(most, sizes[c])
+        return sizes
 
     def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
         """Return bounds of the numbers' magnitudes while the fields stay in ranges."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -21,6 +22,9 @@ from ...media.stretch import Panel, Stretch
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, most
 
+# A maximum below this fraction of a channel's unit may be due to rounding.
+_LEAST_PEAK = 2.0**-60
+
 
 def unit_near(size: float) -> float:
     """Return a power of two near a size, so that scaling is exact; one if there is no size."""
@@ -34,12 +38,15 @@ def fits_single(size: float) -> bool:
     return size == 0.0 or 2.0**-90 < size < 2.0**90
 
 
-def in_units_of(unit: float, values: np.ndarray) -> np.ndarray:
-    """Return values times a unit, in double precision where single may not hold them."""
-    if unit == 1.0:
+def in_units_of(unit: Any, values: np.ndarray) -> np.ndarray:
+    """Return values times a unit, in double precision where single may not hold them.
+
+    An array has the units of channels, which are the last axis.
+    """
+    if np.all(unit == 1.0):
         return values
-    factor = values.dtype.type(unit) if fits_single(unit) else np.float64(unit)
-    return np.asarray(values * factor)
+    fits = all(map(fits_single, np.atleast_1d(unit)))
+    return np.asarray(values * np.asarray(unit, values.dtype if fits else np.float64)[()])
 
 
 def before(background: np.ndarray, emission: np.ndarray, through: np.ndarray) -> np.ndarray:
@@ -62,6 +69,24 @@ def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
     return result
 
 
+# Maximum number of channels in a kernel; fewer with error control, because compiling takes longer,
+# and where there is a table in memory. Drawing all 100 of a spectrum at once took as long, with ten
+# times the memory, and up to 15 times as long to compile.
+_TOGETHER, _FEW_TOGETHER = 16, 8
+
+
+def blocks_of(channels: int, scheme: Scheme | None = None) -> list[slice]:
+    """Return the blocks in which channels are drawn, all of one size, so that they share a kernel.
+
+    The last ones may overlap.
+    """
+    few = scheme is not None and (scheme.controlled or scheme.coefficients_at == "vertex")
+    count = math.ceil(channels / (_FEW_TOGETHER if few else _TOGETHER))
+    size = math.ceil(channels / count)
+    firsts = (min(k * size, channels - size) for k in range(count))
+    return [slice(first, first + size) for first in firsts]
+
+
 @dataclass
 class PerChannel:
     """Emissivity per channel and extinction, as the medium gives them.
@@ -70,18 +95,65 @@ class PerChannel:
     ----------
     emissions, extinctions, count : int
         Number of integrated emissions and extinctions, and of values per place.
-    unit : float
+    unit : float array, shape (channel,)
         The emission that counts as one in kernels, a power of two: emissivities in some systems of
-        units are below the range of single precision.
+        units are below the range of single precision. Equal for the colours of one picture.
+    weights : list of arrays
+        Factors on the brightness of channels, as run-time numbers: the inverse of each one's
+        maximum, for the error relative to it. Empty for the colours of one picture.
+    peaks : float array, shape (channel,)
+        These maxima, in units of channels.
     """
 
     medium: Medium
-    unit: float = 1.0
+    unit: np.ndarray = field(default_factory=lambda: np.ones(1))
+    weights: list[Float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.emissions = self.medium.channels
         self.extinctions = 1 if self.medium.grey else self.emissions
         self.count = self.emissions + self.extinctions
+        self.spectral = self.emissions > 1 and self.medium.spectral
+        self.unit = np.broadcast_to(self.unit, self.emissions)
+        self.peaks = np.ones(self.emissions)
+
+    def block(self, channels: slice) -> PerChannel:
+        """Return the layout of some channels."""
+        medium = self.medium.block(channels.start, channels.stop)
+        part = PerChannel(medium, self.unit[channels], self.weights[channels])
+        part.spectral = self.spectral
+        return part
+
+    @property
+    def radiance(self) -> Any:
+        """The units, or the unit of all colours."""
+        return self.unit if self.spectral else float(self.unit[0])
+
+    @property
+    def error_unit(self) -> float:
+        """The intensity, in the brightest channel, that counts as one in errors."""
+        return float(np.max(self.unit * self.peaks))
+
+    @property
+    def faintest_unit(self) -> float:
+        """The intensity, in the faintest channel, that counts as one in errors."""
+        return float(np.min(self.unit * self.peaks))
+
+    @property
+    def heaviest(self) -> float:
+        """The largest weight."""
+        return float(np.max(1.0 / self.peaks))
+
+    def weigh(self, peaks: np.ndarray, opaque: Callable[[float], Float]) -> float:
+        """Set the weights of a spectrum's channels; return by how much they grow at most.
+
+        A channel without a maximum has the least one of the others.
+        """
+        some = peaks[peaks > 0.0]
+        peaks = np.where(peaks > 0.0, np.maximum(peaks, _LEAST_PEAK), some.min(initial=1.0))
+        growth = float(np.max(self.peaks[peaks > 0.0] / peaks[peaks > 0.0]))
+        self.peaks, self.weights = peaks, [opaque(1.0 / peak) for peak in peaks]
+        return growth
 
     def key(self) -> Hashable:
         """Return the key of everything that the values depend on, besides the fields."""
@@ -90,8 +162,11 @@ class PerChannel:
 
     def values(self, fields: dict[str, Float], context: Context) -> list[Float]:
         """Return the values per unit length."""
-        sample, scale = self.medium.coefficients(fields, context), context.number(1.0 / self.unit)
-        return [*(scale * j for j in sample.emissivity), *sample.extinction]
+        sample = self.medium.coefficients(fields, context)
+        scale = [context.number(float(1.0 / u)) for u in np.atleast_1d(self.radiance)]
+        scale = scale if self.spectral else scale * self.emissions
+        emissivity = [s * j for s, j in zip(scale, sample.emissivity, strict=True)]
+        return [*emissivity, *sample.extinction]
 
     def means(self, panel: Panel, context: Context) -> list[Float]:
         """Return the means of the values over a panel of a ray."""
@@ -103,16 +178,20 @@ class PerChannel:
 
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         """Return intervals that enclose the values while the fields stay in ranges."""
-        sample, scale = self.medium.ranges(fields, context), 1.0 / self.unit
-        return [*(scale * j for j in sample.emissivity), *sample.extinction]
+        sample, scale = self.medium.ranges(fields, context), (1.0 / self.unit).tolist()
+        emissivity = [s * j for s, j in zip(scale, sample.emissivity, strict=True)]
+        return [*emissivity, *sample.extinction]
 
     def split(self, values: list[Float]) -> Coefficients:
         """Return j and α from the values (traced in the loop)."""
         return values[: self.emissions], values[self.emissions :]
 
     def brightness(self, emission: list[Float]) -> Float:
-        """Return the magnitude of the brightest channel."""
-        return most([dr.abs(b) for b in emission])
+        """Return the magnitude of the brightest channel, relative to its maximum if it has one."""
+        size = [dr.abs(b) for b in emission]
+        if self.weights:
+            size = [w * b for w, b in zip(self.weights, size, strict=True)]
+        return most(size)
 
     def shares(self, path: Path, panel: Panel, context: Context) -> list[tuple[Float, Float]]:
         """Return the brightness and the optical depth of each part on a solved panel."""
@@ -135,15 +214,25 @@ class PerChannel:
         """Return the magnitude in the brightest channel, in the kernel's unit."""
         return functools.reduce(np.maximum, map(np.abs, emission))
 
+    def maxima(
+        self, emission: list[np.ndarray], through: list[np.ndarray], background: float
+    ) -> np.ndarray:
+        """Return the largest magnitude of each channel before a background, in its unit."""
+        every = through if len(through) > 1 else through * self.emissions
+        rows = zip(emission, every, background / self.unit, strict=True)
+        return np.array([float(np.max(np.abs(b) + t * own, initial=0.0)) for b, t, own in rows])
+
     def normalise(self, largest: list[float]) -> None:
-        """Choose the unit, given bounds of the numbers."""
-        most_of_all = self.brightest(largest)
-        self.unit = unit_near(most_of_all if most_of_all < np.inf else self._color())
+        """Choose the units, given bounds of the numbers."""
+        sizes = largest[: self.emissions] if self.spectral else [self.brightest(largest)]
+        units = [unit_near(size if size < np.inf else self._color()) for size in sizes]
+        self.unit = np.broadcast_to(units, self.emissions)
 
     def in_units(self, largest: list[float]) -> list[float]:
         """Return bounds of the numbers in the kernel's unit."""
         k = self.emissions
-        return [*(value / self.unit for value in largest[:k]), *largest[k:]]
+        bright = [float(v / u) for v, u in zip(largest[:k], self.unit, strict=True)]
+        return [*bright, *largest[k:]]
 
     def reuse(self, earlier: ChannelLayout) -> ChannelLayout:
         """Return the layout for a table that was made with an earlier layout of an equal key."""
@@ -161,7 +250,7 @@ class PerChannel:
     def one_path(self) -> tuple[float, float]:
         """Return brightness and optical depth of one path length of the extreme parts, or zero."""
         depth = max(part.strongest()[1] for part in self.medium.components())
-        return self._color() / self.unit, depth
+        return self._color() / float(np.min(self.unit)), depth
 
     def _color(self) -> float:
         return max(part.strongest()[0] for part in self.medium.components())
@@ -171,9 +260,21 @@ class PerChannel:
         color, bright = self._color(), self.brightest(largest)
         return bright / color if color > 0.0 and bright < np.inf else 0.0
 
-    def weights(self) -> np.ndarray:
+    def behind(self, emission: list[float], background: float) -> list[float]:
+        """Return bounds of the intensity from behind: of each channel, or of all colours."""
+        total = np.array(emission[: self.emissions]) + background / self.unit
+        return total.tolist() if self.spectral else [float(np.max(total))]
+
+    def shares_of_brightest(self) -> np.ndarray:
         """Return weights of emissions whose sum is at most the brightest channel's intensity."""
         return np.full(self.emissions, 1.0 / self.emissions)
+
+
+def some_channels(numbers: ChannelLayout, values: list[float], channels: slice) -> list[float]:
+    """Return those of a layout's numbers that belong to some channels."""
+    k = numbers.emissions
+    extinctions = values[k:] if numbers.extinctions == 1 else values[k:][channels]
+    return [*values[channels], *extinctions]
 
 
 @dataclass
@@ -196,9 +297,14 @@ class SharedProfiles:
     peak: list[Float]
     unit: float = 1.0
     extinctions: ClassVar[int] = 1
+    spectral: ClassVar[bool] = False
+    weights: ClassVar[list[Float]] = []
+    heaviest: ClassVar[float] = 1.0
+    peaks: ClassVar[np.ndarray] = np.ones(1)
 
     def __post_init__(self) -> None:
         self.emissions = self.count = len(self.parts)
+        self.radiance = self.error_unit = self.faintest_unit = self.unit
 
     def key(self) -> Hashable:
         # Tables do not contain colours and opacities, which may differ.
@@ -280,7 +386,10 @@ class SharedProfiles:
     def paths(self, largest: list[float]) -> float:
         return float(np.max(largest))
 
-    def weights(self) -> np.ndarray:
+    def behind(self, emission: list[float], background: float) -> list[float]:
+        return [self.brightest(emission) + background / self.unit]
+
+    def shares_of_brightest(self) -> np.ndarray:
         return np.asarray(self.color.mean(axis=0))
 
 

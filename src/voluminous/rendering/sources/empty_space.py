@@ -13,6 +13,7 @@ from ...expressions.interval import Interval
 from ...grids.cartesian.leap import BITS, Blocks, block_shape, make_blocks
 from ...media.ranges import RangeContext
 from ..cache import Cache
+from ..precision import exactness
 from .cells import CellEvaluator
 from .wide_steps import difference_limits, wide_steps
 
@@ -108,6 +109,20 @@ def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> dict[s
         return cache.get_or_make(key, lambda: field_ranges(volume.array(name), window))
 
     return {name: ranges(name) for name in evaluator.medium.names}
+
+
+def get_exactness(evaluator: CellEvaluator, cache: Cache) -> tuple[bool, float]:
+    """Set the evaluator's bounds, and return `exactness`; cached with the volume."""
+    volume, medium = evaluator.volume, evaluator.medium
+    key = None
+    if medium.key() is not None:
+        # The numbers of shapes differ from those of all their colours.
+        kind = type(evaluator.numbers).__name__
+        key = ("numbers", medium.key(), kind, cache.statistics.digests(medium.names))
+    evaluator.largest, exact = cache.get_or_make(
+        key, lambda: (evaluator.largest, exactness(volume, medium))
+    )
+    return exact
 
 
 def get_blocks(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Hashable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,15 +16,16 @@ from ...backend.types import Float, Mask
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.contract import Segment
 from ...media.context import Context, completed
+from ...media.contract import Medium
 from ...media.edges import Level
 from ...media.stretch import Panel, Straight, Stretch, within_limits
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, layer
 from ..cache import Cache
-from ..precision import exactness
 from .cells import CellEvaluator, ray_coordinates
+from .channel_layout import PerChannel, some_channels
 from .corner_layouts import Corners, FieldLattice, get_lattices
-from .empty_space import DUAL, get_blocks, pruned_walk, visible_leaves
+from .empty_space import DUAL, get_blocks, get_exactness, pruned_walk, visible_leaves
 
 # The smallest fraction of a peak that each precision represents.
 _FAINTEST = {"single": 1e-37, "double": 1e-300}
@@ -108,7 +110,7 @@ class Interpolated:
         blocks: Any,
         paths: float,
     ) -> None:
-        self.lattices, self.context, self.medium = lattices, context, evaluator.medium
+        self.lattices, self.context = lattices, context
         self.numbers, self.backend = evaluator.numbers, evaluator.backend
         self.blocks = blocks
         self.walk: Any = None  # through less than the whole grid, or in other steps
@@ -120,19 +122,23 @@ class Interpolated:
         self.neglected = min(paths * context.faint * bright, 1e-3 * most)
         self.neglected_depth = min(paths * context.faint * dense, 1.0)
         self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
-        medium, parts = self.medium, self.medium.components()
+        self.units = {
+            name: context.number(lattice.unit)
+            for name, lattice in lattices.items()
+            if lattice.unit != 1.0
+        }
+        self.use(evaluator.medium)
+
+    def use(self, medium: Medium) -> None:
+        """Take a medium, and what schemes ask about it."""
+        self.medium, parts = medium, medium.components()
         self.scalars, self.looks_inside = medium.scalars(), medium.looks_inside
         sampling = medium.sampling
         self.smooth = self.backend.precision == "single" and sampling.smooth
         self.quick, self.finer, self.linear = sampling.quick, sampling.finer, sampling.linear
         self.hollow, self.layered = medium.surface_only, any(part.surface_only for part in parts)
         self.steady = len(parts) == 1 and parts[0].constant_source_function
-        self.units = {
-            name: context.number(lattice.unit)
-            for name, lattice in lattices.items()
-            if lattice.unit != 1.0
-        }
-        every = "r" in medium.names or bool(context.coordinates)
+        every = "r" in medium.names or bool(self.context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in medium.names or every]
 
     def allow(self, emission: float, transparency: float, share: float) -> None:
@@ -150,6 +156,15 @@ class Interpolated:
 
     def accept(self, front: Path, panel: Path, where: Mask) -> None:
         """Take note of a panel that is accepted, and of the part of its segment in front of it."""
+
+    def block(self, channels: slice) -> Interpolated:
+        """Return the source of some of the channels; it shares fields and all that is skipped."""
+        part = copy.copy(self)
+        part.numbers = cast(PerChannel, self.numbers).block(channels)
+        part.context = replace(self.context, radiance=part.numbers.radiance, _kept={})
+        part.largest = part.bounds = some_channels(self.numbers, self.largest, channels)
+        part.use(part.numbers.medium)
+        return part
 
     def along(self, segment: Segment) -> FieldsAlong:
         """Return the fields around the dual cell of a segment."""
@@ -222,13 +237,9 @@ def interpolated_fields(
         unknown = parts[1] is None
         return None if unknown else (*parts, cache.statistics.digests(medium.names))
 
-    # The numbers of shapes differ from those of all their colours.
-    evaluator.largest, (single, contrast) = cache.get_or_make(
-        key("numbers", medium.key(), type(numbers).__name__),
-        lambda: (evaluator.largest, exactness(volume, medium)),
-    )
+    single, contrast = get_exactness(evaluator, cache)
     largest = evaluator.largest
-    numbers.normalise(largest)
+    numbers.normalise(evaluator.sizes)
     # In thick shells even the tails are dense: the neglected part is measured in optical depth per
     # cell.
     faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * float(numbers.densest(largest)))
@@ -246,7 +257,7 @@ def interpolated_fields(
         evaluator.context(real, evaluator.tape),
         narrow=backend.Float,
         scale=grid.scale,
-        radiance=numbers.unit,
+        radiance=numbers.radiance,
         limits={n: tuple(dr.opaque(real, end) for end in ends) for n, ends in extremes.items()},
         faint=faint,
         tolerance=tolerance,

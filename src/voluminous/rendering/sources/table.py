@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from ...memory import check_memory, fits
 from ...progress import reporter
 from ...schemes.base import Coefficients, Scheme
 from ..cache import SLABS, Cache
+from ..precision import in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
-from .channel_layout import ChannelLayout
-from .empty_space import CELLS, get_blocks, pruned_walk
+from .channel_layout import ChannelLayout, PerChannel, blocks_of, some_channels
+from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
@@ -75,8 +77,11 @@ class CoefficientTable:
         bounds = numbers.in_units(evaluator.largest)
         return cls(packets, widths, numbers, [0.0] * numbers.count, backend, bounds)
 
-    def store(self, values: list[Float], first: int, *also: Any) -> None:
-        """Write the numbers of consecutive places, in one kernel with `also`."""
+    def store(self, values: list[Float], first: int, *also: Any, measured: bool = True) -> None:
+        """Write the numbers of consecutive places, in one kernel with `also`.
+
+        The largest of them are `measured`, unless their bounds will do.
+        """
         real, UInt = self.backend.Float, self.backend.UInt
         values = [flush_subnormal(real(v)) for v in values]
         index = dr.arange(UInt, max(len(v) for v in values)) + dr.opaque(UInt, first)
@@ -85,7 +90,7 @@ class CoefficientTable:
             part = values[position : position + width]
             dr.scatter(data, part[0] if width == 1 else self.backend.packet(width)(part), index)
             position += width
-        size = [dr.abs(v) for v in values]
+        size = [dr.abs(v) for v in values if measured]
         dr.eval(self.packets, size, *also)
         for k, v in enumerate(size):
             self.largest[k] = max(self.largest[k], float(dr.max(v)[0]))
@@ -127,19 +132,21 @@ class CoefficientTable:
         return np.asarray(visible)
 
 
-def cell_table(evaluator: CellEvaluator, low: int, high: int) -> CoefficientTable:
+def cell_table(
+    evaluator: CellEvaluator, low: int, high: int, *, measured: bool = True
+) -> CoefficientTable:
     """Return the coefficients of consecutive cells."""
     table = CoefficientTable.empty(evaluator, high - low)
     for first in range(low, high, SLAB):
         values, bad = evaluator.classify(first, min(SLAB, high - first))
-        table.store(values, first - low, bad)
+        table.store(values, first - low, bad, measured=measured)
         if dr.any(bad):
             evaluator.refuse(values, bad, first)
         reporter()(0, 1)
     return table
 
 
-def vertex_table(evaluator: CellEvaluator) -> CoefficientTable:
+def vertex_table(evaluator: CellEvaluator, *, measured: bool = True) -> CoefficientTable:
     """Return the coefficients at all vertices: plain means over the cells that touch them.
 
     RADMC-3D's rule: cells outside the domain are excluded, not counted as zero. Each cell is
@@ -148,9 +155,10 @@ def vertex_table(evaluator: CellEvaluator) -> CoefficientTable:
     grid, UInt, Float = evaluator.grid, evaluator.backend.UInt, evaluator.backend.Float
     table = CoefficientTable.empty(evaluator, grid.vertex_count)
     cells, held = None, (0, 0)
-    for (first, last), around in _vertex_pieces(grid):
+    for (first, last), around in _vertex_pieces(grid, 8 * SLAB // max(8, evaluator.numbers.count)):
         if around != held or cells is None:
-            cells, held = cell_table(evaluator, *around), around
+            cells = None  # one at a time
+            cells, held = cell_table(evaluator, *around, measured=False), around
         vertex = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
         begin = dr.opaque(UInt, around[0])
         total, number = [Float(0)] * evaluator.numbers.count, Float(0)
@@ -158,22 +166,22 @@ def vertex_table(evaluator: CellEvaluator) -> CoefficientTable:
             values = cells.gather(UInt(cell) - begin, there)
             total = [t + v for t, v in zip(total, values, strict=True)]
             number += dr.select(there, 1.0, 0.0)
-        table.store([t / number for t in total], first)
+        table.store([t / number for t in total], first, measured=measured)
     return table
 
 
-def _vertex_pieces(grid: Grid) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Yield ranges of vertices, and of the cells around them.
+def _vertex_pieces(grid: Grid, places: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Yield ranges of some vertices, and of the cells around them.
 
     Layers of the first axis touch two layers of cells; for trees all leaves are needed.
     """
     if not grid.is_structured:
-        for first in range(0, grid.vertex_count, SLAB):
-            yield (first, min(first + SLAB, grid.vertex_count)), (0, grid.size)
+        for first in range(0, grid.vertex_count, places):
+            yield (first, min(first + places, grid.vertex_count)), (0, grid.size)
         return
     n, plane = grid.shape[0], grid.size // grid.shape[0]
     vertices = grid.vertex_count // (n + 1)
-    step = max(1, SLAB // plane)
+    step = max(1, places // plane)
     for first in range(0, n + 1, step):
         last = min(first + step, n + 1)
         low, high = max(first - 1, 0), min(last, n)
@@ -184,15 +192,23 @@ class OnRay:
     """The medium evaluated in every cell that a ray visits; the same bits as from a table.
 
     Unusable coefficients become NaN, which reaches the picture and is checked there.
+
+    Parameters
+    ----------
+    evaluator : CellEvaluator
+    single : bool
+        Evaluate it in the precision of the picture; the bits then differ from a table's.
     """
 
-    blocks = walk = walk_kind = None
+    blocks: Any = None
+    walk = walk_kind = None
     tolerance: tuple[Float, ...] = ()
 
-    def __init__(self, evaluator: CellEvaluator) -> None:
+    def __init__(self, evaluator: CellEvaluator, *, single: bool = False) -> None:
         self.evaluator, self.backend = evaluator, evaluator.backend
+        self.real = self.backend.Float if single else self.backend.Wide
         self.numbers, volume = evaluator.numbers, evaluator.volume
-        self.numbers.normalise(evaluator.largest)
+        self.numbers.normalise(evaluator.sizes)
         self.fields: dict[str, Float] = {}
         for name in evaluator.medium.names:
             if name in volume:
@@ -205,21 +221,57 @@ class OnRay:
         evaluator.all_coordinates  # noqa: B018 (made before rays are traced)
         self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
 
+    def block(self, channels: slice) -> OnRay:
+        """Return the source of some of the channels."""
+        part = copy.copy(self)
+        part.numbers = cast(PerChannel, self.numbers).block(channels)
+        part.evaluator = self.evaluator.block(part.numbers)
+        part.largest = part.bounds = some_channels(self.numbers, self.largest, channels)
+        return part
+
     def at(self, segment: Segment) -> Coefficients:
-        cell, active, Wide = segment.cell, segment.active, self.backend.Wide
-        fields = self.evaluator.coordinates(cell, active)
+        cell, active = segment.cell, segment.active
+        places = self.evaluator.coordinates(cell, active)
+        fields = {name: self.real(value) for name, value in places.items()}
         for name, data in self.fields.items():
-            fields[name] = Wide(dr.gather(type(data), data, cell, active))
-        values = self.evaluator.evaluate(fields)
+            fields[name] = self.real(dr.gather(type(data), data, cell, active))
+        values = self.evaluator.evaluate(fields, self.real)
         for k in range(self.numbers.emissions, len(values)):
             values[k] = dr.select(values[k] >= 0, values[k], math.nan)
         return self.numbers.split([flush_subnormal(self.backend.Float(v)) for v in values])
 
 
+class TablesOfBlocks:
+    """Coefficients at vertices, tabulated for one block of channels after the other.
+
+    In memory there is one table at a time.
+    """
+
+    walk = walk_kind = None
+    tolerance: tuple[Float, ...] = ()
+
+    def __init__(self, evaluator: CellEvaluator, blocks: Any) -> None:
+        self.evaluator, self.backend, self.blocks = evaluator, evaluator.backend, blocks
+        self.numbers = evaluator.numbers
+        self.numbers.normalise(evaluator.sizes)
+        self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
+
+    def block(self, channels: slice) -> CoefficientTable:
+        """Return the source of some of the channels."""
+        dr.sync_thread()  # the table before is free only now
+        part = self.evaluator.block(cast(PerChannel, self.numbers).block(channels))
+        table = vertex_table(part, measured=False)
+        table.blocks = self.blocks
+        table.largest = some_channels(self.numbers, self.largest, channels)
+        return table
+
+
 def tabulated(
     evaluator: CellEvaluator, cache: Cache, scheme: Scheme, steps: float, whole: bool
-) -> CoefficientTable | OnRay:
+) -> CoefficientTable | OnRay | TablesOfBlocks:
     """Return a new or cached table, or the medium on the ray where a table does not pay.
+
+    Many channels are evaluated on the ray, or tabulated block by block.
 
     Parameters
     ----------
@@ -239,6 +291,18 @@ def tabulated(
     if crowded and not evaluator.volume.tables:  # not even hashed: it takes a while for 1024³
         return OnRay(evaluator)
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
+    count = len(blocks_of(numbers.emissions, scheme))
+    if count > 1 and isinstance(numbers, PerChannel) and not backend.derivatives:
+        blocks = None if scheme.everywhere else get_blocks(evaluator, cache, faint, CELLS)
+        if by_cell:
+            single, _ = get_exactness(evaluator, cache)
+            ranges = {n: cache.statistics.range_of(n) for n in evaluator.medium.names}
+            single = single and in_single_range(evaluator.medium, ranges)
+            source = OnRay(evaluator, single=single)
+            source.blocks = blocks
+            return source
+        check_memory(needed // count + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
+        return TablesOfBlocks(evaluator, blocks)
     key: Hashable = None
     if (own := numbers.key()) is not None and not recorded:
         digests = cache.statistics.digests(evaluator.medium.names)
@@ -249,7 +313,7 @@ def tabulated(
     if crowded:
         return OnRay(evaluator)
     check_memory(needed + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
-    numbers.normalise(evaluator.largest)
+    numbers.normalise(evaluator.sizes)
     table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)
     if not scheme.everywhere:
         table.blocks = get_blocks(evaluator, cache, faint, CELLS)

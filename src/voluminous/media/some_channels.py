@@ -1,0 +1,113 @@
+"""Some of the channels of any medium, which are drawn together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend.types import Float, Mask
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from .context import Context, Feature, MediumSample
+from .contract import Medium, Sampling
+from .sampled import Sampled
+
+if TYPE_CHECKING:
+    from .edges import Level
+    from .stretch import Panel, Stretch
+
+
+class SomeChannels(Medium):
+    """The channels of a medium from one up to another; kernels drop what the others need.
+
+    Media whose channels are independent have a faster `Medium.block`.
+    """
+
+    def __init__(self, medium: Medium, first: int, last: int) -> None:
+        self.medium, self.first, self.last = medium, first, last
+        self.channels, self.grey = last - first, medium.grey
+        self.names, self.discrete = medium.names, medium.discrete
+        self.path_length, self.sensitivity = medium.path_length, medium.sensitivity
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        return self._some(self.medium.coefficients(fields, context))
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
+        return self._some(self.medium.ranges(fields, context))
+
+    def means(self, panel: Panel, context: Context) -> MediumSample:
+        return self._some(self.medium.means(panel, self._whole(context)))
+
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
+        found = self.medium.sampled(stretch, self._whole(context), fine=fine)
+        return Sampled(*map(self._some, found))
+
+    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
+        sheet = self.medium.layer(stretch, self._whole(context), place)
+        return None if sheet is None else self._some(sheet)
+
+    def _whole(self, context: Context) -> Context:
+        """Return a context with units for all channels, if they have one each."""
+        if np.ndim(context.radiance) == 0:
+            return context
+
+        def make() -> Context:
+            units = np.ones(self.medium.channels)
+            units[self.first : self.last] = context.radiance
+            return replace(context, radiance=units, _kept={})
+
+        return context.keep((id(self), "whole"), make)
+
+    def _some(self, sample: MediumSample) -> MediumSample:
+        part, every = slice(self.first, self.last), slice(None)
+        extinction = sample.extinction[every if self.grey else part]
+        return MediumSample(sample.emissivity[part], extinction)
+
+    def features(self) -> tuple[Feature, ...]:
+        return self.medium.features()
+
+    def scalars(self) -> tuple[Expression, ...]:
+        return self.medium.scalars()
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
+        return self.medium.visible_in(fields, context)
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
+        return self.medium.visible(stretch, self._whole(context))
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
+        return self.medium.sharpness(stretch, self._whole(context))
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
+        return self.medium.cores(stretch, self._whole(context))
+
+    def discontinuities(self, context: Context) -> list[Level]:
+        return self.medium.discontinuities(self._whole(context))
+
+    def emission_range(self) -> tuple[float, float] | None:
+        return self.medium.emission_range()
+
+    def strongest(self) -> tuple[float, float]:
+        return self.medium.strongest()
+
+    @property
+    def looks_inside(self) -> bool:
+        return self.medium.looks_inside
+
+    @property
+    def surface_only(self) -> bool:
+        return self.medium.surface_only
+
+    @property
+    def constant_source_function(self) -> bool:
+        return self.medium.constant_source_function
+
+    @property
+    def sampling(self) -> Sampling:
+        return self.medium.sampling
+
+    def key(self) -> Any:
+        key = self.medium.key()
+        return None if key is None else ("SomeChannels", key, self.first, self.last)
