@@ -220,12 +220,6 @@ def test_batches_show_all_channels_and_progress_ends(volume):
     np.testing.assert_array_equal(seen.reshape(20, 20, 20), image.intensity)
     assert told[-1][0] == told[-1][1]
 
-    def cancel(done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        vm.render(volume, dust(20), CAMERA, scheme="second-order", progress=cancel)
-
 
 def test_bounds_hold_in_all_channels(volume):
     camera = vm.Orthographic(30, 40, resolution=3)
@@ -362,3 +356,16 @@ def test_single_precision_is_not_taken_where_few_cells_are_out_of_its_range():
     )
     assert exact.intensity.max() > 0.1
     np.testing.assert_allclose(image.intensity, exact.intensity, rtol=1e-6, atol=1e-20)
+
+
+def test_a_picture_is_cancelled_between_blocks(volume):
+    """A picture of three blocks, all of whose rays are one batch, ends after the first of them."""
+    told = []
+
+    def cancel(done: int, total: int) -> None:
+        told.append(done)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        vm.render(volume, dust(40), CAMERA, scheme="first-order", progress=cancel)
+    assert told == [0]

@@ -203,7 +203,7 @@ _NEXT = re.compile(r"\s*[*/]\s*|\s+")
 _KEYWORDS = {"and", "or", "not", "if", "else", "in", "is", "lambda", "a", "b", *CONSTANTS}
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=1 << 13)
 def marked(source: str, fields: tuple[str, ...] = ()) -> str:
     """Return the text with ``0.2["km/s"]`` in place of ``0.2 km/s``.
 

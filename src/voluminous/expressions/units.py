@@ -101,7 +101,7 @@ def _counts(unit: Unit) -> bool:
     return unit is not None and not _is_radian(unit)
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=1 << 13)
 def has_units(expression: Expression) -> bool:
     """Return whether an expression contains numbers with units."""
     return any(isinstance(node, (NumberWithUnit, InUnit)) for node in nodes(expression.tree))
@@ -126,7 +126,7 @@ class _Part(NamedTuple):
         return self.unit is None and not free and not (plain and self.number is not None)
 
 
-@functools.lru_cache(maxsize=512)
+@functools.lru_cache(maxsize=1 << 13)  # spectra have hundreds
 def _resolved(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression | None, Unit]:
     """Return what `resolve` does, None for an expression that stays as it is."""
     walk = _Walk(dict(zip(expression.names, units, strict=True)), expression)

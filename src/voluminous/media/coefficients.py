@@ -141,7 +141,7 @@ class Coefficients(Medium):
             )
         self.grey = len(self.extinction) == 1
         every = (*self.emissivity, *self.extinction)
-        self._margins = tuple(margin for e in every for margin in e.margins())
+        self._margins = tuple(margin for e in every for margin in _margins(e))
         self.sensitivity = SENSITIVITY if self._margins else 1.0
         self.names = self.used_names()
 
@@ -269,6 +269,11 @@ def _expressions(value: Float, what: str) -> tuple[Expression, ...]:
     if not parts:
         raise InputError(f"{what} must be an expression or a list of them, got {value!r}")
     return tuple(Expression(part) for part in parts)
+
+
+@functools.lru_cache(maxsize=1 << 13)  # blocks of channels are made for each picture
+def _margins(expression: Expression) -> tuple[Expression, ...]:
+    return tuple(expression.margins())
 
 
 @functools.lru_cache(maxsize=64)

@@ -224,7 +224,7 @@ class RayTracer:
                 batch = RayBatch(whole_picture(pixels, self.backend), offset, whole=pixels)
             else:
                 batch = RayBatch(order.lanes(first, count, self.backend), offset)
-            self._draw(batch, rows)
+            self._draw(batch, rows, order.count)
             start = time.monotonic()  # tracing and compiling take no longer for more rays
             self.job.advance(count, order.count)
             first += count
@@ -291,8 +291,11 @@ class RayTracer:
         early = self.ending is not None and bool(np.any(worst[-1]))
         return Paths([*values[:common], *worst[:-1]], self.counts, early)
 
-    def _draw(self, batch: RayBatch, rows: list[Float]) -> None:
+    def _draw(self, batch: RayBatch, rows: list[Float], lanes: int = 0) -> None:
+        """Trace a batch; between blocks of channels, interrupts take effect if `lanes` is given."""
         for number, part in self.parts():
+            if number and lanes:
+                self.job.advance(0, lanes)
             own = self._rows_of(number, rows)
             if part.kernels is None or not part.kernels.draw(part, batch, own):
                 _write(own, *part.trace(batch, part.inputs(batch)), batch.first)

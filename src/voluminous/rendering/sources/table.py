@@ -295,10 +295,7 @@ def tabulated(
     if count > 1 and isinstance(numbers, PerChannel) and not backend.derivatives:
         blocks = None if scheme.everywhere else get_blocks(evaluator, cache, faint, CELLS)
         if by_cell:
-            single, _ = get_exactness(evaluator, cache)
-            ranges = {n: cache.statistics.range_of(n) for n in evaluator.medium.names}
-            single = single and in_single_range(evaluator.medium, ranges)
-            source = OnRay(evaluator, single=single)
+            source = OnRay(evaluator, single=_fits_in_single(evaluator, cache))
             source.blocks = blocks
             return source
         check_memory(needed // count + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
@@ -320,6 +317,20 @@ def tabulated(
         if whole and by_cell and grid.can_be_pruned:
             table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)
+
+
+def _fits_in_single(evaluator: CellEvaluator, cache: Cache) -> bool:
+    """Return whether single precision evaluates the medium well everywhere."""
+    medium, statistics = evaluator.medium, cache.statistics
+    if not get_exactness(evaluator, cache)[0]:
+        return False
+
+    def check() -> bool:
+        return in_single_range(medium, {name: statistics.range_of(name) for name in medium.names})
+
+    own = medium.key()
+    key = None if own is None else ("in range", own, statistics.digests(medium.names))
+    return cache.get_or_make(key, check)
 
 
 def _crowded(numbers: ChannelLayout, needed: int, cells_per_step: float) -> bool:
