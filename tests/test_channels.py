@@ -64,7 +64,7 @@ class Black(vm.Medium):
 @pytest.mark.parametrize("grey", [False, True])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_channel_among_many_is_what_it_is_alone(scheme, grey, volume):
-    """Blocks are of 16 channels or 8; 19 do not fill theirs. Bits of one channel are its own.
+    """Blocks are of 16 channels or 5; 19 do not fill theirs. Bits of one channel are its own.
 
     First order evaluates many channels on the ray in the precision of the picture, and one in
     double precision beforehand.
@@ -85,7 +85,7 @@ def test_a_channel_among_many_is_what_it_is_alone(scheme, grey, volume):
 
 
 @pytest.mark.parametrize(
-    ("scheme", "size"), [(s, 14) for s in SCHEMES[::3]] + [("second-order", 7)]
+    ("scheme", "size"), [(s, 14) for s in SCHEMES[::3]] + [("second-order", 5)]
 )
 def test_blocks_share_their_kernels(scheme, size, volume, kernels):
     def draw(count: int) -> None:

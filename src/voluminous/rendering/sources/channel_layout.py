@@ -72,7 +72,7 @@ def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
 # Maximum number of channels in a kernel; fewer with error control, because compiling takes longer,
 # and where there is a table in memory. Drawing all 100 of a spectrum at once took as long, with ten
 # times the memory, and up to 15 times as long to compile.
-_TOGETHER, _FEW_TOGETHER = 16, 8
+_TOGETHER, _FEW_TOGETHER = 16, 5
 
 
 def blocks_of(channels: int, scheme: Scheme | None = None) -> list[slice]:
