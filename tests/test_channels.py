@@ -369,3 +369,27 @@ def test_a_picture_is_cancelled_between_blocks(volume):
     with pytest.raises(KeyboardInterrupt):
         vm.render(volume, dust(40), CAMERA, scheme="first-order", progress=cancel)
     assert told == [0]
+
+
+def test_empty_leaves_are_left_out_of_the_walk():
+    """A ball in a twentieth of the leaves of an octree: its channels are those drawn alone."""
+    edges = np.linspace(-1.0, 1.0, 5)
+    grid = vm.OctreeGrid.from_function(
+        edges, edges, edges, lambda x, y, z, size: x**2 + y**2 + z**2 < 1.0, 3
+    )
+    x, y, z = grid.cell_centers(0, grid.size)
+    rho = np.maximum(0.0, 0.04 - (x**2 + y**2 + z**2)).reshape(grid.shape)
+    assert 0 < np.mean(rho > 0.0) < 0.05
+    volume = vm.Volume(grid, rho=rho)
+    medium = vm.Coefficients(
+        [f"{k} * rho" for k in range(1, 20)], [f"{k / 3} * rho" for k in range(1, 20)]
+    )
+    camera = vm.Orthographic(30, 40, width=0.6, resolution=20)
+    image = vm.render(volume, medium, camera, scheme="first-order", cutoff=0.0)
+    for channel in (0, 18):
+        one = vm.render(volume, alone(medium, channel), camera, scheme="first-order", cutoff=0.0)
+        peak = one.intensity.max()
+        assert peak > 0.0
+        np.testing.assert_allclose(
+            image.intensity[..., channel], one.intensity[..., 0], rtol=0, atol=2e-6 * peak
+        )

@@ -172,6 +172,17 @@ def pruned_walk(grid: Grid, visible: np.ndarray, backend: Backend, kind: str) ->
     return grid.walk_through(grid.pruned(visible), backend, kind)
 
 
+def visible_cells(evaluator: CellEvaluator) -> np.ndarray:
+    """Return which cells are not empty, given the fields in them."""
+    visible, volume = np.empty(evaluator.grid.size, bool), evaluator.volume
+    values = {name: volume.array(name).reshape(-1) for name in evaluator.medium.names}
+    for first in range(0, len(visible), _CHUNK):
+        part = slice(first, first + _CHUNK)
+        cells = {name: own[part].astype(np.float64) for name, own in values.items()}
+        visible[part] = _visible(evaluator, {n: Interval(v, v) for n, v in cells.items()}, 0.0)
+    return visible
+
+
 def visible_leaves(evaluator: CellEvaluator, lattices: dict[str, Any], faint: float) -> np.ndarray:
     """Return which leaves may be visible, given the values at their corners."""
     visible = np.empty(evaluator.volume.grid.size, bool)

@@ -22,7 +22,7 @@ from ..cache import SLABS, Cache
 from ..precision import in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .channel_layout import ChannelLayout, PerChannel, blocks_of, some_channels
-from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk
+from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk, visible_cells
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
@@ -201,7 +201,8 @@ class OnRay:
     """
 
     blocks: Any = None
-    walk = walk_kind = None
+    walk: Any = None
+    walk_kind = None
     tolerance: tuple[Float, ...] = ()
 
     def __init__(self, evaluator: CellEvaluator, *, single: bool = False) -> None:
@@ -297,6 +298,9 @@ def tabulated(
         if by_cell:
             source = OnRay(evaluator, single=_fits_in_single(evaluator, cache))
             source.blocks = blocks
+            known = all(name in evaluator.volume for name in evaluator.medium.names)
+            if whole and known and grid.can_be_pruned and not scheme.everywhere:
+                source.walk = _pruned(evaluator, cache)
             return source
         check_memory(needed // count + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
         return TablesOfBlocks(evaluator, blocks)
@@ -317,6 +321,19 @@ def tabulated(
         if whole and by_cell and grid.can_be_pruned:
             table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)
+
+
+def _pruned(evaluator: CellEvaluator, cache: Cache) -> Any:
+    medium, backend = evaluator.medium, evaluator.backend
+    own = medium.visible_key()
+    key = None
+    if own is not None:
+        key = ("pruned cells", own, backend, cache.statistics.digests(medium.names))
+
+    def make() -> Any:
+        return pruned_walk(evaluator.grid, visible_cells(evaluator), backend, "cells")
+
+    return cache.get_or_make(key, make)
 
 
 def _fits_in_single(evaluator: CellEvaluator, cache: Cache) -> bool:
