@@ -57,8 +57,11 @@ def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, sha
         segment, following = walk.next(track, cursor)
         chord = walk.chord(track, segment)
         here = np.asarray(cursor.inside)
-        base = np.stack([np.asarray(b) for b in chord.base], axis=-1)
         width = np.asarray(chord.width)
+        # Cubes begin at multiples of their width.
+        cell, _ = chord.at(0.5)
+        inner = np.stack([np.asarray(i) for i in cell.index], axis=-1)
+        base = (inner // width[:, None].astype(int)) * width[:, None].astype(int)
         middle = [p + 0.5 * d for p, d in zip(chord.position, chord.step, strict=True)]
         place = np.stack([np.asarray(p) for p in middle], axis=-1) + 0.5  # in dual cells
         off = np.maximum(base - place, place - base - width[:, None])[here]

@@ -60,7 +60,8 @@ def ball(grid, *, hidden=0):
 
 
 def job_of(volume, medium, scheme, precision="double", derivatives=True, camera=CAMERA):
-    job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, precision=precision)
+    options = {"cutoff": 0.0, "precision": precision, "tolerance": 1e-5}
+    job, _ = prepare(volume, medium, camera, scheme=scheme, **options)
     job.backend = get_backend("cpu", precision, derivatives)
     return job
 

@@ -75,7 +75,8 @@ def test_opacities_may_be_anything(name, opacity):
     assert brightest > 0
     wrong = np.abs(image.intensity.astype(float) - exact.intensity)
     assert wrong.max() < 1.5e-3 * brightest
-    assert (wrong[..., 0] > image.error + exact.error).mean() < 0.01
+    # Shells a hundredth as wide as what noise changes by in a cell: 98 %.
+    assert (wrong[..., 0] > image.error + exact.error).mean() < 0.02
 
 
 def test_an_opaque_shell_shows_its_source_function():

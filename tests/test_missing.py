@@ -186,7 +186,7 @@ def test_missing_cells_hide_nothing_that_is_behind_them(precision):
         vm.render(column(values), medium, camera, precision=precision)
         for values in (LINE, LINE[:6])
     )
-    assert image.error.item() == pytest.approx(other.error.item(), rel=0.1)
+    assert image.error.item() == pytest.approx(other.error.item(), rel=0.3)
     assert image.intensity.item() == pytest.approx(other.intensity.item(), rel=1e-5)
     image = vm.render(column(LINE), medium, camera, bounds=True, tolerance=1e-6)
     assert (image.upper - image.lower).item() <= 1.001e-6 * image.intensity.item()

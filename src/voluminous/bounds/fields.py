@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -16,7 +17,6 @@ from ..geometry import CARTESIAN
 from ..grids.contract import Segment
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
-from ..media.stretch import control_point, shifted
 from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
 from ..rendering.sources.channel_layout import PerChannel
@@ -228,3 +228,29 @@ def empty_blocks(
         return None, nothing
     missed = np.where(visible, 0.0, emission).max(axis=(1, 2, 3)) * diagonal
     return blocks, Neglected(missed, float(np.where(visible, 0.0, depth).max() * diagonal))
+
+
+def control_point(cubic: Sequence[Any], number: int) -> Float:
+    """Return a Bézier control point of a polynomial of at most third degree.
+
+    It is the coefficient of the Bernstein polynomial `number` of degree 3: Σ c_k C(n, k) / C(3, k).
+    """
+    ratios = {1: (1.0, 1 / 3), 2: (1.0, 2 / 3, 1 / 3)}[number]
+    total = cubic[0]
+    for c, ratio in zip(cubic[1:], ratios[1:], strict=False):
+        total = dr.fma(c, ratio, total)
+    return total
+
+
+def shifted(cubic: Sequence[Any], start: Float, width: Float) -> list[Float]:
+    """Return the coefficients of p(start + width s) (Horner's rule for all derivatives)."""
+    own = list(cubic)
+    count = len(own)
+    for first in range(count - 1):
+        for k in range(count - 2, first - 1, -1):
+            own[k] = dr.fma(own[k + 1], start, own[k])
+    power = width
+    for k in range(1, count):
+        own[k] = own[k] * power
+        power = power * width
+    return own

@@ -32,25 +32,6 @@ def trilinear_cubic(values: Values, start: list[Float], way: list[Float]) -> lis
     return _blend(faces[0], faces[1], start[2], way[2])
 
 
-def cubic_through(samples: list[Float]) -> list[Float]:
-    """Return the cubic (power basis) with given values at 0, 1/3, 2/3 and 1."""
-    a, b, c, d = samples
-    p, q, r = b - a, c - b, d - c
-    return [
-        a,
-        5.5 * p - 3.5 * q + r,
-        -9.0 * p + 13.5 * q - 4.5 * r,
-        4.5 * (p - 2.0 * q + r),
-    ]
-
-
-def parabola_through(samples: list[Float]) -> list[Float]:
-    """Return the parabola (power basis) with given values at 0, 1/2 and 1."""
-    a, b, c = samples
-    p, q = b - a, c - b
-    return [a, 3.0 * p - q, 2.0 * (q - p)]
-
-
 def _line(low: Float, high: Float, start: Float, way: Float) -> list[Float]:
     rise = high - low
     return [horner(start, [low, rise]), rise * way]
@@ -111,9 +92,9 @@ class StraightChord:
         """Return a field along the segment, from its values at the corners of the cell."""
         return trilinear_cubic(values, self.start, self.way)
 
-    def parabola(self, values: Values) -> list[Float]:
-        """Return the same: it is exact."""
-        return self.cubic(values)
+    def at(self, s: Float) -> tuple[Any, list[Float]]:
+        """Return the chord of the cell around a place of the segment, and the place in it."""
+        return self, [dr.fma(s, b - a, a) for a, b in zip(self.start, self.end, strict=True)]
 
     def _fractions(self, t: Float) -> list[Float]:
         raise NotImplementedError

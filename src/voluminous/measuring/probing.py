@@ -12,6 +12,7 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
+from ..media.panel import PLACES
 from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 Rows: TypeAlias = dict[str, np.ndarray]
 """Recorded numbers by name, of shape (segment, numbers), ordered from the observer on."""
 
-# The two halves of a segment; its coefficients are the mean of theirs.
-_HALVES = ((0.0, 0.5), (0.5, 1.0))
 # Recorded rows, in multiples of the cells that a straight line through the middle crosses.
 _ROOM = 2
 
@@ -232,15 +231,20 @@ class _Recorder(Scheme):
             after = list(source.interpolate(corners, segment.active))
             mean = [0.5 * (a + b) for a, b in zip(before, after, strict=True)]
             return source.numbers.split(mean), {}, after
-        cubics = source.along(segment).polynomials()
-        make = source.stretch if self.scheme.controlled else source.straight
-        stretch = make(cubics, segment.length)
-        halves = [source.means(stretch.panel(*half)) for half in _HALVES]
-        means = [
-            [0.5 * (a + b) for a, b in zip(*parts, strict=True)]
-            for parts in zip(*halves, strict=True)
-        ]
-        return means, stretch.fields(0.5), []
+        fields = source.along(segment)
+        places = [fields.own(s) for s in PLACES]
+        values = [source.evaluated(own) for own in places]
+        options = {"ahead": fields.ahead, "between": fields.own}
+        if self.scheme.controlled:
+            panel = source.panel(places, values, segment.length, where=PLACES, **options)
+            first, last, _ = source.integrate(panel)
+            pairs = zip(first, last, strict=True)
+            j, alpha = ([0.5 * (a + b) for a, b in zip(*own, strict=True)] for own in pairs)
+        else:
+            ends = values[0], values[-1]
+            panel = source.panel(places[::2], ends, segment.length, straight=True, **options)
+            j, alpha = source.means(panel)
+        return (j, alpha), source.completed(places[2]), []
 
     def read(self, count: int) -> Rows:
         """Return the first ``count`` rows."""

@@ -1,10 +1,9 @@
-"""Media given by expressions for j and α, and bounds of their hidden peaks from derivatives."""
+"""Media given by expressions for j and α."""
 
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -16,80 +15,19 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
-from ..expressions.traced_interval import larger
 from ..units import Unit, parse_unit, unit_name
 from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
+from .contract import Medium
 from .edges import SENSITIVITY, Level
-from .sampled import FIVE, Sampled, compared
-from .stretch import extremes, kept, may_turn, undecided, within
+from .panel import extremes, in_box, kept
 
 if TYPE_CHECKING:
-    from .stretch import Stretch
+    from .panel import Panel
 
 
-# A peak counts as hidden if it exceeds the values at the nodes by this factor.
-_MORE = 0.25
-# A stretch is too wide for samples if the bounds of the second and the first derivative, with its
-# length as unit, exceed these multiples of the sampled values. Without this test 3 to 18 % of the
-# pixels of noise exceeded their error estimate behind peaks and steps a hundredth of the noise
-# wide, by up to 0.06 of the maximum; now 0 to 0.5 %, by less than the tolerance, in 1 to 1.4 of
-# the time.
-_BENT, _STEEP = 64.0, 4.0
-_FAR = 0.5
-# From this second derivative on step doubling has no order of convergence.
-_SHARP = 16.0
-# Error of the mean by a kink at which a slope of 1 changes sign, as far from an end of a panel as
-# the nearest Gauss-Legendre node of its halves: no node lies beyond the kink.
-_BLIND = (0.5 * (0.5 - math.sqrt(0.15))) ** 2
-
-
-def sharpness(stretch: Stretch, expr: Expression) -> Float:
-    """Return the relative curvature of an expression, from 0 (straight) to 1 (a kink)."""
-    _, _, bow = stretch.spread(expr)
-    size = _SHARP * _size(stretch, expr)
-    return dr.select(bow < size, bow / size, dr.select(bow > 0.0, 1.0, 0.0))
-
-
-def unseen_kink(stretch: Stretch, expr: Expression) -> Float:
-    """Return the relative error of means by a kink beside an end of a stretch.
-
-    Step doubling does not detect it. `may_peak` covers steeper changes.
-    """
-    _, slope, bow = stretch.spread(expr)
-    size = _size(stretch, expr)
-    kinked = ~(bow < dr.inf) & (slope <= _STEEP * size) & (size > 0.0) & (size < dr.inf)
-    return dr.select(kinked, _BLIND * slope / dr.select(kinked, size, 1.0), 0.0)
-
-
-def _size(stretch: Stretch, expr: Expression) -> Float:
-    return extremes([dr.abs(x) for x in stretch.nodes(expr)])[1]
-
-
-def may_peak(stretch: Stretch, expr: Expression, least: Float) -> Mask:
-    """Return where an expression may have peaks or steps, above `least`, that samples miss."""
-    if stretch.rough:
-        # From bounds that are fast to compute, but wide.
-        if may_turn(expr, stretch.context):
-            found = within(stretch, expr)
-            low, high = found.lo, found.hi
-        else:
-            low, high = stretch.hull(expr)
-        below, above = extremes(stretch.nodes(expr))
-        size = dr.fma(_MORE, extremes([dr.abs(below), dr.abs(above)])[1], least)
-        peaks, width = (high - above > size) | (below - low > size), high - low
-    else:
-        width, slope, bow = stretch.spread(expr)
-        size = larger(_size(stretch, expr), least)
-        calm = (bow <= _BENT * size) | (slope <= _STEEP * size)
-        # Without bounds of derivatives, as of ``n % 0.3``, its range must be small.
-        calm |= ~(slope < dr.inf) & (width <= _FAR * size)
-        peaks = ~(calm | (width <= least))
-    return peaks & ~undecided(stretch, expr, width)
-
-
-# Relative to one over the scale of length; smaller peaks of a coefficient are ignored.
-_FAINT = 1e-4
+# A coefficient that may be larger than at the nodes by this factor has a peak between them, unless
+# it is below a fraction of one over the scale of length.
+_PEAK, _FAINT = 2.0, 1e-4
 # Most comparisons for which crossings are searched: each adds to every kernel.
 _MOST_EDGES = 8
 
@@ -140,22 +78,40 @@ class Coefficients(Medium):
                 f"got {len(self.extinction)}"
             )
         self.grey = len(self.extinction) == 1
+        if not all(e.smooth for e in (*self.emissivity, *self.extinction)):
+            self.order = 1  # at kinks and jumps
         every = (*self.emissivity, *self.extinction)
         self._margins = tuple(margin for e in every for margin in _margins(e))
         self.sensitivity = SENSITIVITY if self._margins else 1.0
         self.names = self.used_names()
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        return MediumSample(
-            [context.evaluate(e, fields) for e in self.emissivity],
-            [
-                context.number(
-                    per_length(context.unit_of(e), context.unit, f"extinction {e.text!r}")
-                )
-                * context.evaluate(e, fields)
-                for e in self.extinction
-            ],
-        )
+        return self._evaluated((*self.emissivity, *self.extinction), fields, context)
+
+    def _evaluated(
+        self, expressions: Sequence[Expression], fields: dict[str, Any], context: Context
+    ) -> MediumSample:
+        """Return coefficients from expressions that stand for its own."""
+        sample = self.split([context.evaluate(e, fields) for e in expressions])
+        sample.extinction = [
+            context.number(per_length(context.unit_of(e), context.unit, f"extinction {e.text!r}"))
+            * value
+            for e, value in zip(self.extinction, sample.extinction, strict=True)
+        ]
+        return sample
+
+    def at(self, panel: Panel, s: float, context: Context) -> list[Float]:
+        """Return coefficients at a place, with all comparisons as in the middle if these hold."""
+        if not self._decided(panel):
+            return super().at(panel, s, context)
+        pieces, sides = _on_one_side((*self.emissivity, *self.extinction))
+
+        def decided() -> dict[str, Any]:
+            middle = panel.fields(0.5)
+            return {side.name: context.evaluate(side.condition, middle) for side in sides}
+
+        fields = panel.fields(s) | kept(panel, (id(self), "sides"), decided)
+        return self.in_units(self._evaluated(pieces, fields, context), context)
 
     def emission_range(self) -> tuple[float, float] | None:
         return (0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None
@@ -171,75 +127,37 @@ class Coefficients(Medium):
         zero = context.kept_number(0.0)
         return [Level(m, zero) for side in self._sides for m in side.condition.margins()]
 
-    @property
-    def sampling(self) -> Sampling:
-        smooth = all(e.smooth for e in (*self.emissivity, *self.extinction))
-        return Sampling(smooth=smooth)
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        """Return True everywhere, and where a comparison changes: panels must be narrow there.
 
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        values = [self.in_units(stretch.fields(s), context) for s in FIVE]
-        found = [compared(list(own)) for own in zip(*values, strict=True)]
-        _, hidden = self.visible(stretch, context)
-        for one in found:
-            one.off = dr.select(hidden, dr.inf, one.off)
-        return Sampled(*(self.split(list(own)) for own in zip(*found, strict=True)))
-
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        """Return True everywhere, and where an expression may jump: panels must be narrow there.
-
-        Samples on both sides of a jump do not show its place.
+        Where all comparisons are fixed, panels end at their jumps instead.
         """
-        seen, hidden = super().visible(stretch, context)
-        for margin in () if self._decided(stretch) else self._margins:
-            low, high = stretch.hull(margin)
+        seen, hidden = super().visible(panel, context)
+        if panel.rough:
+            return seen, hidden
+        for margin in () if self._decided(panel) else self._margins:
+            low, high = panel.hull(margin)
             # It is constant where the scalar is zero throughout, as ``density > 0`` in a vacuum.
             hidden = hidden | ((low <= 0.0) & (high >= 0.0) & (low < high))
-        return seen, hidden | self._peaks(stretch, context)
+        return seen, hidden | self._peaks(panel, context)
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return the relative curvature of the coefficients, and the error by unseen kinks.
-
-        At a kink step doubling has no order of convergence.
-        """
-        sharp = off = stretch.length * 0.0
-        stretch, (emissivity, extinction) = self._on_one_side(stretch, context)
-        for expr in filter(_restless, (*emissivity, *extinction)):
-            sharp = larger(sharp, context.narrow(sharpness(stretch, expr)))
-            off = larger(off, context.narrow(unseen_kink(stretch, expr)))
-        return sharp, off
-
-    def _peaks(self, stretch: Stretch, context: Context) -> Float:
-        """Return where a coefficient may have peaks or steps that samples do not show."""
+    def _peaks(self, panel: Panel, context: Context) -> Mask:
+        """Return where a coefficient may have a peak that the nodes do not show."""
+        found = panel.length < 0.0
         units = (context.radiance / context.scale, 1.0 / context.scale)
-        found = stretch.length < 0.0
-        stretch, coefficients = self._on_one_side(stretch, context)
-        for every, unit in zip(coefficients, units, strict=True):
+        for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
             for expr, own in zip(every, np.broadcast_to(unit, len(every)), strict=True):
-                if _restless(expr):
-                    found = found | may_peak(stretch, expr, context.number(_FAINT * float(own)))
+                if not expr.peaked and expr.smooth:
+                    continue
+                size = extremes([dr.abs(x) for x in panel.nodes(expr)])[1]
+                least = dr.fma(_PEAK, size, context.number(_FAINT * float(own)))
+                most = in_box(panel, expr).size
+                found |= (most > least) & dr.isfinite(most)
         return found
 
-    def _decided(self, stretch: Stretch) -> bool:
-        """Return whether all comparisons have the same result as in the middle of the stretch."""
-        return stretch.edgeless and bool(self._sides)
-
-    def _on_one_side(self, stretch: Stretch, context: Context) -> tuple[Stretch, tuple[Any, Any]]:
-        """Return a stretch, with emissivity and extinction for the comparisons fixed on it.
-
-        The original expressions if there are no fixed ones.
-        """
-        if not self._decided(stretch):
-            return stretch, (self.emissivity, self.extinction)
-        k = self.channels
-
-        def make() -> Stretch:
-            middle = stretch.fields(0.5)
-            return stretch.with_constants(
-                {side.name: context.evaluate(side.condition, middle) for side in self._sides}
-            )
-
-        pieces, _ = _on_one_side((*self.emissivity, *self.extinction))
-        return kept(stretch, (id(self), "side"), make), (pieces[:k], pieces[k:])
+    def _decided(self, panel: Panel) -> bool:
+        """Return whether all comparisons have the same result as in the middle of the panel."""
+        return panel.edgeless and bool(self._sides)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.coefficients(fields, context)
@@ -287,10 +205,6 @@ def _on_one_side(
     pieces, sides = on_one_side(expressions)
     count = sum(len(side.condition.margins()) for side in sides)
     return (pieces, sides) if count <= _MOST_EDGES else (expressions, ())
-
-
-def _restless(expr: Expression) -> bool:
-    return expr.peaked or not expr.smooth
 
 
 def per_length(unit: Unit, length: Unit, subject: str) -> float:

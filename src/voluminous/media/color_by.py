@@ -22,7 +22,7 @@ from .context import Context
 from .piecewise_linear import PiecewiseLinear
 
 if TYPE_CHECKING:
-    from .stretch import Stretch
+    from .panel import Panel
 
 
 # Default number of entries taken from a colormap.
@@ -238,13 +238,13 @@ class ColorBy(Value):
         )
         return [_or_black(value) for value in table.values(x)]
 
-    def turns(self, stretch: Stretch, context: Context, least: float) -> Mask:
+    def turns(self, panel: Panel, context: Context, least: float) -> Mask:
         """Return where its expression may reverse by more than a part of its range."""
         nodes = self.nodes(context)
         most = context.keep(
             (id(self), "range"), lambda: context.number(least * float(nodes[-1] - nodes[0]))
         )
-        return stretch.turns(self.expr, most)
+        return panel.turns(self.expr, most)
 
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""

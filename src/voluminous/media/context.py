@@ -45,6 +45,15 @@ class MediumSample:
         return [*self.emissivity, *self.extinction]
 
 
+@dataclass
+class Halves:
+    """Mean coefficients over both halves of a panel, and the error of the mean over the panel."""
+
+    first: MediumSample
+    last: MediumSample
+    error: MediumSample
+
+
 @dataclass(frozen=True)
 class Feature:
     """An expression that a medium evaluates.
@@ -82,7 +91,7 @@ class Context:
     narrow : callable
         Converts values of `real` to the type of integrals along rays.
     scale : float
-        The unit of lengths along rays (`Stretch.length`), in the volume's unit; `Medium.means` are
+        The unit of lengths along rays (`Panel.length`), in the volume's unit; `Medium.means` are
         per this length.
     radiance : float or array
         The unit of emission of `Medium.means`; one per channel if the medium is `spectral`.

@@ -6,7 +6,6 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -20,7 +19,9 @@ from ..packages import room
 from ..units import Unit
 from ..value import Value
 from .arguments import described
-from .context import Context, Feature, MediumSample, no_unit
+from .context import Context, Feature, Halves, MediumSample, no_unit
+from .panel import NODES, PLACES, kept
+from .quadrature import doubled, simpson, with_values
 from .ranges import Bounds, RangeContext, intervals
 
 if TYPE_CHECKING:
@@ -29,32 +30,8 @@ if TYPE_CHECKING:
     from ..volume import Volume
     from .edges import Level
     from .modulation import Modulation
-    from .sampled import Sampled
+    from .panel import Panel
     from .shading import Shade
-    from .stretch import Panel, Stretch
-
-# Places and weights on [0, 1].
-GAUSS_LEGENDRE_3 = (
-    (0.5 - math.sqrt(0.15), 5 / 18),
-    (0.5, 8 / 18),
-    (0.5 + math.sqrt(0.15), 5 / 18),
-)
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How the mean of a medium over a panel is computed.
-
-    `linear`: `Medium.means` is exact where scalars are linear, and better than `Medium.sampled`.
-    `smooth`: `sampled` bounds its error on some stretches, which then need no panels. `finer`:
-    ``sampled(fine=True)`` does so on all that are narrow enough. `quick`: `sampled` takes fewer
-    samples unless it is to be fine.
-    """
-
-    linear: bool = True
-    smooth: bool = False
-    finer: bool = False
-    quick: bool = False
 
 
 class Medium(Value):
@@ -84,6 +61,8 @@ class Medium(Value):
     sensitivity : float
         Factor on the error of the fields at structures without width and at jumps: their places,
         and the values evaluated there, depend on the slopes of the fields.
+    order : int
+        Order of convergence of `means` in the length of panels.
     kind : str
         Its type in scene files; the name of the class by default.
     """
@@ -96,6 +75,7 @@ class Medium(Value):
     modulation: Modulation | None = None
     shade: Shade | None = None
     sensitivity: float = 1.0
+    order: int = 4
     kind: ClassVar[str] = ""
 
     # --- required -----------------------------------------------------------------------------
@@ -212,14 +192,33 @@ class Medium(Value):
     def means(self, panel: Panel, context: Context) -> MediumSample:
         """Return the means of j and α over a panel of a ray (traced by Dr.Jit).
 
-        Per `context.scale` of length, emission in units of `context.radiance`. Default: three
-        Gauss-Legendre points, exact for polynomials of degree five.
+        Per `context.scale` of length, emission in units of `context.radiance`. Default: Simpson's
+        rule, exact for polynomials of degree three.
         """
-        total: list[Float] = []
-        for place, weight in GAUSS_LEGENDRE_3:
-            values = [weight * v for v in self.in_units(panel.fields(place), context)]
-            total = [t + v for t, v in zip(total, values, strict=True)] if total else values
-        return self.split(total)
+        rows = [self.at(panel, s, context) for s in NODES]
+        return self.split([simpson(*with_values(values)) for values in zip(*rows, strict=True)])
+
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        """Return the means over both halves of a panel, and the error of the mean over it.
+
+        Default: Simpson's rule for the panel and for its halves.
+        """
+        rows = [self.at(panel, s, context) for s in PLACES]
+        found = []
+        for values in zip(*rows, strict=True):
+            a, b, c, d, e = with_values(values)
+            sums = simpson(a, c, e), simpson(a, b, c), simpson(c, d, e)
+            found.append(doubled(*sums, self.order, panel.many))
+        return Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
+
+    def by_means(self, panel: Panel, context: Context) -> Halves:
+        """Return the same by the means over the panel and over its halves."""
+        every = [self.means(part, context).listed() for part in (panel, *panel.halves())]
+        found = [
+            doubled(mean, first, last, self.order, panel.many)
+            for mean, first, last in zip(*every, strict=True)
+        ]
+        return Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
 
     @property
     def extinction_count(self) -> int:
@@ -234,8 +233,12 @@ class Medium(Value):
         """Return coefficients that all have one value."""
         return self.split([value] * (self.channels + self.extinction_count))
 
-    def in_units(self, fields: dict[str, Any], context: Context) -> list[Float]:
-        """Return j, then α, at a place in the units of `means`."""
+    def at(self, panel: Panel, s: float, context: Context) -> list[Float]:
+        """Return j, then α, at a place of a panel in the units of `means`."""
+        return self.in_units(self.coefficients(panel.fields(s), context), context)
+
+    def in_units(self, sample: MediumSample, context: Context) -> list[Float]:
+        """Return coefficients per unit length in the units of `means`."""
         bright, dense = context.keep(
             "units",
             lambda: (
@@ -243,7 +246,6 @@ class Medium(Value):
                 context.number(context.scale),
             ),
         )
-        sample = self.coefficients(fields, context)
         # A negative extinction becomes NaN, even where the mean would hide it.
         usable = [dr.select(a >= 0.0, a, math.nan) for a in sample.extinction]
         if len(bright) == 1:
@@ -255,12 +257,12 @@ class Medium(Value):
     def discontinuities(self, context: Context) -> list[Level]:
         """Return the levels at which the medium jumps or has a surface without width.
 
-        Panels end there: `means` and `sampled` are called for stretches without a discontinuity
-        inside (`Stretch.edgeless`).
+        Panels end there: `means` is called for panels without a discontinuity inside
+        (`Panel.edgeless`).
         """
         return self.modulation.discontinuities(context) if self.modulation else []
 
-    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
+    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
         """Return emission and depth of the infinitely thin surfaces crossed; None if it has none.
 
         In the units of `means` times length, without absorption; evaluated at a place s, 0 to 1.
@@ -277,48 +279,14 @@ class Medium(Value):
         """Whether j/α is the same everywhere: an opaque medium then looks the same everywhere."""
         return False
 
-    @property
-    def sampling(self) -> Sampling:
-        """Quadrature rules that the medium supports."""
-        return Sampling()
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α over a stretch from samples, and bounds of their errors.
-
-        In the units of `means`; with more samples if `fine`. Default: an infinite error wherever
-        the medium may be noticeable.
-        """
-        visible, _ = self.visible(stretch, context)
-        zero = stretch.length * 0.0
-        nothing, unknown = map(self.everywhere, (zero, dr.select(visible, math.inf, zero)))
-        result: Sampled = room("media.sampled").Sampled(nothing, nothing, nothing, unknown)
-        return result
-
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         """Return two masks: where the medium may be noticeable, and where panels may miss that.
 
-        False in the first guarantees that `means` is negligible; True in the second requests
-        smaller panels.
+        Where the first is False, `means` is negligible; where the second is True, panels are made
+        smaller. On a `rough` panel only its scalars are known: what else hides it does not count.
         """
-        active = stretch.length >= 0.0
+        active = panel.length >= 0.0
         return active, active & False
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return (unresolved, hidden error) on a stretch, both from 0 to 1.
-
-        The first measures how unresolved the narrowest structure is; the second is a relative error
-        of the mean that step doubling does not detect.
-        """
-        zero = stretch.length * 0.0
-        return zero, zero
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        """Return the number of structures in each half of a stretch, as `core` counts them.
-
-        Above 1.5 at least one is unresolved, and the panel mean loses their depth order.
-        """
-        zero = stretch.length * 0.0
-        return [zero, zero]
 
     # --- units, parts, scene files --------------------------------------------------------------
 
@@ -537,3 +505,8 @@ class Medium(Value):
         shown = {k: v for k, v in self.describe().items() if k != "type"}
         shown |= {k: given[k] for k in shown if isinstance(given.get(k), Value)}
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in shown.items())})"
+
+
+def integrated(medium: Medium, panel: Panel, context: Context) -> Halves:
+    """Return the integrals of a medium over both halves of a panel; computed once."""
+    return kept(panel, (id(medium), "integrated"), lambda: medium.integrate(panel, context))

@@ -9,50 +9,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..backend import Int, dr
-from ..backend.functions import horner, precision_of, unit_interval
+from ..backend.functions import precision_of
 from ..backend.types import Float, Mask
-from ..expressions.taylor import TracedJet, TracedJetOps
-from ..expressions.traced_interval import TracedInterval
-from .context import completed
-from .stretch import may_turn
+from .panel import may_turn
 
 if TYPE_CHECKING:
     from ..expressions import Expression
-    from .stretch import Cubic, Stretch
+    from .panel import Panel
 
 
 # Relative rounding error of a value near a level.
 NOISE = {"single": 2e-6, "double": 1e-14}
 
 
-def passes(stretch: Stretch, expr: Expression, level: Int) -> tuple[Float, Float]:
-    """Return the possible number of crossings of a level on a stretch, and the number at nodes.
+def passes(panel: Panel, expr: Expression, level: Int) -> tuple[Float, Float]:
+    """Return the possible number of crossings of a level on a panel, and the number at nodes.
 
-    The first is larger by one where the expression may have an extremum: smaller panels decide.
+    The first is larger where there may be more: smaller panels decide.
     """
-    found, shown = stretch.turning(expr), _sign_changes(stretch.nodes(expr), level)
-    possible = shown
-    if not may_turn(expr, stretch.context):
-        possible = _sign_changes(stretch.controls(expr), level)
-    turns = (found.apart > 0.0) & (found.low <= level) & (found.high >= level)
-    return dr.select(turns, shown + 1, possible), shown
-
-
-def way_within(values: list[Float], level: Int, width: Float) -> Float:
-    """Return the total variation of a sequence within a surface, in units of its width."""
-    ends = [unit_interval((x - level) / width + 0.5) for x in values]
-    return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
+    nodes = panel.nodes(expr)
+    shown = _sign_changes(nodes, level)
+    if not may_turn(expr, panel.context) and panel.between is not None:
+        return _sign_changes(panel.controls(expr), level), shown
+    (low, high), (least, largest) = panel.hull(expr), panel.range(expr)
+    outside = ((high >= level) & (largest < level)) | ((low <= level) & (least >= level))
+    turns = (panel.beyond(expr) > 0.0) & (low <= level) & (high >= level)
+    return dr.select(outside | turns, shown + 1, shown), shown
 
 
 def _sign_changes(values: list[Float], level: Int) -> Float:
     """Return the number of times a sequence crosses a level.
 
-    Bézier control points cross it at least as often as their curve, and the excess is even (Farin
-    2002, section 5.3). Inner control points count only if they differ by more than rounding.
+    Inner values count only if they differ by more than rounding.
     """
     first, *inner, last = values
     size = dr.select(dr.isfinite(last), dr.abs(last), dr.select(dr.isfinite(first), first, 0.0))
@@ -65,6 +56,8 @@ def _sign_changes(values: list[Float], level: Int) -> Float:
     return count + dr.select(below ^ (last < level), 1, 0)
 
 
+# Half the distance of two places that tell a slope.
+_BESIDE = 2.0**-8
 # Most steps of the root search: cubics take three or four, a tenth root from its pole six.
 _STEPS = 24
 # After this many steps that moved the same end the next one bisects: behind an edge where a scalar
@@ -72,7 +65,7 @@ _STEPS = 24
 _ONE_SIDED = 2.0
 # The search ends at this distance from the level, relative to the change of the scalar: a Newton
 # step leaves about the square of that.
-_NEAR = {"single": 2e-5, "double": 1e-7}
+_NEAR = {"single": 2e-5, "double": 1e-9}
 
 
 @dataclass
@@ -97,41 +90,41 @@ class _Search:
     count: Float
 
 
-def on_chord(stretch: Stretch, expr: Expression, level: Int) -> Float:
+def on_chord(panel: Panel, expr: Expression, level: Int) -> Float:
     """Return the place s where the chord crosses a level, from 0 to 1."""
-    return _root(*(stretch.scalar(expr, s) - level for s in (0.0, 1.0)))
+    return _root(*(panel.scalar(expr, s) - level for s in (0.0, 1.0)))
 
 
-def passing(stretch: Stretch, expr: Expression, level: Int) -> Float:
+def passing(panel: Panel, expr: Expression, level: Int) -> Float:
     """Return the place s of the crossing of a level, in the first half that shows one.
 
     An arbitrary place from 0 to 1 if neither half shows one.
     """
-    end = _searched(stretch, expr, level)
-    value, slope = _with_slope(stretch, expr, end.here)
-    known = dr.isfinite(slope) & (slope != 0.0)
-    onward = end.here + (level - value) / dr.select(known, slope, 1.0)
-    inside = known & (onward >= end.low) & (onward <= end.high)
-    return dr.select(inside, onward, end.here)
+    end = _searched(panel, expr, level)
+    # The last secant step, which is not tried.
+    onward = dr.fma(_root(end.below, end.above), end.high - end.low, end.low)
+    return dr.select(end.leaving | end.arriving, end.here, onward)
 
 
-def slope_at(stretch: Stretch, expr: Expression, place: Float) -> Float:
-    """Return the derivative of an expression by s at one place.
-
-    At kinks and jumps it is the slope of the chord.
-    """
-    _, slope = _with_slope(stretch, expr, stretch.context.real(place))
-    chord = stretch.scalar(expr, 1.0) - stretch.scalar(expr, 0.0)
+def slope_at(panel: Panel, expr: Expression, place: Float) -> Float:
+    """Return the derivative of an expression by s at one place, from two values beside it."""
+    context = panel.context
+    place = context.real(place)
+    first = dr.select(place > _BESIDE, place - _BESIDE, 0.0)
+    last = dr.select(place < 1.0 - _BESIDE, place + _BESIDE, 1.0)
+    values = [context.evaluate(expr, panel.fields(s)) for s in (first, last)]
+    slope = (values[1] - values[0]) / (last - first)
+    chord = panel.scalar(expr, 1.0) - panel.scalar(expr, 0.0)
     return dr.select(dr.isfinite(slope) & (slope != 0.0), slope, chord)
 
 
-def _searched(stretch: Stretch, expr: Expression, level: Int) -> _Search:
+def _searched(panel: Panel, expr: Expression, level: Int) -> _Search:
     """Return the final state of the search for a crossing, near an initial place.
 
     Secant steps; the value at an end that stays is reduced as the other end approaches the root
     (Anderson & Björck 1973, *BIT* 13, 253).
     """
-    first, middle, last = (x - level for x in stretch.nodes(expr))
+    first, middle, last = (x - level for x in panel.nodes(expr))
     early = (first < 0.0) ^ (middle < 0.0)
     passes = early | ((first < 0.0) ^ (last < 0.0))
     below, above = dr.select(early, first, middle), dr.select(early, middle, last)
@@ -158,7 +151,7 @@ def _searched(stretch: Stretch, expr: Expression, level: Int) -> _Search:
         even = state.leaving | state.arriving | (dr.abs(state.side) >= _ONE_SIDED)
         part = dr.select(even, 0.5, _root(state.below, state.above))
         here = dr.fma(part, state.high - state.low, state.low)
-        value = stretch.context.evaluate(expr, stretch.fields(here)) - level
+        value = panel.context.evaluate(expr, panel.fields(here)) - level
         onward = (value < 0.0) == (state.below < 0.0)
         off = dr.abs(value) > close
         way = dr.select(onward, real(1.0), -1.0)
@@ -194,22 +187,6 @@ def _root(first: Float, last: Float) -> Float:
     return dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0)
 
 
-def _with_slope(stretch: Stretch, expr: Expression, place: Float) -> tuple[Float, Float]:
-    """Return an expression and its derivative by s, where it exists."""
-    context = stretch.context
-    ops = TracedJetOps(context.real, context.kept_number)
-    jets = {name: _jet(cubic, place) for name, cubic in stretch.cubics.items()}
-    found = ops.number(expr.evaluate(ops, completed(ops, jets, context)))
-    if found.first is None:
-        return found.value.lo, 0.0 * place
-    return found.value.lo, 0.5 * (found.first.lo + found.first.hi)
-
-
-def _jet(cubic: Cubic, place: Float) -> TracedJet:
-    slope = [k * c for k, c in enumerate(cubic)][1:]
-    return TracedJet(*(TracedInterval.constant(horner(place, own)) for own in (cubic, slope)))
-
-
 # Factor on the accuracy of the fields where media jump, or evaluate something where they cross a
 # level (`Medium.sensitivity`). On curvilinear grids 2.5 to 7 % of white-noise pixels exceeded their
 # error estimate behind conditions and for densities proportional to the slope; with 10, 0.5 % do,
@@ -225,40 +202,40 @@ class Level:
     level: Any
 
 
-def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:
+def edges_ahead(panel: Panel, edges: Sequence[Level]) -> tuple[Float, Float]:
     """Return the number of edges crossed, as nodes show it, and where there may be more."""
-    count, hidden = None, stretch.length < 0.0
+    count, hidden = dr.int32_array_t(type(panel.length))(0), panel.length < 0.0
     for edge in edges:
-        possible, shown = passes(stretch, edge.expr, edge.level)
+        possible, shown = passes(panel, edge.expr, edge.level)
         hidden |= possible > shown
-        count = shown if count is None else count + shown
+        count += shown
     return count, hidden
 
 
-def first_edge(stretch: Stretch, edges: Sequence[Level]) -> Float:
+def first_edge(panel: Panel, edges: Sequence[Level]) -> Float:
     """Return the place s of the first edge crossed; 1 where there is none."""
-    found = type(stretch.length)(1.0)
+    found = type(panel.length)(1.0)
     groups: dict[str, list[Level]] = {}
     for edge in edges:
         groups.setdefault(edge.expr.text, []).append(edge)
     for own in groups.values():
-        level, passed = _first_level(stretch, own)
-        place = stretch.context.narrow(passing(stretch, own[0].expr, level))
+        level, passed = _first_level(panel, own)
+        place = panel.context.narrow(passing(panel, own[0].expr, level))
         found = dr.select(passed & (place < found), place, found)
     return found
 
 
-def _first_level(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:
+def _first_level(panel: Panel, edges: Sequence[Level]) -> tuple[Float, Float]:
     """Return the level of one expression that is crossed first, and a mask: where there is one.
 
     Between nodes that show all crossings the scalar is monotonic, so the first level is the
     nearest. One search is sufficient for any number of levels.
     """
     expr, level = edges[0].expr, edges[0].level
-    first, middle, last = stretch.nodes(expr)
-    passed, nearest = stretch.length < 0.0, first * 0.0
+    first, middle, last = panel.nodes(expr)
+    passed, nearest = panel.length < 0.0, first * 0.0
     for edge in edges:
-        _, shown = passes(stretch, expr, edge.level)
+        _, shown = passes(panel, expr, edge.level)
         early = (first < edge.level) ^ (middle < edge.level)
         there = (shown > 0) & (early | ((middle < edge.level) ^ (last < edge.level)))
         late = dr.abs(middle - first) + dr.abs(edge.level - middle)

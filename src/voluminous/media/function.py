@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,10 +38,10 @@ class Formulas(Coefficients):
         super().__init__(emissivity, extinction)
         self.function, self.names = function, function.names
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        return MediumSample(
-            *([context.evaluate(e, fields) for e in every] for every in self._expressions())
-        )
+    def _evaluated(
+        self, expressions: Sequence[Expression], fields: dict[str, Any], context: Context
+    ) -> MediumSample:
+        return self.split([context.evaluate(e, fields) for e in expressions])
 
     def intensity_unit(self, context: Context) -> Any:
         told = self.function.units is not None

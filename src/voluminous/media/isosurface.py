@@ -14,17 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import precision_of, unit_interval
+from ..backend.functions import unit_interval
 from ..backend.types import Float, Mask
 from ..errors import InputError, check_name
 from ..expressions import Expression
-from ..expressions.expression import Monotonicity
 from ..expressions.interval import Interval
 from ..units import plain
 from .arguments import (
@@ -37,15 +35,13 @@ from .arguments import (
     plain_opacities,
     scalar,
 )
-from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
-from .edges import NOISE, SENSITIVITY, Level, on_chord, passes, slope_at, way_within
+from .context import Context, Feature, Halves, MediumSample
+from .contract import Medium
+from .edges import SENSITIVITY, Level, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
+from .panel import Panel, extremes, kept, noise_of
 from .rectangle import box_extent, box_middle
-from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
 from .shading import Lamp, given_lights, given_shade
-from .stretch import Panel, Stretch, extremes, kept, may_turn
-from .unresolved import LookedUp, bend, core, extent_of, slope_factor
 
 
 @dataclass
@@ -63,23 +59,12 @@ class SurfaceNumbers:
         return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
 
 
+# A scalar is taken as quadratic only where its slope changes by less than this over a panel.
+_MOST_CHANGE = 0.5
 # Allowed unresolved extrema of the scalar inside a surface of finite width, in crossings and in
 # optical depth, as a fraction of the tolerance; step doubling cannot detect them.
 _FOLD = 0.1
 _MOST_FOLDED = 1e-4
-# Ratio of the cubic part of a function of the fields to its third difference at their control
-# points: 27/6 on a line, where these are evenly spaced; 1 for sums of fields.
-_OF_FUNCTIONS = 4.5
-# One over the width of a structure thinner than all panels.
-_THIN = 1e18
-# Matrix from values at the five nodes to the slopes of the interpolating polynomial there.
-_POWERS = np.vander(FIVE, increasing=True)
-_SLOPES = (np.arange(len(FIVE)) * np.roll(_POWERS, 1, axis=1)) @ np.linalg.inv(_POWERS)
-_WEIGHTS = np.array(WEIGHTS_OF_FIVE)
-# A panel in which a scalar reverses by more than this part of a surface must be narrower.
-_BACK = {"single": 1e-4, "double": 1e-9}
-# With a change of less than this, in widths, a panel is in a surface if its middle is.
-_LEVEL = 1e-5
 
 
 class Isosurface(Medium):
@@ -221,53 +206,28 @@ class Isosurface(Medium):
         """Return |∇x| at a place with these fields, per unit of length in kernels."""
         return context.kept_number(context.scale) * context.evaluate(self.slope, fields)
 
-    @property
-    def sampling(self) -> Sampling:
-        return Sampling(linear=not self._varies, finer=self._finer)
-
-    @property
-    def _finer(self) -> bool:
-        return self.surface_only or (self._varies and self.expr.smooth)
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        if self.surface_only or not self._finer:
-            return super().sampled(stretch, context, fine=fine)
-        if fine:
-            return self._finely_sampled(stretch, context)
-        # About how dense surfaces are; the error is unknown.
-        own = self.numbers(context)
-        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
-        zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
-        mean, nothing, unknown = (self.everywhere(zero + v) for v in (0.0, 0.0, dr.inf))
-        for level, depths in zip(own.levels, own.depths, strict=True):
-            first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
-            way = per_length * context.narrow(dr.abs(last - first))
-            pairs = zip(mean.extinction, depths, strict=True)
-            mean.extinction = [total + depth * way for total, depth in pairs]
-        return Sampled(mean, nothing, nothing, unknown)
-
     def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
-        if self.surface_only and panel.stretch.edgeless:
+        if self.surface_only and panel.edgeless:
             return self.in_colors([], zero, context)
         part = self._part_of_shell if self.thick else self._part_at_crossing
         found = [part(panel, context, level) for level in levels]
         return self.in_colors(found, zero, context)
 
-    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
+    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
         if self.thick:
             return None
-        one = type(stretch.length)(1.0)
-        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        one = type(panel.length)(1.0)
+        ends = [panel.scalar(self.expr, s) for s in (0.0, 1.0)]
         levels = self.numbers(context).levels
         crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
         shown = [one] * (self.channels + 1)
         if self.looks_inside:
-            slope = slope_at(stretch, self.expr, place) if self.density == "gradient" else one
-            shown = self._seen_at(stretch, stretch.fields(place), slope, context)
+            slope = slope_at(panel, self.expr, place) if self.density == "gradient" else one
+            shown = self._seen_at(panel, panel.fields(place), slope, context)
         found = [_times(c, shown) for c in crossed]
-        return self.in_colors(found, stretch.length * 0.0, context)
+        return self.in_colors(found, panel.length * 0.0, context)
 
     def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
         """Return the emission and extinction of surfaces, weighted by the factors `shown`."""
@@ -278,6 +238,9 @@ class Isosurface(Medium):
             for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
         return MediumSample(emission, extinction)
+
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        return self.by_means(panel, context)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         levels, width = self.plain_numbers(context)
@@ -354,141 +317,75 @@ class Isosurface(Medium):
 
         return context.keep(id(self), make)
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        if self._is_outside(stretch):
-            nowhere = stretch.length < 0.0
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        if self._is_outside(panel):
+            nowhere = panel.length < 0.0
             return nowhere, nowhere
         own = self.numbers(context)
-        nodes = stretch.nodes(self.expr)
+        nodes = panel.nodes(self.expr)
         seen = dr.isnan(nodes[1])  # where there is NaN, it must show
-        hidden = stretch.length < 0.0
+        hidden = panel.length < 0.0
         for low, high in own.ranges:
             for edge in (low, high) if self.thick else (low,):
-                possible, shown = passes(stretch, self.expr, edge)
+                possible, shown = passes(panel, self.expr, edge)
                 seen |= possible > 0
                 hidden |= possible > shown
+        if self.thick:
+            for level in own.levels:
+                seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
+        if panel.rough:
+            return seen | hidden, hidden
         if not self.thick:  # evaluated only where the ray crosses it
-            return self.modulation.open(stretch, seen), hidden
+            return self.modulation.open(panel, context, seen), hidden
         for level in own.levels:
-            seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
-            hidden |= self._folded(stretch, context, level)
-        hidden |= seen & self.lamp.turns(stretch, context)
-        if not self.modulation.fixed:
-            hidden |= self._looked_up(stretch, context).lost(stretch, context)
-        return self.modulation.visible(stretch, context, seen, hidden)
+            hidden |= self._folded(panel, context, level)
+        hidden |= seen & self.lamp.turns(panel, context)
+        return self.modulation.visible(panel, context, seen, hidden)
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return 1 as surfaces are thinner than all panels, and the hidden error.
+    def _is_outside(self, panel: Panel) -> bool:
+        """Return whether no surface without width is inside the panel (only at its ends)."""
+        return self.surface_only and panel.edgeless
 
-        Crossings are counted exactly. In surfaces of finite width, densities proportional to the
-        gradient are off where the slope varies, and light where the normal turns.
-        """
-        zero = stretch.length * 0.0
-        if self._is_outside(stretch):
-            return zero, zero
-        if not self.thick:
-            return zero + 1.0, zero
-        own, off = self.numbers(context), self.lamp.off(stretch, context)
-        if self.density == "gradient":
-            is_sum = self.expr.kind(("r", *context.coordinates)) <= Monotonicity.SUM
-            near, more = context.narrow(0.5 * own.width), 1.0 if is_sum else _OF_FUNCTIONS
-            bent = (bend(stretch, self.expr, _THIN, level, -near, near) for level in own.levels)
-            off = extremes([off, *(more * own for own in bent)])[1]
-        lit = self.shading > 0
-        if lit or not self.modulation.fixed:
-            found = self._looked_up(stretch, context)
-            off = off + found.error(stretch, context)
-            if lit:
-                off = off + self.lamp.across(stretch, context, found.extent, found.depth)
-        return zero + 1.0, off
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        if self._is_outside(stretch):
-            return [stretch.length * 0.0] * 2
-        own = self.numbers(context)
-        nodes = stretch.nodes(self.expr)
-        varies = self.thick and self.modulation.color is not None
-        counts = []
-        for pair in pairwise(nodes):
-            low, high = extremes(pair)
-            total = stretch.length * 0.0
-            for first, last in own.ranges:
-                there = (low <= last) & (high >= first)
-                total += core(there, high - low > own.width, varies, total)
-            counts.append(total)
-        return counts
-
-    def _is_outside(self, stretch: Stretch) -> bool:
-        """Return whether no surface without width is inside the stretch (only at its ends)."""
-        return self.surface_only and stretch.edgeless
-
-    def _folded(self, stretch: Stretch, context: Context, level: Any) -> Mask:
-        """Return where the total variation within a thick surface may exceed that of the nodes."""
-        expr, width = self.expr, self.numbers(context).width
-        found = stretch.turning(expr)
-        near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
-        noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
-        deep = self._deepest(context)
+    def _folded(self, panel: Panel, context: Context, level: Any) -> Mask:
+        """Return where an extremum beyond the nodes may be within a thick surface."""
+        width = self.numbers(context).width
+        low, high = panel.hull(self.expr)
+        near = (low <= level + 0.5 * width) & (high >= level - 0.5 * width)
+        deep = extremes([d for row in self.numbers(context).depths for d in row])[1]
         few = min(_FOLD * context.tolerance, _MOST_FOLDED)
         least = context.keep(("folded", few), lambda: context.narrow_number(few))
         least = least / dr.select(deep > 1.0, deep, 1.0)
-        hidden = near & (context.narrow(found.apart / width - noise) > least)
-        if may_turn(expr, stretch.context):
-            return hidden
-        ways = [
-            way_within(xs, level, width) for xs in (stretch.controls(expr), stretch.nodes(expr))
-        ]
-        return hidden | (context.narrow(ways[0] - ways[1] - noise) > least)
-
-    def _deepest(self, context: Context) -> Float:
-        return extremes([d for row in self.numbers(context).depths for d in row])[1]
-
-    def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
-        """Return surfaces of finite width as shells, in which a colour may vary."""
-        own = self.numbers(context)
-        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
-        low, high = stretch.hull(self.expr)
-        ends = stretch.length < 0.0
-        for edge in (edge for pair in own.ranges for edge in pair):
-            ends |= (low <= edge) & (high >= edge)
-        return LookedUp(
-            expr=self.expr,
-            ranges=own.ranges,
-            thin=1.0,
-            extent=extent_of(nodes, context.narrow(own.width)),
-            depth=dr.select(ends, self._deepest(context), 0.0),
-            factors=self.modulation.at_nodes(stretch, context),
-        )
+        return near & (context.narrow(panel.beyond(self.expr) / width) > least)
 
     def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
         """Return the amount of a surface that the chord of a panel crosses, per length, lit."""
-        stretch = panel.stretch
+        panel = panel
         crossed = dr.select(_between(panel.ends(self.expr), level), panel.per_length, 0.0)
         if not self.looks_inside:
             return Factors([crossed] * self.channels, crossed)
 
         def make() -> list[Float]:
-            place = on_chord(stretch, self.expr, level)
-            slope = stretch.scalar(self.expr, 1.0) - stretch.scalar(self.expr, 0.0)
-            return self._seen_at(stretch, stretch.fields(place), slope, context)
+            place = on_chord(panel, self.expr, level)
+            slope = panel.scalar(self.expr, 1.0) - panel.scalar(self.expr, 0.0)
+            return self._seen_at(panel, panel.fields(place), slope, context)
 
-        return _times(crossed, kept(stretch, (id(self), id(level)), make))
+        return _times(crossed, kept(panel, (id(self), id(level)), make))
 
     def _seen_at(
-        self, stretch: Stretch, fields: dict[str, Any], slope: Float, context: Context
+        self, panel: Panel, fields: dict[str, Any], slope: Float, context: Context
     ) -> list[Float]:
         """Return the density of a surface at a place with these fields, then each channel's light.
 
-        `slope` is the derivative of the scalar there, per length of the stretch.
+        `slope` is the derivative of the scalar there, per length of the panel.
         """
-        dense = type(stretch.length)(1.0)
+        dense = type(panel.length)(1.0)
         if self.density == "gradient":  # |∇x| over |∂x/∂s|, at least one
-            steepest = stretch.length * self.steepness(fields, context)
+            steepest = panel.length * self.steepness(fields, context)
             along: Float = dr.abs(slope)
             ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
             dense = dr.select(ratio > 1.0, ratio, 1.0)
         gate, *shown = self.modulation.at_place(fields, context)
-        light = self.lamp.light(fields, stretch, context)
+        light = self.lamp.light(fields, panel, context)
         return [gate * dense, *(f * dense * light for f in shown)]
 
     def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
@@ -512,77 +409,6 @@ class Isosurface(Medium):
         factors = self.modulation.factors(panel, context, middle)
         return Factors([f * dense * light for f in factors.emission], factors.gate * dense)
 
-    def _finely_sampled(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return the means of j and α over a stretch without discontinuities."""
-        x = [stretch.scalar(self.expr, s) for s in FIVE]
-        ways = [context.narrow((v - x[0]) / self.numbers(context).width) for v in x]
-        dense, unsure = self._density(stretch, ways, context)
-        shares = self._shares(x, ways, context)
-        unsure &= extremes(shares)[1] > 0.0  # extrema outside all surfaces do not matter
-        total, doubt = dot(_WEIGHTS, dense), unseen(dense)
-        rows = []
-        for s in FIVE:
-            gate, *paint = self.modulation.at_node(stretch, s, context) or [type(total)(1.0)]
-            light = self.lamp.light(stretch.fields(s), stretch, context)
-            rows.append([*(light * p for p in paint or [gate] * self.channels), gate])
-        columns = []
-        for values in map(list, zip(*rows, strict=True)):
-            found = [a * b for a, b in zip(dense, values, strict=True)]
-            low, high = extremes(values)
-            # A crossing has as much as its ends tell of what is the same all along.
-            share = high - low
-            if self.density == "gradient":
-                share = extremes([dr.abs(low), dr.abs(high)])[1]
-            wrong = UNKNOWN * dr.fma(unseen(values), total, doubt * share)
-            off = dr.select(unsure, dr.inf, wrong)
-            columns.append([dot(_WEIGHTS, found), found[0], found[-1], off])
-        zero = stretch.length * 0.0
-        results = []
-        for *paint, gate in zip(*columns, strict=True):
-            factors = [Factors([s * v for v in paint], s * gate) for s in shares]
-            results.append(self.in_colors(factors, zero, context))
-        result = Sampled(*results)
-        result.off.emissivity = [dr.abs(j) for j in result.off.emissivity]
-        return result
-
-    def _shares(self, x: list[Float], ways: list[Any], context: Context) -> list[Float]:
-        """Return the fraction of a stretch that is in each surface.
-
-        It follows from the values at both ends, so that the panels' parts of a surface add up to
-        the whole although panels end slightly behind its sides.
-        """
-        own = self.numbers(context)
-        rise = dr.abs(ways[-1])
-        flat, shares = rise < _LEVEL, []
-        for level in own.levels:
-            first, last = (unit_interval((v - level) / own.width + 0.5) for v in (x[0], x[-1]))
-            inside = dr.select(dr.abs(x[2] - level) <= 0.5 * own.width, type(rise)(1.0), 0.0)
-            part = context.narrow(dr.abs(last - first)) / dr.select(flat, 1.0, rise)
-            # Not a quotient of what is rounding where a ray passes along a sheet.
-            all_in = (first > 0.0) & (first < 1.0) & (last > 0.0) & (last < 1.0)
-            shares.append(dr.select(all_in, 1.0, dr.select(flat, inside, part)))
-        return shares
-
-    def _density(
-        self, stretch: Stretch, ways: list[Float], context: Context
-    ) -> tuple[list[Any], Any]:
-        """Return the density of a surface of depth one per length, and where that is unsure."""
-        rises = [dot(row, ways) for row in _SLOPES]
-        up, down = (
-            dot(_WEIGHTS, [dr.select(way * r > 0.0, way * r, 0.0) for r in rises])
-            for way in (1, -1)
-        )
-        back = dr.select(up < down, up, down)
-        unsure = (back > _BACK[precision_of(type(back))]) | ~dr.isfinite(ways[-1])
-        per_length = stretch.panel(0.0, 1.0).per_length
-        dense = [per_length * dr.abs(r) for r in rises]
-        if self.density == "gradient":
-            width = self.numbers(context).width
-            for k, s in enumerate(FIVE):
-                steep = context.narrow(self.steepness(stretch.fields(s), context) / width)
-                dense[k] = dr.select(steep > dense[k], steep, dense[k])
-        return dense, unsure
-
 
 def _between(ends: Iterable[Any], level: Any) -> Mask:
     first, last = (x < level for x in ends)
@@ -592,3 +418,26 @@ def _between(ends: Iterable[Any], level: Any) -> Mask:
 def _times(crossed: Any, shown: list[Any]) -> Factors:
     gate, *paint = shown
     return Factors([crossed * f for f in paint], crossed * gate)
+
+
+def slope_factor(panel: Panel, expr: Expression, place: Float) -> Float:
+    """Return the mean slope of a scalar over its slope at a place in a panel.
+
+    The mean of a shape over a panel is, with x for the variable of integration, that of shape/x';
+    with a quadratic through the three nodes of the panel it is that for a line, times this factor
+    at the shape's centre of mass. One order more than a line gives, for thin shells and for wide.
+
+    The centre of mass, `place`, is a fraction of the panel.
+    """
+    if not expr.smooth:
+        return type(panel.length)(1.0)
+    first, middle, last = panel.nodes(expr)
+    narrow = panel.context.narrow
+    bow = narrow(2.0 * (first - 2.0 * middle + last))
+    bow = dr.select(dr.abs(bow) > narrow(noise_of(first, last)), bow, 0.0)
+    ends = panel.ends(expr)
+    rise = narrow(ends[1] - ends[0])
+    change = 2.0 * bow * (place - 0.5)
+    # An infinite rise is that of log10 from where nothing is.
+    near = (dr.abs(change) < _MOST_CHANGE * dr.abs(rise)) & dr.isfinite(rise)
+    return dr.select(near, rise / dr.select(near, rise + change, 1.0), 1.0)

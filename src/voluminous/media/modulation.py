@@ -8,8 +8,7 @@ thinner than the panel, and Simpson's rule where the shape is constant.
 
 from __future__ import annotations
 
-import functools
-import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,10 +21,11 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .arguments import color_values, level_colors
 from .color_by import ColorBy
-from .context import Context, Feature, MediumSample
+from .context import Context, Feature, Halves, MediumSample
 from .edges import SENSITIVITY, Level
+from .panel import NODES, PLACES, Middle, Panel, extremes, kept
+from .quadrature import parabola
 from .shading import Shade
-from .stretch import NODES, Middle, Panel, Stretch, at_places, kept, within
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
@@ -154,12 +154,53 @@ class Modulation:
         self, sample: MediumSample, panel: Panel, context: Context, middle: Middle
     ) -> MediumSample:
         """Return mean coefficients over a panel, modulated at their centre of mass."""
+        if self._is_decided(panel) and not self.painted:
+            gate = self._in_middle(panel, context)
+            return Factors([gate] * self.channels, gate).times(sample)
         return sample if self.fixed else self.factors(panel, context, middle).times(sample)
+
+    def integrate(
+        self, halves: Halves, panel: Panel, middles: Sequence[Middle], context: Context
+    ) -> Halves:
+        """Return means over both halves of a panel, modulated where the shape is in each."""
+        if self._is_decided(panel) and not self.painted:
+            gate = self._in_middle(panel, context)
+            factors = Factors([gate] * self.channels, gate)
+            return Halves(*(factors.times(s) for s in (halves.first, halves.last, halves.error)))
+        rows = [self.at_node(panel, s, context) for s in PLACES]
+        means, errors = [], []
+        for k, middle in enumerate(middles):
+            found = []
+            for values in zip(*rows, strict=True):
+                a, b, c, d = values[k : k + 4]
+                cubic = d - a + 3.0 * (b - c)
+                own = values[2 * k : 2 * k + 3]
+                found.append(parabola(own, cubic, middle.place, middle.spread))
+            gate, *paint = found
+            every = paint if self.painted else [gate] * self.channels
+            means.append(Factors([f for f, _ in every], gate[0]))
+            errors.append(Factors([e for _, e in every], gate[1]))
+        first, last = means[0].times(halves.first), means[1].times(halves.last)
+        total = [extremes([m.gate for m in means])[1]]
+        most = Factors(
+            [extremes([m.emission[c] for m in means])[1] for c in range(self.channels)], total[0]
+        )
+        sums = [
+            s.listed()
+            for s in (
+                most.times(halves.error),
+                errors[0].times(halves.first),
+                errors[1].times(halves.last),
+            )
+        ]
+        error = [a + 0.5 * (b + c) for a, b, c in zip(*sums, strict=True)]
+        n = self.channels
+        return Halves(first, last, MediumSample(error[:n], error[n:]))
 
     def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
         """Return the mean factors over a panel for a shape with this centre of mass."""
-        first, last = (self.at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
-        here = self._at(panel.stretch, panel.fields(middle.place), context)
+        first, last = (self.at_node(panel, s, context) for s in (0.0, 1.0))
+        here = self._at(panel, panel.fields(middle.place), context)
         spread, place = middle.spread, middle.place
         weights = ((1.0 - place) * spread, 1.0 - spread, place * spread)
         mean = [
@@ -170,33 +211,32 @@ class Modulation:
         return Factors(painted, mean[0])
 
     def visible(
-        self, stretch: Stretch, context: Context, seen: Mask, hidden: Mask
+        self, panel: Panel, context: Context, seen: Mask, hidden: Mask
     ) -> tuple[Mask, Mask]:
         """Return the masks of `Medium.visible`, given those of the medium without modulation."""
+        if self.fixed or panel.rough:
+            return seen, hidden
         if self.color:
-            hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
+            hidden = hidden | (seen & self.color.turns(panel, context, _DOUBT))
         if self.shade:
-            hidden = hidden | (seen & self.shade.turns(stretch, context))
+            hidden = hidden | (seen & self.shade.turns(panel, context))
         if self.where is None:
             return seen, hidden
-        if stretch.edgeless and (self.stepped or self.soft):
-            seen = seen & (self._in_middle(stretch, context) > 0.0)
+        if panel.edgeless and (self.stepped or self.soft):
+            seen = seen & (self._in_middle(panel, context) > 0.0)
             return seen, seen & hidden
-        possible = self._possible(stretch)
-        # Also where ends show the change: step doubling may place an edge on the wrong side.
-        doubtful = possible.hi - possible.lo > _DOUBT
-        if self.where.partial:
-            # Not where even single places are undecided, as ``1/density > 3`` in a vacuum: narrower
-            # panels do not help, and a picture of 64 x 64 pixels took two minutes.
-            here = [_unit(gate) for gate in at_places(stretch, self.where)]
-            wide = [gate.hi - gate.lo > _DOUBT for gate in here]
-            doubtful &= ~functools.reduce(operator.and_, wide)
-        seen = seen & (possible.hi > 0.0)
-        return seen, seen & (hidden | doubtful)
+        gates = [self._gate_at(panel, s, context) for s in NODES]
+        least, largest = extremes(gates)
+        # Between the nodes a gate that is none of them shows is at most as far from them again.
+        seen = seen & ((largest > 0.0) | (panel.beyond(self.where) > 0.0))
+        return seen, seen & (hidden | (largest - least > _DOUBT))
 
-    def open(self, stretch: Stretch, seen: Mask) -> Mask:
+    def open(self, panel: Panel, context: Context, seen: Mask) -> Mask:
         """Return where the medium is seen and the gate may be open."""
-        return seen if self.where is None else seen & (self._possible(stretch).hi > 0.0)
+        if self.where is None:
+            return seen
+        gates = [self._gate_at(panel, s, context) for s in NODES]
+        return seen & (extremes(gates)[1] > 0.0)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         """Return where the gate may be open while the fields stay in ranges."""
@@ -223,41 +263,27 @@ class Modulation:
         gate, *paint = self._painted(self._narrow_gate(fields, context), fields, context)
         return [gate, *(paint or [gate] * self.channels)]
 
-    def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Float]:
-        """Return the factors, the gate first, at a place of a stretch; computed once.
+    def at_node(self, panel: Panel, s: float, context: Context) -> list[Float]:
+        """Return the factors, the gate first, at a place of a panel; computed once.
 
         Nothing if they are one.
         """
         if self.fixed:
             return []
-        return kept(stretch, (id(self), s), lambda: self._at(stretch, stretch.fields(s), context))
+        return kept(panel, (id(self), s), lambda: self._at(panel, panel.fields(s), context))
 
-    def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Float]]:
-        """Return the factors at both ends and in the middle; nothing if they are one."""
-        return [] if self.fixed else [self.at_node(stretch, s, context) for s in NODES]
+    def _gate_at(self, panel: Panel, s: float, context: Context) -> Float:
+        key = (id(self), "gate", s)
+        return kept(panel, key, lambda: self._narrow_gate(panel.fields(s), context))
 
-    def switched(self, stretch: Stretch, context: Context) -> tuple[Float, Mask]:
-        """Return 1 where the gate is open on a stretch, else 0; and where it may be both."""
-        if self.where is None:
-            return type(stretch.length)(1.0), stretch.length < 0.0
-        if self._is_decided(stretch):
-            return self._in_middle(stretch, context), stretch.length < 0.0
-        possible = self._possible(stretch)
-        return context.narrow(possible.hi), possible.lo < possible.hi
+    def _is_decided(self, panel: Panel) -> bool:
+        """Return whether the gate has the same state on the whole panel as in the middle."""
+        return self.stepped and panel.edgeless
 
-    def _possible(self, stretch: Stretch) -> TracedInterval:
-        assert self.where is not None
-        result: TracedInterval = _unit(within(stretch, self.where))
-        return result
-
-    def _is_decided(self, stretch: Stretch) -> bool:
-        """Return whether the gate has the same state on the whole stretch as in the middle."""
-        return self.stepped and stretch.edgeless
-
-    def _at(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Float]:
-        light = self.shade.seen(fields, stretch, context) if self.shade else None
-        if self._is_decided(stretch):
-            gate = self._in_middle(stretch, context)
+    def _at(self, panel: Panel, fields: dict[str, Any], context: Context) -> list[Float]:
+        light = self.shade.seen(fields, panel, context) if self.shade else None
+        if self._is_decided(panel):
+            gate = self._in_middle(panel, context)
         else:
             gate = self._narrow_gate(fields, context)
         return self._painted(gate, fields, context, light)
@@ -265,9 +291,8 @@ class Modulation:
     def _narrow_gate(self, fields: dict[str, Any], context: Context) -> Float | None:
         return context.narrow(self.gate(fields, context)) if self.where else None
 
-    def _in_middle(self, stretch: Stretch, context: Context) -> Float:
-        key = (id(self), "gate")
-        return kept(stretch, key, lambda: self._narrow_gate(stretch.fields(0.5), context))
+    def _in_middle(self, panel: Panel, context: Context) -> Float:
+        return self._gate_at(panel, 0.5, context)
 
     def _painted(
         self,

@@ -17,10 +17,12 @@ import numpy as np
 from ..backend import Int, dr, from_host
 from ..backend.functions import first_true, precision_of
 from ..backend.types import Float, Mask
-from .stretch import Middle
+from .panel import Middle
 
 # Nodes this close to evenly spaced ones, in spacings, are located by arithmetic and one correction.
 _EVEN = 0.4
+# Error of a mean where x bends, as a part of that by kinks of the table.
+_TOLD_BY_KINKS = 1.0
 # In units of the range of the nodes; beyond, x is as good as infinite.
 _FAR = {"single": 1e37, "double": 1e300}
 
@@ -42,6 +44,12 @@ class Place:
     after: list[Float]
     left: list[Float]
     right: list[Float]
+
+    def slopes(self) -> list[Float]:
+        """Return the slope of each column in its interval."""
+        step = self.high - self.low
+        per_step = dr.select((step > 0.0) & (step < dr.inf), 1.0 / step, 0.0)
+        return [(b - a) * per_step for a, b in zip(self.before, self.after, strict=True)]
 
 
 class PiecewiseLinear:
@@ -81,11 +89,11 @@ class PiecewiseLinear:
         """Return where x lies, and the columns there; NaN where x is."""
         x = self._near(x)
         k = self._interval(x)
-        low, high, narrowness, stretch = self.pieces.at(k)
+        low, high, narrowness, panel = self.pieces.at(k)
         f = _fraction((x - low) * narrowness)
         before, after = self.before.at(k), self.after.at(k)
         value = [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
-        to_x, from_x = (0.5 * stretch * (x - low), 0.5 * stretch * (high - x))
+        to_x, from_x = (0.5 * panel * (x - low), 0.5 * panel * (high - x))
         left = [to_x * (a + v) for a, v in zip(before, value, strict=True)]
         right = [from_x * (v + b) for v, b in zip(value, after, strict=True)]
         return Place(x, k, low, high, before, value, after, left, right)
@@ -100,6 +108,28 @@ class PiecewiseLinear:
         f = _fraction(place - k)
         before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
+
+    def bent_means(self, first: Place, last: Place, bow: Float) -> list[tuple[Float, Float]]:
+        """Return the means of the columns where x is a parabola between two places, and errors.
+
+        `bow` is the factor of s (s - 1) in x, with s from 0 to 1. Where a column is linear in x,
+        its mean is exact: a sixth of the bow times its slope is added. At kinks between the places
+        the slope of x matters, which changes by the bow.
+        """
+        rise = last.x - first.x
+        gentle = dr.abs(bow) < dr.abs(rise)
+        part = bow / dr.select(gentle, rise, 1.0)
+        found = []
+        slopes = zip(first.slopes(), last.slopes(), strict=True)
+        values = zip(first.value, last.value, self.means(first, last), strict=True)
+        for (a, b, mean), (one, other) in zip(values, slopes, strict=True):
+            change = dr.select(gentle, part * (b - a), 0.5 * bow * (one + other))
+            moved = dr.fma(-1 / 6, change, mean)
+            kinks = dr.abs(mean - 0.5 * (a + b))
+            turned = dr.abs(bow * (one - other))
+            error = dr.select(gentle, dr.abs(part) * kinks, turned + kinks)
+            found.append((dr.select(moved * mean > 0.0, moved, mean), _TOLD_BY_KINKS * error))
+        return found
 
     def means(self, first: Place, last: Place) -> list[Float]:
         """Return the means of the columns between two places, in either order."""

@@ -7,6 +7,7 @@ and of `opacity` for the extinction: seen through one path length of its peak, i
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -29,20 +30,17 @@ from .arguments import (
     named,
     scalar,
 )
-from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
+from .context import Context, Feature, Halves, MediumSample
+from .contract import Medium
 from .modulation import Modulation, modulated
-from .sampled import EIGHT, FIVE, PLACES, Sampled, products
+from .panel import Middle, Panel, extremes, kept, middle_of
+from .quadrature import doubled, inverse_slope
 from .shading import given_shade
-from .stretch import Middle, Panel, Straight, Stretch, extremes, kept, middle_of
-from .unresolved import LookedUp, bend, core, extent_of, slope_factor, thinness
 
 # Control points that exceed a panel's ends by this many widths need smaller panels.
-_DOUBT = 0.25
-# Most of a shell is within this many widths of its centre.
-_CORE = 4.0
-# The width of a slab that holds as much of a Gaussian, and spreads it as far; a rectangle's is 2.
-_THICKNESS = 3.5
+_DOUBT = 0.1
+# Error of the mean by kinks at the walls of cells, as a part of the second difference in widths.
+_KINKS = 0.2
 
 
 @dataclass
@@ -101,6 +99,7 @@ class Shaped(Medium):
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
         self.sensitivity = self.modulation.sensitivity
+        self.order = 4 if self.expr.smooth else 2  # at kinks the scalar is taken as linear
         self.names = self.used_names()
 
     @property
@@ -132,13 +131,13 @@ class Shaped(Medium):
         """
         return middle_of(0.0 * mean, 1.0 / 3.0)
 
+    def change(self, low: Float, high: Float) -> Float:
+        """Return by how much the shape changes between two distances from the centre, in widths."""
+        return dr.select(low < high, type(low)(1.0), 0.0)
+
     def reach(self, faint: float) -> float:
         """Return the distance from the centre, in widths, where the shape falls below `faint`."""
         raise NotImplementedError
-
-    def is_thin(self, extent: Float) -> Mask:
-        """Return where a shell that fills this part of a half may be in one half only."""
-        return extent < 2.0
 
     # --- numbers --------------------------------------------------------------------------------
 
@@ -232,34 +231,94 @@ class Shaped(Medium):
         if self.modulation.fixed:
             return sample
         first, last = self._offsets(panel.ends(self.expr), context)
-        middle = self.middle(first, last, self._mean(panel, context))
+        middle = self.middle(first, last, self.mean_shape(first, last, context.faint))
         return self.modulation.means(sample, panel, context, middle)
 
-    def mean_per_length(self, panel: Panel, context: Context) -> Float:
-        """Return the mean of the shape per path length, exact if x is linear over the panel."""
-        per_length, mean = self.numbers(context).per_length, self._mean(panel, context)
-        if isinstance(panel.stretch, Straight):
-            return mean * per_length
-        first, last = self._offsets(panel.ends(self.expr), context)
-        place = self.middle(first, last, mean).place
-        return mean * per_length * slope_factor(panel, self.expr, place)
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        own = self.numbers(context)
+        shapes = self.halves_per_length(panel, context)
+        found = Halves(
+            *(self.split([h * shape for h in (*own.color, *own.opacity)]) for shape in shapes)
+        )
+        if self.modulation.fixed:
+            return found
+        nodes = self._offsets(panel.known(self.expr), context)
+        middles = [middle for _, middle in self.centers(nodes, context.faint)]
+        return self.modulation.integrate(found, panel, middles, context)
 
-    def _mean(self, panel: Panel, context: Context) -> Float:
-        """Return the mean of the shape for x linear over the panel; computed once."""
+    def halves_per_length(self, panel: Panel, context: Context) -> list[Float]:
+        """Return the means of the shape over both halves per path length, and their error."""
+
+        def make() -> list[Float]:
+            nodes = self._offsets(panel.known(self.expr), context)
+            seen = self._seen(*extremes(nodes), context)
+            found = branch((nodes,), seen, self._halves(context), _none)
+            # Where the scalar has kinks, at walls of cells or of its own, they show in the nodes.
+            kinks = extremes([dr.abs(a - 2.0 * b + c) for a, b, c in _triples(nodes)])[1]
+            mean, kinked = 0.5 * (found[0] + found[1]), panel.many | (not self.expr.smooth)
+            found[2] = found[2] + dr.select(kinked, _KINKS * kinks * mean, 0.0)
+            # Where there is no value there is nothing; beside that panels are narrow.
+            usable, nowhere = (
+                functools.reduce(how, map(test, nodes))
+                for how, test in ((operator.and_, dr.isfinite), (operator.and_, dr.isnan))
+            )
+            error = dr.select(usable, found[2], dr.select(nowhere, 0.0, 1.0))
+            found = [*(dr.select(dr.isfinite(mean), mean, 0.0) for mean in found[:2]), error]
+            return [self.numbers(context).per_length * value for value in found]
+
+        return kept(panel, (id(self), "halves"), make)
+
+    def _halves(self, context: Context) -> Callable[[list[Float]], list[Float]]:
+        def found(nodes: list[Float]) -> list[Float]:
+            return self.halves(nodes, context.faint)
+
+        return found
+
+    def halves(self, nodes: list[Float], faint: float) -> list[Float]:
+        """Return the means of the shape over both halves, and their error, from five distances.
+
+        Default: from lines through quarters, compared with lines through the halves.
+        """
+        quarters = [self.mean_shape(a, b, faint) for a, b in pairwise(nodes)]
+        lines = [self.mean_shape(a, b, faint) for a, b in pairwise(nodes[::2])]
+        first, last = (0.5 * (quarters[k] + quarters[k + 1]) for k in (0, 2))
+        return list(doubled(0.5 * (lines[0] + lines[1]), first, last, 2, nodes[0] != nodes[0]))
+
+    def by_centers(self, nodes: list[Float], faint: float) -> list[Float]:
+        """Return the same where centres of mass are known, for scalars that are cubics."""
+        cubics = [d - a + 3.0 * (b - c) for a, b, c, d in (nodes[:4], nodes[1:])]
+        quartic, means, errors = cubics[1] - cubics[0], [], []
+        rows = self.centers(nodes, faint)
+        for own, cubic, (mean, middle) in zip((nodes[:3], nodes[2:]), cubics, rows, strict=True):
+            way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
+            factor, error, good = inverse_slope(own, cubic, quartic, middle.place, way)
+            change = self.change(*extremes(own))
+            good &= change > 0.0
+            means.append(mean * dr.select(good, factor, 1.0))
+            errors.append(dr.select(good, mean * error, change))
+        return [*means, 0.5 * (errors[0] + errors[1])]
+
+    def centers(self, nodes: list[Float], faint: float) -> list[tuple[Float, Middle]]:
+        """Return mean and centre of mass over both halves for distances linear on each."""
+        found = []
+        for first, last in ((nodes[0], nodes[2]), (nodes[2], nodes[4])):
+            mean = self.mean_shape(first, last, faint)
+            found.append((mean, self.middle(first, last, mean)))
+        return found
+
+    def mean_per_length(self, panel: Panel, context: Context) -> Float:
+        """Return the mean of the shape per path length; computed once."""
+
+        def mean(first: Float, last: Float) -> Float:
+            return self.mean_shape(first, last, context.faint)
 
         def make() -> Float:
-            first, last = self._offsets(panel.ends(self.expr), context)
-            if not isinstance(panel.stretch, Straight):
-                return self.mean_shape(first, last, context.faint)
+            ends = self._offsets(panel.ends(self.expr), context)
             # Of several shells a ray is mostly in one: a branch for each.
-            return branch(
-                args=(first, last),
-                cond=self._seen(*extremes((first, last)), context),
-                true_fn=functools.partial(self.mean_shape, faint=context.faint),
-                false_fn=_nothing,
-            )
+            found = branch(tuple(ends), self._seen(*extremes(ends), context), mean, _nothing)
+            return self.numbers(context).per_length * found
 
-        return kept(panel.stretch, (id(self), "mean", panel.first, panel.last), make)
+        return kept(panel, (id(self), "mean"), make)
 
     def _offsets(self, values: Iterable[Float], context: Context) -> list[Float]:
         """Return distances from the centre in widths."""
@@ -271,152 +330,27 @@ class Shaped(Medium):
         reach = self.numbers(context).reach
         return ~((low > reach) | (high < -reach))
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         own = self.numbers(context)
         reach = own.reach
-        nodes = extremes(stretch.nodes(self.expr))
-        below, above, low, high = self._offsets((*nodes, *stretch.hull(self.expr)), context)
+        nodes = panel.range(self.expr)
+        below, above, low, high = self._offsets((*nodes, *panel.hull(self.expr)), context)
         seen = self._seen(low, high, context)
         over = (high > above + _DOUBT) & (above < reach) & (high > -reach)
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
         # Between log10 of zero and a value there is all of the shell, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
-        turns = seen & stretch.turns(self.expr, _DOUBT / own.narrowness)
-        hidden = over | under | turns | (seen & endless)
-        if not self.modulation.fixed:
-            hidden |= seen & self._looked_up(stretch, context).lost(stretch, context)
-        return self.modulation.visible(stretch, context, seen, hidden)
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        own = self.numbers(context)
-        low, high = -own.reach / own.narrowness, own.reach / own.narrowness
-        ends = [context.narrow(x - own.center) for x in stretch.hull(self.expr)]
-        seen = (ends[0] <= high) & (ends[1] >= low)
-        thin = thinness(stretch, self.expr, own.narrowness)
-        off = bend(stretch, self.expr, own.narrowness, own.center, low, high)
-        if not self.modulation.fixed:
-            off = off + self._looked_up(stretch, context).error(stretch, context)
-        return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        counts, varies = [], not self.constant_source_function
-        for pair in pairwise(self._offsets(stretch.nodes(self.expr), context)):
-            low, high = extremes(pair)
-            there = (low < _CORE) & (high > -_CORE)
-            counts.append(core(there, high - low > 1.0, varies, stretch.length))
-        return counts
-
-    def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
-        own = self.numbers(context)
-        reach = own.reach / own.narrowness
-        extent = extent_of(self._offsets(stretch.nodes(self.expr), context), _THICKNESS)
-        way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
-        depth = extremes(own.opacity)[1] * own.per_length * way
-        return LookedUp(
-            expr=self.expr,
-            ranges=[(own.center - reach, own.center + reach)],
-            thin=thinness(stretch, self.expr, own.narrowness),
-            extent=extent,
-            depth=dr.select(self.is_thin(extent), depth, 0.0),
-            factors=self.modulation.at_nodes(stretch, context),
-        )
+        hidden = over | under | (seen & endless)
+        return self.modulation.visible(panel, context, seen, hidden)
 
 
 def _nothing(first: Float, last: Float) -> Float:
     return type(first)(0.0)
 
 
-class SampledShaped(Shaped):
-    """Common part of `Gaussian` and `Rectangle` for means from samples."""
-
-    def sample(self, offset: Float) -> Float:
-        """Return the shape at a distance from the centre in widths, on a ray."""
-        raise NotImplementedError
-
-    def sampled_shape(
-        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
-    ) -> Sampled:
-        """Return the mean of the shape over a stretch from samples.
-
-        From distances from the centre, in widths: `nodes` at `sampled.PLACES` or, if `fine`,
-        `EIGHT`; `ends`, their least and greatest value; and bounds of three derivatives.
-        """
-        raise NotImplementedError
-
-    @property
-    def sampling(self) -> Sampling:
-        return Sampling(smooth=self.expr.smooth, quick=self.modulation.even)
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        if not self.expr.smooth:
-            return super().sampled(stretch, context)
-        if not self.modulation.even:
-            return self._sampled_modulated(stretch, context)
-        shape = self.sampled_per_length(stretch, context, fine=fine)
-        gate, unsure = self.modulation.switched(stretch, context)
-        shape.off = dr.select(unsure & (shape.off + shape.mean > 0.0), dr.inf, shape.off)
-        factors = [gate] * (self.channels + 1)
-        return self._in_colors([(value, factors) for value in shape], context)
-
-    def _in_colors(self, rows: list[tuple[Float, list[Float]]], context: Context) -> Sampled:
-        """Return coefficients for shapes and factors: of the mean, the ends and the error."""
-        own, results = self.numbers(context), []
-        for shape, (*paint, gate) in rows:
-            emission = [h * f * shape for h, f in zip(own.color, paint, strict=True)]
-            results.append(MediumSample(emission, [h * gate * shape for h in own.opacity]))
-        results[-1].emissivity = [dr.abs(off) for off in results[-1].emissivity]
-        return Sampled(*results)
-
-    def _on(
-        self, stretch: Stretch, places: tuple[float, ...], context: Context
-    ) -> tuple[list[Float], list[Float], list[Float]]:
-        """Return the arguments of `sampled_shape` on a stretch."""
-        nodes = self._offsets([stretch.scalar(self.expr, s) for s in places], context)
-        narrowness = self.numbers(context).narrowness
-        slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
-        return nodes, self._offsets(stretch.hull(self.expr), context), slopes
-
-    def _sampled_modulated(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return the same with a gate, or in the colours of another expression.
-
-        It takes eight samples of the shape, and five of the factors. Trying five of both first
-        gained nothing: in turbulent fields it cost a tenth of the time.
-        """
-        per_length = self.numbers(context).per_length
-        nodes, ends, slopes = self._on(stretch, EIGHT, context)
-        seen, unsure = self.modulation.visible(
-            stretch, context, self._seen(ends[0], ends[1], context), stretch.length < 0.0
-        )
-        off = per_length * self.sampled_shape(nodes, ends, slopes, fine=True).off
-        rows = [self.modulation.at_node(stretch, s, context) for s in FIVE]
-        gate, *paint = (list(column) for column in zip(*rows, strict=True))
-        factors = [*(paint or [gate] * self.channels), gate]
-        shape = [dr.select(seen, per_length * self.sample(z), 0.0) for z in nodes]
-        found = products(shape, dr.select(unsure, dr.inf, dr.select(seen, off, 0.0)), factors)
-        one = type(off)(1.0)
-        return self._in_colors([(one, list(own)) for own in zip(*found, strict=True)], context)
-
-    def sampled_per_length(
-        self, stretch: Stretch, context: Context, *, fine: bool = False
-    ) -> Sampled:
-        """Return the mean of the shape per path length from samples; zero where neglected.
-
-        Of several shells a ray is mostly in one: a branch for each.
-        """
-        low, high = self._offsets(stretch.hull(self.expr), context)
-        seen, zero = self._seen(low, high, context), type(low)(0.0)
-        if not self.expr.smooth:
-            return Sampled(zero, zero, zero, dr.select(seen, dr.inf, zero))
-        found = branch(
-            args=self._on(stretch, EIGHT if fine else PLACES, context),
-            cond=seen,
-            true_fn=functools.partial(self.sampled_shape, fine=fine),
-            false_fn=_nothing_sampled,
-        )
-        per_length = self.numbers(context).per_length
-        return Sampled(*(per_length * value for value in found))
+def _triples(values: list[Float]) -> Iterable[tuple[Float, Float, Float]]:
+    return zip(values, values[1:], values[2:], strict=False)
 
 
-def _nothing_sampled(nodes: list[Float], ends: list[Float], derivatives: list[Float]) -> Sampled:
-    zero = type(nodes[0])(0.0)
-    return Sampled(zero, zero, zero, zero)
+def _none(offsets: list[Float]) -> list[Float]:
+    return [type(offsets[0])(0.0)] * 3

@@ -12,15 +12,14 @@ from ..backend.types import Float, Mask
 from ..expressions import Ops
 from .context import Context
 from .edges import Level, passes
-from .profiles import SampledShaped
-from .sampled import Sampled
-from .stretch import Middle, middle_of
+from .panel import Middle, middle_of
+from .profiles import Shaped
 
 if TYPE_CHECKING:
-    from .stretch import Stretch
+    from .panel import Panel
 
 
-class Rectangle(SampledShaped):
+class Rectangle(Shaped):
     """A shell of constant coefficients: T = h/path_length up to `half_width` from the centre.
 
     Parameters
@@ -77,43 +76,27 @@ class Rectangle(SampledShaped):
         own = [] if single else [Level(self.expr, side) for side in sides]
         return [*own, *super().discontinuities(context)]
 
-    def sample(self, offset: Float) -> Float:
-        return type(offset)(1.0)
+    def halves(self, nodes: list[Float], faint: float) -> list[Float]:
+        return self.by_centers(nodes, faint)
 
-    def sampled_shape(
-        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
-    ) -> Sampled:
-        one = type(ends[0])(1.0)
-        inside = _within(*ends)
-        return Sampled(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
+    def change(self, low: Float, high: Float) -> Float:
+        same = (low > 1.0) | (high < -1.0) | ((low >= -1.0) & (high <= 1.0))
+        return dr.select(same, 0.0, type(low)(1.0))
 
     def middle(self, first: Float, last: Float, mean: Float) -> Middle:
         return box_middle(first, last)
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        seen, hidden = super().visible(stretch, context)
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        seen, hidden = super().visible(panel, context)
         own = self.numbers(context)
         half_width = 1.0 / own.narrowness
         for edge in (own.center - half_width, own.center + half_width):
-            possible, shown = passes(stretch, self.expr, edge)
+            possible, shown = passes(panel, self.expr, edge)
             hidden |= seen & (possible > shown)
         return seen, hidden
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        low, high = self._offsets(stretch.hull(self.expr), context)
-        thin, off = super().sharpness(stretch, context)
-        edge = (low <= 1.0) & (high >= -1.0) & ~_within(low, high)
-        return dr.select(edge, type(thin)(1.0), 0.0), dr.select(edge, off, 0.0)
-
-    def is_thin(self, extent: Float) -> Mask:
-        return extent >= 0.0
-
     def reach(self, faint: float) -> float:
         return 1.0
-
-
-def _within(low: Float, high: Float) -> Mask:
-    return (low >= -1.0) & (high <= 1.0)
 
 
 def box_mean(first: Any, last: Float) -> Float:

@@ -20,11 +20,11 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .arguments import fraction
-from .stretch import NODES, Middle, extremes, kept
+from .panel import NODES, Middle, extremes, kept
 
 if TYPE_CHECKING:
     from .context import Context
-    from .stretch import Panel, Stretch
+    from .panel import Panel
 
 
 HEADLIGHT = "headlight"
@@ -112,7 +112,7 @@ class Shade:
             return type(values[0])(low, where(anywhere, 1.0, 1.0))
         return self._lit(values, context.number, context.kept_number(self.share))
 
-    def seen(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
+    def seen(self, fields: dict[str, Any], panel: Panel, context: Context) -> Float:
         """Return the factor on a ray, in the type that integrals are computed with.
 
         With the direction of the ray: near an observer inside the volume that to a cell's middle is
@@ -120,7 +120,7 @@ class Shade:
         """
         values = [context.evaluate(e, fields) for e in self.normal]
         if self.head:
-            way = [stretch.cubics[axis][1] for axis in "xyz"]
+            way = list(panel.ahead or ())
             most = extremes([dr.abs(w) for w in way])[1]
             way = [w / dr.select(most > 0.0, most, 1.0) for w in way]
             along = sum(v * w for v, w in zip(values, way, strict=True))
@@ -148,9 +148,9 @@ class Shade:
         cosine = where(there, lit / where(size > 0.0, size, 1.0), 0.0)
         return (1.0 - share) + share * ops.minimum(cosine, 1.0)
 
-    def turns(self, stretch: Stretch, context: Context) -> Mask:
+    def turns(self, panel: Panel, context: Context) -> Mask:
         """Return where the light changes by so much that a few places do not show its way."""
-        low, high = extremes([self.seen(stretch.fields(s), stretch, context) for s in NODES])
+        low, high = extremes([self.seen(panel.fields(s), panel, context) for s in NODES])
         return high - low > _DOUBT
 
     def key(self) -> tuple[Any, ...]:
@@ -183,58 +183,42 @@ class Lamp:
         share = self._share(context)
         way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
         first, last = (
-            self._cosine(panel.fields(f), panel.stretch, context)
+            self._cosine(panel.fields(f), panel, context)
             for f in (middle.place - way, middle.place + way)
         )
         return 1.0 - share + 0.5 * share * (first + last)
 
-    def light(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
-        """Return the light factor of the surface at a place of a stretch, with these fields."""
+    def light(self, fields: dict[str, Any], panel: Panel, context: Context) -> Float:
+        """Return the light factor of the surface at a place of a panel, with these fields."""
         if self.shading == 0:
             return 1.0
         share = self._share(context)
-        return 1.0 - share + share * self._cosine(fields, stretch, context)
+        return 1.0 - share + share * self._cosine(fields, panel, context)
 
-    def off(self, stretch: Stretch, context: Context) -> Float:
-        """Return the relative error of the light in a surface of finite width.
-
-        Step doubling misses it: if the surface is inside one half, the nodes are the same.
-        """
-        if self.shading == 0:
-            return stretch.length * 0.0
-        first, middle, last = self._lit(stretch, context)
-        return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
-
-    def across(self, stretch: Stretch, context: Context, extent: Float, depth: Float) -> Float:
-        """Return the relative error of the light in a surface that absorbs; see `change_across`."""
-        share = self._share(context)
-        nodes = [[1.0 - share + share * lit] for lit in self._lit(stretch, context)]
-        return change_across(nodes, extent, depth)
-
-    def turns(self, stretch: Stretch, context: Context) -> Mask:
+    def turns(self, panel: Panel, context: Context) -> Mask:
         """Return where the normal turns by so much that a few places do not show its way."""
         if self.shading == 0:
-            return stretch.length < 0.0
-        low, high = extremes(self._lit(stretch, context))
+            return panel.length < 0.0
+        low, high = extremes(self._lit(panel, context))
         return high - low > _TURN
 
     def _share(self, context: Context) -> Float:
         return context.keep(("shading", self.shading), lambda: context.narrow_number(self.shading))
 
-    def _lit(self, stretch: Stretch, context: Context) -> list[Float]:
+    def _lit(self, panel: Panel, context: Context) -> list[Float]:
         """Return the cosine of ray and normal at both ends and in the middle; computed once."""
         return kept(
-            stretch,
+            panel,
             ("lit", self.normal[0].text, self.lights),
-            lambda: [self._cosine(stretch.fields(s), stretch, context) for s in NODES],
+            lambda: [self._cosine(panel.fields(s), panel, context) for s in NODES],
         )
 
-    def _cosine(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
+    def _cosine(self, fields: dict[str, Any], panel: Panel, context: Context) -> Float:
         across = _scaled([context.evaluate(e, fields) for e in self.normal], context)
         found = 0.0
         for direction, weight in self.lights:
             if direction == HEADLIGHT:
-                way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
+                way = _scaled(list(panel.ahead or ()), context)
             else:
                 way = [context.narrow_number(d) for d in direction]
             size = dr.sqrt(_dot(across, across) * _dot(way, way))
@@ -254,26 +238,3 @@ def _scaled(vector: list[Any], context: Context) -> list[Float]:
 
 def _dot(a: list[Float], b: list[Float]) -> Float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-# On average the visible emission of a slab of optical depth τ comes from τ/12 of its thickness in
-# front of its middle, and from at most half of it.
-_PER_DEPTH = 1.0 / 12.0
-_MOST = 0.5
-
-
-def change_across(nodes: list[list[Any]], extent: Float, depth: Float) -> Float:
-    """Return the relative error of an absorbing layer's emission where its colour or light varies.
-
-    Its front is seen better than its back. `nodes` are the factors of each channel at both ends and
-    in the middle of a stretch; the layer fills a part `extent` of a half, with an optical depth.
-    """
-    change = most = depth * 0.0
-    for a, b, c in zip(*nodes, strict=True):
-        change = extremes([change, dr.abs(b - a), dr.abs(c - b)])[1]
-        most = extremes([most, dr.abs(a), dr.abs(b), dr.abs(c)])[1]
-    shift = _PER_DEPTH * depth
-    shift = dr.select(shift < _MOST, shift, _MOST)
-    part = dr.select(extent < 1.0, extent, 1.0)
-    off = change * part * shift / dr.select(most > 0.0, most, 1.0)
-    return dr.select(off < 1.0, off, 1.0)

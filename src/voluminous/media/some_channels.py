@@ -10,13 +10,12 @@ import numpy as np
 from ..backend.types import Float, Mask
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
-from .sampled import Sampled
+from .context import Context, Feature, Halves, MediumSample
+from .contract import Medium
 
 if TYPE_CHECKING:
     from .edges import Level
-    from .stretch import Panel, Stretch
+    from .panel import Panel
 
 
 class SomeChannels(Medium):
@@ -30,6 +29,7 @@ class SomeChannels(Medium):
         self.channels, self.grey = last - first, medium.grey
         self.names, self.discrete = medium.names, medium.discrete
         self.path_length, self.sensitivity = medium.path_length, medium.sensitivity
+        self.order = medium.order
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return self._some(self.medium.coefficients(fields, context))
@@ -40,12 +40,12 @@ class SomeChannels(Medium):
     def means(self, panel: Panel, context: Context) -> MediumSample:
         return self._some(self.medium.means(panel, self._whole(context)))
 
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        found = self.medium.sampled(stretch, self._whole(context), fine=fine)
-        return Sampled(*map(self._some, found))
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        found = self.medium.integrate(panel, self._whole(context))
+        return Halves(*map(self._some, (found.first, found.last, found.error)))
 
-    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
-        sheet = self.medium.layer(stretch, self._whole(context), place)
+    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
+        sheet = self.medium.layer(panel, self._whole(context), place)
         return None if sheet is None else self._some(sheet)
 
     def _whole(self, context: Context) -> Context:
@@ -74,14 +74,8 @@ class SomeChannels(Medium):
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         return self.medium.visible_in(fields, context)
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        return self.medium.visible(stretch, self._whole(context))
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        return self.medium.sharpness(stretch, self._whole(context))
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        return self.medium.cores(stretch, self._whole(context))
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        return self.medium.visible(panel, self._whole(context))
 
     def discontinuities(self, context: Context) -> list[Level]:
         return self.medium.discontinuities(self._whole(context))
@@ -103,10 +97,6 @@ class SomeChannels(Medium):
     @property
     def constant_source_function(self) -> bool:
         return self.medium.constant_source_function
-
-    @property
-    def sampling(self) -> Sampling:
-        return self.medium.sampling
 
     def key(self) -> Any:
         key = self.medium.key()

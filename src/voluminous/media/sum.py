@@ -10,14 +10,12 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import page, table
-from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
-from .sampled import Sampled
-from .stretch import extremes
+from .context import Context, Feature, Halves, MediumSample
+from .contract import Medium, integrated
 
 if TYPE_CHECKING:
     from .edges import Level
-    from .stretch import Panel, Stretch
+    from .panel import Panel
 
 
 class Sum(Medium):
@@ -42,6 +40,7 @@ class Sum(Medium):
         self.discrete = all(part.discrete for part in parts)
         self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
         self.sensitivity = max(part.sensitivity for part in parts)
+        self.order = min(part.order for part in parts)
 
     def components(self) -> tuple[Medium, ...]:
         return self.parts
@@ -63,12 +62,17 @@ class Sum(Medium):
     def means(self, panel: Panel, context: Context) -> MediumSample:
         return self._total([part.means(panel, context) for part in self.parts])
 
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        found = [integrated(part, panel, context) for part in self.parts]
+        rows = ([getattr(h, name) for h in found] for name in ("first", "last", "error"))
+        return Halves(*map(self._total, rows))
+
     def discontinuities(self, context: Context) -> list[Level]:
         every = (edge for part in self.parts for edge in part.discontinuities(context))
         return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
 
-    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
-        found = [part.layer(stretch, context, place) for part in self.parts]
+    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
+        found = [part.layer(panel, context, place) for part in self.parts]
         some = [one for one in found if one is not None]
         return self._total(some) if some else None
 
@@ -76,35 +80,12 @@ class Sum(Medium):
     def surface_only(self) -> bool:
         return all(part.surface_only for part in self.parts)
 
-    @property
-    def sampling(self) -> Sampling:
-        rules = [part.sampling for part in self.parts]
-        return Sampling(
-            linear=any(r.linear for r in rules),
-            smooth=any(r.smooth for r in rules),
-            finer=all(r.finer for r in rules),
-            quick=any(r.quick for r in rules),
-        )
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        found = [part.sampled(stretch, context, fine=fine) for part in self.parts]
-        return Sampled(*(self._total(list(own)) for own in zip(*found, strict=True)))
-
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        masks = [part.visible(stretch, context) for part in self.parts]
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        masks = [part.visible(panel, context) for part in self.parts]
         seen, hidden = masks[0]
         for a, b in masks[1:]:
             seen, hidden = seen | a, hidden | b
         return seen, hidden
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        found = [part.sharpness(stretch, context) for part in self.parts]
-        thin, off = zip(*found, strict=True)
-        return extremes(thin)[1], extremes(off)[1]
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        counts = [part.cores(stretch, context) for part in self.parts]
-        return [sum(own[1:], own[0]) for own in zip(*counts, strict=True)]
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         seen = self.parts[0].visible_in(fields, context)

@@ -26,23 +26,16 @@ from .arguments import (
     named,
 )
 from .color_by import ColorBy
-from .context import Context, Feature, MediumSample
-from .contract import Medium, Sampling
+from .context import Context, Feature, Halves, MediumSample
+from .contract import Medium
 from .edges import NOISE, passes
 from .modulation import Modulation
+from .panel import PLACES, Panel, extremes, kept, noise_of
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
-from .sampled import PAIR, Sampled, missed_by_pair
 from .shading import given_shade
-from .stretch import Panel, Stretch, extremes, kept
-from .table_bends import TableBends
-from .unresolved import LookedUp, bend, core, extent_of, thinness
 
 # Emission and extinction are proportional if they differ by less than this, relative to the peaks.
 _EVEN = 1e-9
-# Half the distance of the ends of a stretch, over the distance of two samples.
-_TO_ENDS = 0.5 / (PAIR[1] - PAIR[0])
-
-
 # Structures are grouped in classes of width; ratio of one class to the next.
 _CLASS, _CLASSES = 8.0, 3
 # Most jumps for which crossings are searched, the largest first: each adds to every kernel.
@@ -176,54 +169,48 @@ class Table(Medium):
         return max(self.color), max(self.opacity)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
-        first, last = (self._place(panel.stretch, s, context) for s in (panel.first, panel.last))
+        first, last = (self._place(panel, s, context) for s in (0.0, 1.0))
         table = self._table(context, type(first.x))
         means = zip(self.heights(context), table.means(first, last), strict=False)
         sample = self.split([height * mean for height, mean in means])
         if self.modulation.fixed:
             return sample
-        middles = context.keep(
+        middles = self._middles(context, table)
+        return self.modulation.means(sample, panel, context, middles.between(first, last))
+
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        """Return the means over both halves from parabolas through quarters."""
+        places = [self._place(panel, s, context) for s in PLACES]
+        a, b, c, d, e = (place.x for place in places)
+        turns = [a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e]
+        noise = 4.0 * noise_of(a, e)
+        one, both, other = (dr.select(dr.abs(t) > noise, 0.5 * t, 0.0) for t in turns)
+        bows = [1.5 * one - 0.5 * both, 0.5 * (one + both), 0.5 * (both + other)]
+        bows.append(1.5 * other - 0.5 * both)
+        table = self._table(context, type(a))
+        quarters = [
+            table.bent_means(*ends, bow) for ends, bow in zip(pairwise(places), bows, strict=True)
+        ]
+        found = []
+        for height, *own in zip(self.heights(context), *quarters, strict=False):
+            means, errors = zip(*own, strict=True)
+            half, quarter = 0.5 * height, 0.25 * height
+            error = quarter * (errors[0] + errors[1] + errors[2] + errors[3])
+            found.append((half * (means[0] + means[1]), half * (means[2] + means[3]), error))
+        result = Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
+        if self.modulation.fixed:
+            return result
+        middles = self._middles(context, table)
+        ends = (places[:3:2], places[2::2])
+        return self.modulation.integrate(
+            result, panel, [middles.between(*own) for own in ends], context
+        )
+
+    def _middles(self, context: Context, table: PiecewiseLinear) -> TableMiddles:
+        return context.keep(
             (id(self), "middles"),
             lambda: TableMiddles(table.real, self.nodes(context), self._weight),
         )
-        return self.modulation.means(sample, panel, context, middles.between(first, last))
-
-    @property
-    def sampling(self) -> Sampling:
-        return Sampling(smooth=self._smooth, finer=self._smooth)
-
-    @property
-    def _smooth(self) -> bool:
-        jumps = np.any(np.diff(self.values) == 0)
-        return self.modulation.even and self.expr.smooth and not jumps
-
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α from two samples, exact between nodes; see `table_bends`."""
-        if not self._smooth:
-            return super().sampled(stretch, context)
-        narrow = context.narrow
-        low, high = map(narrow, stretch.hull(self.expr))
-        pair = [stretch.scalar(self.expr, s) for s in PAIR]
-        table = self._table(context, type(low))
-        slopes = [narrow(d) for d in stretch.derivatives(self.expr)]
-        bow: Float = 0.0
-        if not stretch.is_cubic(self.expr):
-            bow = narrow(missed_by_pair(stretch.nodes(self.expr), pair))
-        bends = context.keep(
-            (id(self), "bends"), lambda: TableBends(table, self.nodes(context), self.shape)
-        )
-        gate, unsure = self.modulation.switched(stretch, context)
-        off = dr.select(unsure, dr.inf, bends.off(low, high, slopes, bow))
-        heights = [h * gate for h in self.heights(context)]
-        columns = (table.values(narrow(x)) for x in pair)
-        a, b = ([h * v for h, v in zip(heights, own, strict=False)] for own in columns)
-        # The line through both samples: its ends differ by √3 times their difference.
-        middle = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
-        lean = [_TO_ENDS * (q - p) for p, q in zip(a, b, strict=True)]
-        start, end = (
-            [m + way * d for m, d in zip(middle, lean, strict=True)] for way in (-1.0, 1.0)
-        )
-        return Sampled(*map(self.split, (middle, start, end, [h * off for h in heights])))
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         x = context.evaluate(self.expr, fields)
@@ -263,14 +250,14 @@ class Table(Medium):
 
         return context.keep((id(self), "table"), make)
 
-    def _place(self, stretch: Stretch, s: float, context: Context) -> Place:
-        """Return the place of x in the table at an end or in the middle of a stretch."""
+    def _place(self, panel: Panel, s: float, context: Context) -> Place:
+        """Return the place of x in the table at an end or in the middle of a panel."""
 
         def make() -> Place:
-            x = context.narrow(stretch.scalar(self.expr, s))
+            x = context.narrow(panel.scalar(self.expr, s))
             return self._table(context, type(x)).at(x)
 
-        return kept(stretch, (id(self), s), make)
+        return kept(panel, (id(self), s), make)
 
     def heights(self, context: Context) -> list[Float]:
         """Return the peak of each column in the units of `means`, as kernel constants."""
@@ -320,10 +307,10 @@ class Table(Medium):
         values = numbers if self.unit is None else [named(n * self.unit) for n in numbers]
         return {**super().describe(), "values": values}
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         """Return where an entry may be noticeable, and where a panel's ends may miss that."""
-        low, high = (context.narrow(x) for x in stretch.hull(self.expr))
-        below, above = extremes([context.narrow(x) for x in stretch.nodes(self.expr)])
+        low, high = (context.narrow(x) for x in panel.hull(self.expr))
+        below, above = (context.narrow(x) for x in panel.range(self.expr))
         parts = self._kernel_numbers(context, type(low))
         seen = ~((low > parts.last) | (high < parts.first))  # where there is NaN, it must show
         # Between log10 of zero and a value there is all of the table, and ends show none of it.
@@ -332,42 +319,13 @@ class Table(Medium):
         for doubt, begin, end in parts.structures:
             hidden |= (high > above + doubt) & (above < end) & (high > begin)
             hidden |= (low < below - doubt) & (below > begin) & (low < end)
-            hidden |= (low < end) & (high > begin) & stretch.turns(self.expr, doubt)
         if parts.structures:
-            hidden |= seen & self._entered(parts, stretch)
-            if not self.modulation.fixed:
-                hidden |= seen & self._looked_up(parts, stretch, context).lost(stretch, context)
+            hidden |= seen & self._entered(parts, panel)
         for edge in parts.jumps:
             # Any excess beyond a jump counts, however small.
-            possible, shown = passes(stretch, self.expr, edge)
+            possible, shown = passes(panel, self.expr, edge)
             hidden |= seen & (possible > shown)
-        return self.modulation.visible(stretch, context, seen, hidden)
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return how unresolved the narrowest structure is, and its error by curvature of x."""
-        real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
-        parts = self._kernel_numbers(context, real)
-        if not parts.structures:  # the same everywhere
-            return stretch.length * 0.0, stretch.length * 0.0
-        narrowness = _DOUBT / parts.structures[0][0]
-        off = bend(stretch, self.expr, narrowness, 0.0, parts.first, parts.last)
-        if not self.modulation.fixed:
-            off = off + self._looked_up(parts, stretch, context).error(stretch, context)
-        return thinness(stretch, self.expr, narrowness), off
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        """Return the number of structures in each half, the largest over all classes of width."""
-        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
-        parts = self._kernel_numbers(context, type(nodes[0]))
-        counts = []
-        for low, high in map(extremes, pairwise(nodes)):
-            count = stretch.length * 0.0
-            for doubt, first, last in parts.structures:
-                narrow = _DOUBT * (high - low) > doubt
-                own = core((low < last) & (high > first), narrow, not self.even, count)
-                count = extremes([count, own])[1]
-            counts.append(count)
-        return counts
+        return self.modulation.visible(panel, context, seen, hidden)
 
     def _kernel_numbers(self, context: Context, real: Any) -> _Parts:
         def make() -> _Parts:
@@ -385,34 +343,17 @@ class Table(Medium):
 
         return context.keep((id(self), "parts"), make)
 
-    def _entered(self, parts: _Parts, stretch: Stretch) -> Mask:
+    def _entered(self, parts: _Parts, panel: Panel) -> Mask:
         """Return where x reaches visible entries, but neither end does.
 
         In an opaque table even a small excess matters.
         """
-        low, high = stretch.hull(self.expr)
-        below, above = extremes(stretch.nodes(self.expr))
+        low, high = panel.hull(self.expr)
+        below, above = panel.range(self.expr)
         noise = NOISE[precision_of(type(low))] * extremes([dr.abs(low), dr.abs(high)])[1]
         least = _REACHED * parts.structures[0][0] + noise
         return ((above <= parts.first) & (high > parts.first + least)) | (
             (below >= parts.last) & (low < parts.last - least)
-        )
-
-    def _looked_up(self, parts: _Parts, stretch: Stretch, context: Context) -> LookedUp:
-        """Return the narrowest structure as a shell in which colours and a gate are evaluated."""
-        doubt, low, high = parts.structures[0]
-        narrowness = _DOUBT / doubt
-        extent = extent_of(
-            [context.narrow(x) for x in stretch.nodes(self.expr)], _RAMPS / narrowness
-        )
-        way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
-        return LookedUp(
-            expr=self.expr,
-            ranges=[(low, high)],
-            thin=thinness(stretch, self.expr, narrowness),
-            extent=extent,
-            depth=extremes(self.heights(context)[self.channels :])[1] * way,
-            factors=self.modulation.at_nodes(stretch, context),
         )
 
 

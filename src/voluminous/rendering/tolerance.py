@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .job import RenderJob
 
 # Error allowed in one segment, as a fraction of a pixel's; smaller in every round.
-_SHARES = (0.05, 0.01, 0.002)
+_SHARES = (0.15, 0.03, 0.006)
 # Number of pixels that estimate the brightness of a picture, if it has at least a few times as
 # many. Without the estimate half of the pixels of shells in real data were drawn twice: it takes
 # 1.1 s instead of 1.7, and 1.5 instead of 2.4.

@@ -58,8 +58,6 @@ class Scheme:
         The emission is linear in the emissivity, whatever the extinction.
     controlled : bool
         It keeps to a tolerance and estimates its error (`Path.error`).
-    coarseness : float
-        For ``"field"``: allowed error of scalars, as a fraction of a structure's width.
     radmc3d_steps : bool
         Positions are rounded, and segments divided, as in RADMC-3D.
     complete : bool
@@ -73,7 +71,6 @@ class Scheme:
     coefficients_at: str = "cell"
     linear: bool = True
     controlled: bool = False
-    coarseness: float = 0.0
     radmc3d_steps: bool = False
     complete: bool = False
     everywhere: bool = False
@@ -111,6 +108,13 @@ class Scheme:
         It was `carried` before the segment, and `solve` returned `onward`.
         """
         return onward
+
+    def coarseness_for(self, tolerance: float) -> float:
+        """Return by what part of a structure's width scalars may bend within a wide step.
+
+        Zero for single cells; for ``"field"``.
+        """
+        return 0.0
 
     def hides(self, segment: Segment) -> Mask:
         """Return where the solution of a segment is discarded."""

@@ -65,20 +65,28 @@ def over(front: Path, back: Path) -> Path:
 
 
 def _error_over(front: Path, back: Path) -> list[Float]:
-    """Return the errors of ``front over back``, as if all of them had the same sign.
+    """Return the errors of ``front over back``.
 
     δb = δb₁ + θ₁ δb₂ + δθ₁ b₂ and δθ = δθ₁ θ₂ + θ₁ δθ₂, with the brightness for b and the largest
-    transparency for θ.
+    transparency for θ. Those of b have any sign: the root of the sum of their squares is taken.
     """
     if not front.error:
         return []
     (wrong, dim, bright), (wrong_back, dim_back, bright_back) = front.error, back.error
     through = most(front.transparency)
+    behind = through * wrong_back
     return [
-        dr.fma(through, wrong_back, dr.fma(dim, bright_back, wrong)),
+        dr.fma(dim, bright_back, _hypotenuse(wrong, behind)),
         dr.fma(through, dim_back, dim * most(back.transparency)),
         dr.fma(through, bright_back, bright),
     ]
+
+
+def _hypotenuse(a: Float, b: Float) -> Float:
+    """Return the root of the sum of two squares, which may be below the range of numbers."""
+    large = dr.select(a > b, a, b)
+    ratio = dr.select(a > b, b, a) / dr.select(large > 0.0, large, 1.0)
+    return large * dr.sqrt(dr.fma(ratio, ratio, 1.0))
 
 
 def most(values: list[Float]) -> Float:

@@ -181,6 +181,28 @@ class CoarseCursor:
     inside: Mask
 
 
+@dataclass
+class FineCell:
+    """A dual cell in a cube of them, by its number along each axis."""
+
+    walk: CoarseWalk
+    index: list[Int]
+
+    @property
+    def cell(self) -> Int:
+        """Flat number of the cell."""
+        return self._flat(self.walk.own_cells)
+
+    @property
+    def corner(self) -> Int:
+        """Flat number of the cell's lower corner."""
+        return self._flat(self.walk.own_corners)
+
+    def _flat(self, strides: list[Int]) -> Int:
+        x, y, z = (i * stride for i, stride in zip(self.index, strides, strict=True))
+        return self.walk.backend.UInt(x + y + z)
+
+
 class CoarseChord(Chord):
     """A segment as a straight line through a cube of dual cells."""
 
@@ -191,29 +213,25 @@ class CoarseChord(Chord):
         """How many cells wide the cube is."""
         return self.segment.exit.width
 
-    @property
-    def base(self) -> list[Float]:
-        """Its first dual cell along each axis, counted upwards."""
-        Int = self.walk.backend.Int
-        wide = Int(self.width)
-        return [
-            dr.select(sign < 0, axis.last_cell + 1 - wide - Int(i), Int(i))
-            for axis, sign, i in zip(
-                self.walk.axes, self.track.sign, self.segment.exit.index, strict=True
-            )
-        ]
-
-    @property
-    def cell(self) -> Int:
-        return self._flat(self.walk.own_cells)
-
-    @property
-    def corner(self) -> Int:
-        return self._flat(self.walk.own_corners)
-
-    def _flat(self, strides: list[Int]) -> Int:
-        x, y, z = (i * stride for i, stride in zip(self.base, strides, strict=True))
-        return self.walk.backend.UInt(x + y + z)
+    def at(self, s: Float) -> tuple[FineCell, list[Float]]:
+        """Return the cell around a place of the segment, and the place in it."""
+        Int, width = self.walk.backend.Int, self.width
+        last = Int(width) - 1
+        index, inside = [], []
+        for axis, sign, i, a, b in zip(
+            self.walk.axes,
+            self.track.sign,
+            self.segment.exit.index,
+            self.start,
+            self.end,
+            strict=True,
+        ):
+            first = dr.select(sign < 0, axis.last_cell - last - Int(i), Int(i))
+            place = dr.fma(s, b - a, a) * width
+            cell = dr.minimum(Int(place), last)
+            index.append(first + cell)
+            inside.append(place - cell)
+        return FineCell(self.walk, index), inside
 
     def _fractions(self, t: Float) -> list[Float]:
         step, track = self.segment.exit, self.track

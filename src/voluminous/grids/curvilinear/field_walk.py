@@ -20,7 +20,6 @@ from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..contract import Segment
 from ..lanes import lesser
-from ..straight_chord import Values, cubic_through, parabola_through, trilinear
 from .surfaces import NUMBERS, Arithmetic, SurfaceGrid
 from .walk import CurvilinearWalk, SurfaceExit, SurfaceTrack, flat, norm
 
@@ -78,13 +77,9 @@ class CurvilinearChord:
         """How far it goes, in the volume's coordinates."""
         return [self.segment.length * self.walk.length * d for d in self.track.direction]
 
-    def cubic(self, values: Values) -> list[Any]:
-        """Return a field along the segment, from its values at the corners of the cell."""
-        return cubic_through([trilinear(values, self._place(k / 3)) for k in range(4)])
-
-    def parabola(self, values: Values) -> list[Float]:
-        """Return it from three values, for schemes of second order: in 0.9 of their time."""
-        return parabola_through([trilinear(values, self._place(k / 2)) for k in range(3)])
+    def at(self, s: Float) -> tuple[Any, list[Float]]:
+        """Return the chord of the cell around a place of the segment, and the place in it."""
+        return self, self._place(s)
 
     def distance(self, s: Float) -> Float:
         """Return how far along the ray a place of the segment is, s from 0 to 1."""

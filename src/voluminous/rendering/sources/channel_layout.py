@@ -15,10 +15,10 @@ from ...backend.functions import any_attenuation
 from ...backend.types import Float
 from ...expressions.interval import Interval
 from ...media import Shaped
-from ...media.context import Context
-from ...media.contract import Medium
+from ...media.context import Context, MediumSample
+from ...media.contract import Medium, integrated
+from ...media.panel import Panel
 from ...media.ranges import RangeContext
-from ...media.stretch import Panel, Stretch
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, most
 
@@ -172,9 +172,10 @@ class PerChannel:
         """Return the means of the values over a panel of a ray."""
         return self.medium.means(panel, context).listed()
 
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool) -> list[list[Float]]:
-        """Return mean, first and last values of a stretch, and the errors of the means."""
-        return [s.listed() for s in self.medium.sampled(stretch, context, fine=fine)]
+    def integrate(self, panel: Panel, context: Context) -> tuple[list[Float], ...]:
+        """Return the means over both halves of a panel, and their errors."""
+        found = self.medium.integrate(panel, context)
+        return found.first.listed(), found.last.listed(), found.error.listed()
 
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         """Return intervals that enclose the values while the fields stay in ranges."""
@@ -193,18 +194,22 @@ class PerChannel:
             size = [w * b for w, b in zip(self.weights, size, strict=True)]
         return most(size)
 
-    def shares(self, path: Path, panel: Panel, context: Context) -> list[tuple[Float, Float]]:
-        """Return the brightness and the optical depth of each part on a solved panel."""
+    def shares(
+        self, solved: Sequence[Path], panel: Panel, context: Context
+    ) -> list[list[tuple[Float, Float]]]:
+        """Return the brightness and the optical depth of each part on both halves of a panel."""
         parts = self.medium.components()
         if len(parts) == 1:
-            return [(path.error[2], most(path.depth))]
-        result = []
-        for part in parts:
-            means = part.means(panel, context)
-            bright = self.brightness(means.emissivity) * panel.length
-            depth = most(means.extinction) * panel.length
-            result.append((bright * any_attenuation(depth)[1], depth))
-        return result
+            return [[(path.error[2], most(path.depth))] for path in solved]
+        found, length = [integrated(part, panel, context) for part in parts], 0.5 * panel.length
+        return [
+            [self._share(getattr(one, name), length) for one in found] for name in ("first", "last")
+        ]
+
+    def _share(self, means: MediumSample, length: Float) -> tuple[Float, Float]:
+        bright = self.brightness(means.emissivity) * length
+        depth = most(means.extinction) * length
+        return bright * any_attenuation(depth)[1], depth
 
     def mix(self, emission: list[np.ndarray]) -> np.ndarray:
         """Return the intensity (…, channel) from the integrated emissions."""
@@ -316,9 +321,10 @@ class SharedProfiles:
     def means(self, panel: Panel, context: Context) -> list[Float]:
         return [part.mean_per_length(panel, context) for part in self.parts]
 
-    def sampled(self, stretch: Stretch, context: Context, *, fine: bool) -> list[list[Float]]:
-        samples = [part.sampled_per_length(stretch, context, fine=fine) for part in self.parts]
-        return [list(values) for values in zip(*samples, strict=True)]
+    def integrate(self, panel: Panel, context: Context) -> tuple[list[Float], ...]:
+        found = (part.halves_per_length(panel, context) for part in self.parts)
+        first, last, error = (list(values) for values in zip(*found, strict=True))
+        return first, last, error
 
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         return [part.per_length(fields, context) for part in self.parts]
@@ -335,7 +341,12 @@ class SharedProfiles:
             total = dr.fma(dr.abs(b), weight, total)
         return total
 
-    def shares(self, path: Path, panel: Panel, context: Context) -> list[tuple[Float, Float]]:
+    def shares(
+        self, solved: Sequence[Path], panel: Panel, context: Context
+    ) -> list[list[tuple[Float, Float]]]:
+        return [self._shares(path) for path in solved]
+
+    def _shares(self, path: Path) -> list[tuple[Float, Float]]:
         (depth,), (theta,) = path.depth, path.transparency
         dimmed = dr.select(depth > 0.0, (1.0 - theta) / dr.select(depth > 0.0, depth, 1.0), 1.0)
         thin = 1.0 / dr.select(dimmed > 0.0, dimmed, 1.0)

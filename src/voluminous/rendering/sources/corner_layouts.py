@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import Backend, dr
-from ...backend.functions import branch
 from ...backend.types import Int, Mask
 from ...errors import InputError
-from ...grids.cartesian.dual_walk import Chord, CoarseChord, padded_count
+from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
-from ...grids.straight_chord import trilinear
 from ...memory import check_memory, fits
 from ..cache import Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
@@ -52,14 +49,6 @@ class FieldLattice:
     def corners(self, chord: Any, active: Mask) -> Corners:
         """Return the values around the dual cell of a segment."""
         raise NotImplementedError
-
-    def at(self, chord: Any, corners: Corners, s: float) -> Any:
-        """Return the field at the beginning (0) or the end (1) of a segment."""
-        return trilinear(corners, chord.end if s else chord.start)
-
-    def along(self, chord: Any, corners: Corners, *, rough: bool = False) -> list[Any]:
-        """Return the field along a segment, as a polynomial of s from 0 to 1."""
-        return list(chord.parabola(corners) if rough else chord.cubic(corners))
 
 
 @dataclass
@@ -212,77 +201,9 @@ def make_faces(padded: np.ndarray, backend: Backend, unit: float) -> FacePackets
     return FacePackets(data, unit, dr.opaque(UInt, plane), backend.packet(4))
 
 
-@dataclass
-class Pyramid(FieldLattice):
-    """FacePackets of every 2nd, 4th and 8th centre, one after the other, and all centres.
-
-    Attributes
-    ----------
-    fine : FacePackets or NodalValues
-        All centres.
-    data : array
-        The quads of the coarser levels: an eighth of all for each level, or less.
-    levels : list of tuples
-        Per level: log2 of the cube size, index of its first quad, and number of quads along y and
-        z.
-    """
-
-    fine: FacePackets | NodalValues
-    data: Any
-    levels: list[tuple[Any, ...]]
-    packet: Any
-
-    def __post_init__(self) -> None:
-        """Take the unit of the finest values."""
-        self.unit = self.fine.unit
-
-    def corners(self, chord: CoarseChord, active: Mask) -> Corners:
-        found: Corners = branch(
-            args=(active,),
-            cond=chord.width > 1.0,
-            true_fn=functools.partial(self._coarse, chord),
-            false_fn=functools.partial(self.fine.corners, chord),
-        )
-        return found
-
-    def _coarse(self, chord: CoarseChord, active: Mask) -> Corners:
-        UInt = type(self.levels[0][0])
-        wide = UInt(chord.width)
-        step, first, ny, nz = self.levels[0]
-        for level in self.levels[1:]:
-            here = wide == (1 << level[0])
-            step, first, ny, nz = (
-                dr.select(here, a, b) for a, b in zip(level, (step, first, ny, nz), strict=True)
-            )
-        i, j, k = (UInt(b) >> step for b in chord.base)
-        return faces(self.packet, self.data, first + (i * ny + j) * nz + k, ny * nz, active)
-
-
-def make_pyramid(
-    array: np.ndarray, fine: FacePackets | NodalValues, steps: tuple[int, ...], backend: Backend
-) -> Pyramid:
-    """Return the pyramid of a field, for steps of 2^k cells."""
-    parts, levels, total = [], [], 0
-    for step in steps:
-        # Every 2^k-th centre; quads begin with the one before the first.
-        places = [
-            np.clip((np.arange((padded_count(n) >> step) + 1) << step) - 1, 0, n - 1)
-            for n in array.shape
-        ]
-        nodes = array[np.ix_(*places)]
-        parts.append(make_faces(nodes, backend, fine.unit).data)
-        numbers = (step, total, nodes.shape[1] - 1, nodes.shape[2] - 1)
-        levels.append(tuple(dr.opaque(backend.UInt, n) for n in numbers))
-        total += len(parts[-1]) // 4
-    data = dr.concat(parts)
-    dr.eval(data)
-    return Pyramid(fine, data, levels, backend.packet(4))
-
-
-def get_lattices(evaluator: CellEvaluator, cache: Cache, blocks: Any = None) -> dict[str, Any]:
+def get_lattices(evaluator: CellEvaluator, cache: Cache) -> dict[str, Any]:
     """Return all fields in the layouts that rays gather; cached with the volume."""
     volume, backend = evaluator.volume, evaluator.backend
-    steps = blocks.steps if blocks is not None else ()
     names = [name for name in evaluator.medium.names if name in volume]
     keys = {n: ("lattice", n, backend, cache.statistics.digest(n)) for n in names}
     found = {name: cache.get(key) for name, key in keys.items()}
@@ -290,10 +211,4 @@ def get_lattices(evaluator: CellEvaluator, cache: Cache, blocks: Any = None) -> 
     made = volume.grid.lattice([volume.array(name) for name in lacking], backend)
     for name, lattice in zip(lacking, made, strict=True):
         found[name] = cache.put(keys[name], lattice)
-    if not steps:
-        return found
-
-    def pyramid(name: str) -> Any:
-        return make_pyramid(volume.array(name), found[name], steps, backend)
-
-    return {n: cache.get_or_make((*keys[n], steps), functools.partial(pyramid, n)) for n in names}
+    return found

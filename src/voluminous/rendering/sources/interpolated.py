@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 
 from ...backend import dr
 from ...backend.types import Float, Mask
-from ...grids.cartesian.dual_walk import Chord
+from ...grids.cartesian.dual_walk import CoarseChord
 from ...grids.contract import Segment
+from ...grids.straight_chord import trilinear
 from ...media.context import Context, completed
 from ...media.contract import Medium
 from ...media.edges import Level
-from ...media.stretch import Panel, Straight, Stretch, within_limits
+from ...media.panel import Panel, Straight, may_turn, within_limits
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, layer
 from ..cache import Cache
@@ -32,47 +33,50 @@ _FAINTEST = {"single": 1e-37, "double": 1e-300}
 # Path lengths for which a ray may follow a shell where it is faint: at least, and at most. Beyond
 # the maximum the width of the faintest part of a peak no longer changes.
 _SOME_PATHS, _MOST_PATHS = 10.0, 1e12
-# Error due to the cubic fit on curvilinear grids, as a fraction of the tolerance; nearly all errors
-# are smaller.
-_LOST_BY_CUBICS = 0.1
 # Error due to rounded positions, in ε (for a shell with σ = 1e-4 dex in a field of 3 dex), and its
 # maximum.
 _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 
 
-@dataclass
 class FieldsAlong:
-    """All fields along a segment, from their values at the corners of its dual cell."""
+    """All fields along a segment; what is asked for is computed where it is asked for."""
 
-    source: Interpolated
-    chord: Chord
-    corners: dict[str, Corners]
+    def __init__(self, source: Interpolated, chord: Any, active: Mask) -> None:
+        self.source, self.chord, self.active = source, chord, active
+        # In a cube of cells each place has its own corners.
+        self.one_cell = not isinstance(chord, CoarseChord)
+        self.corners = self._corners(chord) if self.one_cell else {}
 
-    def at(self, s: float) -> dict[str, Float]:
-        """Return every field at the beginning (0) or the end (1) of the segment."""
+    def _corners(self, cell: Any) -> dict[str, Corners]:
+        lattices = self.source.lattices
+        return {name: lattice.corners(cell, self.active) for name, lattice in lattices.items()}
+
+    def own(self, s: Float) -> dict[str, Float]:
+        """Return every field, and coordinate, that the medium uses at a place from 0 to 1."""
         source, chord = self.source, self.chord
-        fields = {
-            name: source.in_unit(name, source.lattices[name].at(chord, c, s))
-            for name, c in self.corners.items()
-        }
+        cell, place = chord.at(s)
+        corners = self.corners if self.one_cell else self._corners(cell)
+        fields = {name: source.in_unit(name, trilinear(c, place)) for name, c in corners.items()}
         for a in source.coordinates:
-            place = chord.position[a] + chord.step[a] if s else chord.position[a]
-            fields["xyz"[a]] = source.context.real(place)
-        return completed(source.context.ops, within_limits(fields, source.context), source.context)
+            fields["xyz"[a]] = source.context.real(dr.fma(s, chord.step[a], chord.position[a]))
+        return within_limits(fields, source.context)
 
-    def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
-        """Return every field as a polynomial of s from 0 to 1.
+    def at(self, s: Float) -> dict[str, Float]:
+        """Return the same, and the coordinates that follow from x, y and z."""
+        return self.source.completed(self.own(s))
 
-        Where the field is not a polynomial, it is approximated to fourth order, or to third
-        (`rough`).
-        """
-        lattices, chord = self.source.lattices, self.chord
-        fields = {
-            name: lattices[name].along(chord, c, rough=rough) for name, c in self.corners.items()
-        }
-        for a in self.source.coordinates:
-            fields["xyz"[a]] = [chord.position[a], chord.step[a]]
-        return fields
+    @property
+    def many(self) -> Mask:
+        """Where the segment is a step through many cells."""
+        if self.one_cell:
+            return self.source.backend.Bool(False)
+        return self.chord.width > 1.0
+
+    @property
+    def ahead(self) -> list[Float] | None:
+        """From its beginning to its end, if the medium uses coordinates."""
+        real = self.source.context.real
+        return [real(d) for d in self.chord.step] if len(self.source.coordinates) == 3 else None
 
 
 class Interpolated:
@@ -83,23 +87,19 @@ class Interpolated:
     numbers : PerChannel or SharedProfiles
         The integrated numbers.
     scalars : tuple of Expression
-        Expressions whose values are carried from one stretch to the next.
-    tolerance : tuple of arrays
-        The errors of emission and transparency allowed in the first stretch of a ray, and their
-        share of a pixel's error (`schemes.step_doubling.ErrorBudget`).
+        Expressions whose values are carried from one panel to the next.
+    tolerance : pair of arrays
+        The errors of emission and transparency that are allowed in a segment, as seen.
     neglected, neglected_depth : float
         Upper bounds of the emission and optical depth along a ray of faint places that are skipped.
     lost : float
         Relative error of a pixel due to the interpolation itself.
-    smooth, quick, finer, linear : bool
-        Sample means are accurate enough for some stretches, with an error estimate (single
-        precision only: for linear fields panels reach double precision, samples do not); a rule
-        with fewer samples exists; samples are accurate enough for parts of the other stretches;
-        closed forms are best where scalars are linear.
     hollow, layered : bool
         The medium is empty between its edges; some part of it has zero width.
     steady : bool
         The source function is the same everywhere.
+    alike : list of bool
+        That of each part is.
     """
 
     def __init__(
@@ -132,12 +132,13 @@ class Interpolated:
     def use(self, medium: Medium) -> None:
         """Take a medium, and what schemes ask about it."""
         self.medium, parts = medium, medium.components()
-        self.scalars, self.looks_inside = medium.scalars(), medium.looks_inside
-        sampling = medium.sampling
-        self.smooth = self.backend.precision == "single" and sampling.smooth
-        self.quick, self.finer, self.linear = sampling.quick, sampling.finer, sampling.linear
+        self.scalars = medium.scalars()
+        # Whether panels need fields: of others the scalars at their places are enough.
+        turning = any(may_turn(expr, self.context) for expr in self.scalars)
+        self.looks_inside = medium.looks_inside or bool(self.edges) or turning
         self.hollow, self.layered = medium.surface_only, any(part.surface_only for part in parts)
-        self.steady = len(parts) == 1 and parts[0].constant_source_function
+        self.alike = [part.constant_source_function for part in parts]
+        self.steady = self.alike == [True]
         every = "r" in medium.names or bool(self.context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in medium.names or every]
 
@@ -148,7 +149,7 @@ class Interpolated:
         o = self.backend.opaque
         most = 0.5 * float(np.finfo(self.backend.dtype).max)
         allowed = (min(share * error, most) for error in (emission, transparency))
-        self.tolerance = (*map(o, allowed), o(share))
+        self.tolerance = tuple(map(o, allowed))
 
     def recording(self) -> AbstractContextManager[None]:
         """Return a context in which a panel is solved: nothing, but where it is differentiated."""
@@ -168,22 +169,37 @@ class Interpolated:
 
     def along(self, segment: Segment) -> FieldsAlong:
         """Return the fields around the dual cell of a segment."""
-        chord, active = segment.walk.chord(segment.track, segment), segment.active
-        corners = {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
-        return FieldsAlong(self, chord, corners)
+        return FieldsAlong(self, segment.walk.chord(segment.track, segment), segment.active)
 
-    def stretch(
-        self, cubics: dict[str, list[Float]], length: Float, *, rough: bool = False
-    ) -> Stretch:
-        """Return a stretch of ray, with fields in the type that expressions are evaluated in."""
-        return Stretch(self._in_units(cubics), self.context, length, rough=rough)
+    def completed(self, fields: dict[str, Float]) -> dict[str, Float]:
+        """Return fields with the coordinates that follow from x, y and z."""
+        return completed(self.context.ops, dict(fields), self.context)
 
-    def straight(self, cubics: dict[str, list[Float]], length: Float) -> Straight:
-        """Return the same stretch with scalars taken as linear."""
-        return Straight(self._in_units(cubics), self.context, length)
+    def evaluated(self, fields: dict[str, Float]) -> list[Float]:
+        """Return the medium's scalars at a place."""
+        fields = self.completed(fields)
+        return [self.context.evaluate(expr, fields) for expr in self.scalars]
 
-    def _in_units(self, cubics: dict[str, list[Float]]) -> dict[str, list[Float]]:
-        return {name: [self.in_unit(name, v) for v in c] for name, c in cubics.items()}
+    def panel(
+        self,
+        places: Sequence[dict[str, Float]],
+        values: Sequence[Sequence[Float]],
+        length: Float,
+        *,
+        straight: bool = False,
+        **options: Any,
+    ) -> Panel:
+        """Return a piece of a ray with the fields, and the scalars, at its places.
+
+        `values` are lists of scalars; a `straight` one needs those at both ends. Options are those
+        of `Panel`.
+        """
+        kind = Straight if straight else Panel
+        made = kind(places, self.context, length, **options)
+        for s, own in zip((0.0, 1.0) if straight else made.where, values, strict=True):
+            for expr, value in zip(self.scalars, own, strict=True):
+                made.set_scalar(expr, s, value)
+        return made
 
     def in_unit(self, name: str, value: Float) -> Float:
         """Return a value of a lattice in the field's unit."""
@@ -196,19 +212,21 @@ class Interpolated:
         # Unphysical values become NaN and reach the picture, which is checked afterwards.
         return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
 
-    def sampled(self, stretch: Stretch, *, fine: bool) -> list[Coefficients]:
-        """Return mean, first and last j and α of a stretch, and the errors of the means."""
-        samples = self.numbers.sampled(stretch, self.context, fine=fine)
-        return [self.numbers.split(values) for values in samples]
+    def integrate(self, panel: Panel) -> list[Coefficients]:
+        """Return mean j and α over both halves of a panel, and the errors of those over it."""
+        *means, error = self.numbers.integrate(panel, self.context)
+        found = [self.numbers.split(values) for values in means]
+        usable = [(j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]) for j, alpha in found]
+        return [*usable, self.numbers.split(error)]
 
     @property
     def edges(self) -> list[Level]:
         """Where the medium is discontinuous."""
         return self.medium.discontinuities(self.context)
 
-    def layer(self, stretch: Stretch, place: Float) -> Path:
-        """Return the parts of zero width that a stretch crosses, evaluated at a place."""
-        sheet = self.medium.layer(stretch, self.context, place)
+    def layer(self, panel: Panel, place: Float) -> Path:
+        """Return the parts of zero width that a panel crosses, evaluated at a place."""
+        sheet = self.medium.layer(panel, self.context, place)
         assert sheet is not None  # `layered`
         return layer(*self.numbers.split(sheet.listed()))
 
@@ -263,8 +281,9 @@ def interpolated_fields(
         tolerance=tolerance,
         coordinates=ray_coordinates(volume, medium.names),
     )
-    blocks = get_blocks(evaluator, cache, faint, DUAL, scheme.coarseness if whole else 0.0)
-    lattices = get_lattices(evaluator, cache, blocks)
+    coarseness = scheme.coarseness_for(tolerance) if whole else 0.0
+    blocks = get_blocks(evaluator, cache, faint, DUAL, coarseness)
+    lattices = get_lattices(evaluator, cache)
     source = Interpolated(evaluator, lattices, context, blocks, paths)
     if whole and grid.can_be_pruned and all(name in volume for name in medium.names):
 
@@ -276,8 +295,4 @@ def interpolated_fields(
         # Scalars have an error relative to their range, which matters where a ray grazes a shell.
         eps = float(np.finfo(backend.dtype).eps)
         source.lost = min(_LOST_PER_EPS * eps * contrast, _MOST_LOST)
-        walk = source.walk or grid.walk(backend, source.walk_kind)
-        if walk.approximate:  # fields along a segment are not polynomials themselves
-            source.walk = walk.kept_to(tolerance / contrast)
-            source.lost += _LOST_BY_CUBICS * tolerance
     return source
