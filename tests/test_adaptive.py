@@ -56,7 +56,7 @@ def test_pixels_show_more_than_their_surroundings_tell():
     surface = vm.Isosurface("a", 0.6, 1.0, 0.8)
     image = picture(surface)
     off = np.abs(image.intensity - mean_over_pixels(surface))[..., 0]
-    assert np.all(off <= 2 * image.error)
+    assert np.all(off <= 3 * image.error)  # all sixteen rays may miss a corner
     assert np.mean(off <= image.error) >= 0.98
 
 
