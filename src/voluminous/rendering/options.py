@@ -188,7 +188,7 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
 _LONG = 5.0
 _SLOW = {
     "adaptive": "antialias='adaptive' takes 16 to 256 rays where the picture is not smooth, 10 to "
-    "30 times as long as one ray per pixel; samples=2 takes 4 rays",
+    "30 times as long as one ray per pixel; samples=4 takes 16 rays",
     "bounds": "bounds=True takes about 60 times as long; image.error is an estimate without it",
     "tolerance": "a tolerance below 1e-5 takes double precision, 5 to 20 times as long as 1e-3",
     "double": "precision='double' takes 2 to 5 times as long as 'single'",
