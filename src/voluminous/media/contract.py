@@ -211,15 +211,6 @@ class Medium(Value):
             found.append(doubled(*sums, self.order, panel.many))
         return Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
 
-    def by_means(self, panel: Panel, context: Context) -> Halves:
-        """Return the same by the means over the panel and over its halves."""
-        every = [self.means(part, context).listed() for part in (panel, *panel.halves())]
-        found = [
-            doubled(mean, first, last, self.order, panel.many)
-            for mean, first, last in zip(*every, strict=True)
-        ]
-        return Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
-
     @property
     def extinction_count(self) -> int:
         """Number of extinctions: one if grey, else one per channel."""

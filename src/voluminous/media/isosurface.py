@@ -40,6 +40,7 @@ from .contract import Medium
 from .edges import SENSITIVITY, Level, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
 from .panel import Panel, extremes, kept, noise_of
+from .quadrature import doubled
 from .rectangle import box_extent, box_middle
 from .shading import Lamp, given_lights, given_shade
 
@@ -240,7 +241,13 @@ class Isosurface(Medium):
         return MediumSample(emission, extinction)
 
     def integrate(self, panel: Panel, context: Context) -> Halves:
-        return self.by_means(panel, context)
+        """Return the means over both halves, compared with those over the panel."""
+        every = [self.means(part, context).listed() for part in (panel, *panel.halves())]
+        found = [
+            doubled(mean, first, last, self.order, panel.many)
+            for mean, first, last in zip(*every, strict=True)
+        ]
+        return Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         levels, width = self.plain_numbers(context)

@@ -23,7 +23,7 @@ from .arguments import color_values, level_colors
 from .color_by import ColorBy
 from .context import Context, Feature, Halves, MediumSample
 from .edges import SENSITIVITY, Level
-from .panel import NODES, PLACES, Middle, Panel, extremes, kept
+from .panel import NODES, PLACES, Middle, Panel, extremes, kept, third_differences
 from .quadrature import parabola
 from .shading import Shade
 
@@ -172,9 +172,7 @@ class Modulation:
         for k, middle in enumerate(middles):
             found = []
             for values in zip(*rows, strict=True):
-                a, b, c, d = values[k : k + 4]
-                cubic = d - a + 3.0 * (b - c)
-                own = values[2 * k : 2 * k + 3]
+                own, cubic = values[2 * k : 2 * k + 3], third_differences(values)[k]
                 found.append(parabola(own, cubic, middle.place, middle.spread))
             gate, *paint = found
             every = paint if self.painted else [gate] * self.channels

@@ -208,6 +208,11 @@ def overshoot(first: Float, middle: Float, last: Float) -> Float:
     return dr.select(dr.abs(last - first) < _MONOTONIC * bow, _OVERSHOOT * bow, 0.0)
 
 
+def third_differences(values: Sequence[Float]) -> list[Float]:
+    """Return those of the first four, and of the last four, of five evenly spaced values."""
+    return [d - a + 3.0 * (b - c) for a, b, c, d in (values[:4], values[1:])]
+
+
 def beyond(values: list[Float]) -> tuple[Float, Float]:
     """Return bounds of what is between three values, near to a parabola, or five, near to a cubic.
 
@@ -217,7 +222,7 @@ def beyond(values: list[Float]) -> tuple[Float, Float]:
     if len(values) == 3:
         more = overshoot(*values)
         return low - more, high + more
-    cubics = [d - a + 3.0 * (b - c) for a, b, c, d in (values[:4], values[1:])]
+    cubics = third_differences(values)
     quartic = _BEYOND_CUBIC * dr.abs(cubics[1] - cubics[0])
     for (a, m, b), cubic in zip((values[:3], values[2:]), cubics, strict=True):
         rise, bow = b - a, 2.0 * (a - 2.0 * m + b)

@@ -33,7 +33,7 @@ from .arguments import (
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
 from .modulation import Modulation, modulated
-from .panel import Middle, Panel, extremes, kept, middle_of
+from .panel import Middle, Panel, extremes, kept, middle_of, third_differences
 from .quadrature import doubled, inverse_slope
 from .shading import given_shade
 
@@ -99,7 +99,6 @@ class Shaped(Medium):
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
         self.sensitivity = self.modulation.sensitivity
-        self.order = 4 if self.expr.smooth else 2  # at kinks the scalar is taken as linear
         self.names = self.used_names()
 
     @property
@@ -286,7 +285,7 @@ class Shaped(Medium):
 
     def by_centers(self, nodes: list[Float], faint: float) -> list[Float]:
         """Return the same where centres of mass are known, for scalars that are cubics."""
-        cubics = [d - a + 3.0 * (b - c) for a, b, c, d in (nodes[:4], nodes[1:])]
+        cubics = third_differences(nodes)
         quartic, means, errors = cubics[1] - cubics[0], [], []
         rows = self.centers(nodes, faint)
         for own, cubic, (mean, middle) in zip((nodes[:3], nodes[2:]), cubics, rows, strict=True):

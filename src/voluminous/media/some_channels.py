@@ -29,7 +29,6 @@ class SomeChannels(Medium):
         self.channels, self.grey = last - first, medium.grey
         self.names, self.discrete = medium.names, medium.discrete
         self.path_length, self.sensitivity = medium.path_length, medium.sensitivity
-        self.order = medium.order
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return self._some(self.medium.coefficients(fields, context))

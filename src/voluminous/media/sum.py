@@ -40,7 +40,6 @@ class Sum(Medium):
         self.discrete = all(part.discrete for part in parts)
         self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
         self.sensitivity = max(part.sensitivity for part in parts)
-        self.order = min(part.order for part in parts)
 
     def components(self) -> tuple[Medium, ...]:
         return self.parts

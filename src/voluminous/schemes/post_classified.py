@@ -1,9 +1,9 @@
 """Post-classified: fields are interpolated along the ray, and the medium is evaluated there.
 
 A segment of the walk is one cell, or a cube of cells in which fields are nearly linear. The medium
-integrates a panel of it, as one and as two halves (`step_doubling`); the difference tells the
-error. Panels whose error exceeds its limit are halved; they end at the edges (discontinuities) of
-the medium. The limit follows from the tolerance of the picture.
+integrates both halves of a panel of it, and estimates the error; `step_doubling` adds what the
+order of light and absorption is worth. Panels whose error exceeds its limit are halved; they end at
+the edges (discontinuities) of the medium. The limit follows from the tolerance of the picture.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def _in_panels(
     def step(state: _State, *own: Segment) -> tuple[Any, ...]:
         with source.recording():
             here = _Ray.along(own[0], source) if own else ray
-            solved, good, last, width = _next_panel(here, state, values[-1], limits, nothing)
+            solved, good, last, width = _tried(here, state, values[-1], limits, nothing)
         source.accept(state.path, solved, good)
         front, back = (solved, state.path) if ray.backward else (state.path, solved)
         path = dr.select(good, over(front, back), state.path)
@@ -216,7 +216,7 @@ def _in_panels(
     return end.path
 
 
-def _next_panel(
+def _tried(
     ray: _Ray, state: _State, after: list[Float], limits: Limits, nothing: Path
 ) -> tuple[Path, Mask, Place, Float]:
     """Return the next panel solved, where that is accurate enough, its end and its width.

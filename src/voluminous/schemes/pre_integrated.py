@@ -10,17 +10,14 @@ estimate: it is second order in the cell size, and misses structures between the
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..backend import dr
 from ..backend.functions import branch
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
-from .base import Position, Scheme, Solution
+from .base import Coefficients, Position, Scheme, Solution
 from .path import Path, empty_path, last_argument, layer
-
-if TYPE_CHECKING:
-    from ..media.panel import Panel
 
 # The core of the note: 1.9e-3 of the maximum rms, and 0.9 of the steps that 0.1 takes (1.6e-3).
 _COARSENESS = 0.2
@@ -70,7 +67,8 @@ class PreIntegrated(Scheme):
             if source.looks_inside:
                 inside = [fields.own(s) for s in (0.0, 0.5, 1.0)]
                 options = {"ahead": fields.ahead, "between": fields.own}
-            return solve_panel(source, source.panel(inside, ends, length, straight=True, **options))
+            panel = source.panel(inside, ends, length, straight=True, **options)
+            return solve_means(source.means(panel), length)
 
         inputs = ends, segment.length, nothing
         path = branch(inputs, visible & segment.active, solved, last_argument)
@@ -95,8 +93,7 @@ def begin_values(source: Any, fields: Any, carried: list[Float]) -> list[Float]:
     return list(branch((carried,), unknown, fresh, last_argument))
 
 
-def solve_panel(source: Any, panel: Panel) -> Path:
+def solve_means(means: Coefficients, length: Float) -> Path:
     """Return a panel solved with its mean coefficients."""
-    j, alpha = source.means(panel)
-    length = panel.length
+    j, alpha = means
     return layer([jc * length for jc in j], [a * length for a in alpha])

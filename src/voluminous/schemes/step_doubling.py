@@ -9,7 +9,8 @@ from ..backend import dr
 from ..backend.functions import any_attenuation, precision_of
 from ..backend.types import Float, Mask
 from .base import Coefficients
-from .path import Path, layer, most, over
+from .path import Path, most, over
+from .pre_integrated import solve_means
 
 if TYPE_CHECKING:
     from ..media.panel import Panel
@@ -131,8 +132,7 @@ def _by_gradients(front: Path, back: Path) -> list[Float]:
 
 
 def _solved(source: Any, means: Coefficients, length: Float) -> Path:
-    j, alpha = means
-    path = layer([jc * length for jc in j], [a * length for a in alpha])
+    path = solve_means(means, length)
     zero = type(length)(0)
     path.error = [zero, zero, source.numbers.brightness(path.emission)]
     return path
