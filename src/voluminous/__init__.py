@@ -24,6 +24,7 @@ _PUBLIC = {
     "Coefficients": "media",
     "ColorBy": "media",
     "Colormap": "media",
+    "Cube": "image",
     "CylindricalGrid": "grids",
     "Expression": "expressions",
     "FileFormatError": "errors",
@@ -47,6 +48,7 @@ _PUBLIC = {
     "UnitsError": "errors",
     "Volume": "volume",
     "VoluminousError": "errors",
+    "channels": "image",
     "column": "measuring",
     "demo": "cli.demo",
     "measure": "measuring",
@@ -97,6 +99,7 @@ __all__ = [
     "Coefficients",
     "ColorBy",
     "Colormap",
+    "Cube",
     "CylindricalGrid",
     "Expression",
     "FileFormatError",
@@ -121,6 +124,7 @@ __all__ = [
     "Volume",
     "VoluminousError",
     "__version__",
+    "channels",
     "column",
     "demo",
     "errors",
@@ -158,7 +162,7 @@ if TYPE_CHECKING:
     )
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
-    from .image import Image
+    from .image import Cube, Image, channels
     from .image.row import plot_row
     from .io import open
     from .measuring import (

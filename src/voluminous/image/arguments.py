@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnitsError
-from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
+from ..units import as_quantity, is_quantity, parse_unit, plain, shown, unit_of
 
 if TYPE_CHECKING:
     from astropy import units as u
@@ -128,6 +128,18 @@ def pixel_size(x: Axis, y: Axis, given: Any, unit: str) -> tuple[float, float]:
     if size.shape != (2,) or not np.isfinite(size).all() or (size == 0).any():
         raise InputError(f"pixel_size must be two finite lengths (width, height), got {given!r}")
     return float(size[0]), float(size[1])
+
+
+def distance(value: Any) -> float | None:
+    """Return a distance in cm; plain numbers are cm."""
+    if value is None:
+        return None
+    length = plain(value, "cm", "distance")
+    if not isinstance(length, float) or not 0.0 < length < np.inf:
+        raise InputError(
+            f"distance must be one positive length such as 140 * u.pc, got {shown(value)}"
+        )
+    return length
 
 
 def as_wcs(value: WCS | str | None, shape: tuple[int, ...]) -> WCS | None:

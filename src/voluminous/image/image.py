@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
 
     from ..units import UnitLike
+
+Own = TypeVar("Own", bound="Image")
 
 
 class Image:
@@ -54,6 +56,9 @@ class Image:
     wcs : astropy.wcs.WCS, optional
         World coordinates of the pixels (the lower left one is 0, 0), of two axes: right ascension
         and declination, or an offset and a velocity. `plot` shows them, and all formats keep them.
+    distance : Quantity, str or float, optional
+        Distance of the object, if `unit` is a length: pixels then have a solid angle. Plain numbers
+        are cm.
     camera : dict, optional
         Description of the camera (type, angles, …).
     provenance : dict, optional
@@ -82,6 +87,7 @@ class Image:
     _planes: dict[str, Array | None]
     pixel_size: tuple[float, float]
     wcs: WCS | None
+    distance: float | None
     camera: dict[str, Any] | None
     provenance: dict[str, Any] | None
     # NumPy's functions would operate on display values instead of intensities.
@@ -102,6 +108,7 @@ class Image:
         intensity_unit: UnitLike = "",
         pixel_size: Any = None,
         wcs: WCS | None = None,
+        distance: Any = None,
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
     ) -> None:
@@ -127,6 +134,7 @@ class Image:
             y=_read_only(y),
             pixel_size=arguments.pixel_size(x, y, pixel_size, name),
             wcs=arguments.as_wcs(wcs, shape),
+            distance=arguments.distance(distance),
             camera=json_value(camera, "camera"),
             provenance=json_value(provenance, "provenance"),
         )
@@ -395,8 +403,8 @@ class Image:
         return hdu
 
     def on_sky(
-        self, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
-    ) -> Image:
+        self: Own, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
+    ) -> Own:
         """Return the image with celestial world coordinates.
 
         Parameters
@@ -420,10 +428,10 @@ class Image:
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
         _refuse(old)
-        image: Image = room("image.sky").on_sky(self, distance, position, posang)
+        image: Own = room("image.sky").on_sky(self, distance, position, posang)
         return image
 
-    def convolve(self, beam: Any) -> Image:
+    def convolve(self: Own, beam: Any) -> Own:
         """Return the image convolved with a telescope's beam, an elliptical Gaussian.
 
         Parameters
@@ -447,10 +455,10 @@ class Image:
         UnitsError
             If the beam's unit is not the plane's.
         """
-        image: Image = room("image.beam").convolve(self, beam)
+        image: Own = room("image.beam").convolve(self, beam)
         return image
 
-    def to(self, unit: UnitLike, *, beam: Any = None) -> Image:
+    def to(self: Own, unit: UnitLike, *, beam: Any = None) -> Own:
         """Return the image with its plane (`unit`) or its intensities in another unit.
 
         Parameters
@@ -472,7 +480,7 @@ class Image:
         UnitsError
             If the image has no unit, the unit cannot be converted, or a solid angle is missing.
         """
-        image: Image = room("image.conversion").to_unit(self, unit, beam)
+        image: Own = room("image.conversion").to_unit(self, unit, beam)
         return image
 
     def anaglyph(self) -> Image:
@@ -547,7 +555,7 @@ class Image:
         """
         return room("image.annotate").annotate(self, **options)
 
-    def replace(self, **changes: Any) -> Image:
+    def replace(self: Own, **changes: Any) -> Own:
         """Return a copy with some arguments of `Image` replaced.
 
         Arrays are shared. None drops an array other than the intensity.

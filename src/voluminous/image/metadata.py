@@ -22,6 +22,7 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
         "unit": image.unit,
         "intensity_unit": image.intensity_unit,
         "pixel_size": image.pixel_size,
+        "distance": image.distance,
         "camera": image.camera,
         "provenance": image.provenance,
     }
