@@ -48,7 +48,7 @@ def stars(target: Path, pixels: int) -> None:
     drawn = [
         vm.Stars([(0, 0, 0)], (1.0, 0.9, 0.6), radii=0.12, limb_darkening=0.7),
         vm.Spheres([(-0.6, 0, 0), (0.4, 0.5, -0.1)], 0.09, ["tomato", "skyblue"], limb_darkening=1),
-        vm.Lines([orbit(0.6, 0), orbit(0.64, 10)], (0.35, 0.75, 0.5), width=1.5, closed=True),
+        vm.Curves([orbit(0.6, 0), orbit(0.64, 10)], (0.35, 0.75, 0.5), width=1.5, closed=True),
         vm.Boxes(),
         vm.Axes(width=3),
     ]

@@ -29,7 +29,7 @@ DOORS = {
     "star": lambda c: drawn(objects=[vm.Stars([(0, 0, 0)], c, radii=1e16)]),
     "stars": lambda c: drawn(objects=[vm.Stars(np.zeros((2, 3)), [c, c], radii=1e16)]),
     "spheres": lambda c: drawn(objects=[vm.Spheres(np.zeros((1, 3)), 1e16, c)]),
-    "lines": lambda c: drawn(objects=[vm.Lines(np.eye(3) * 1e16, c)]),
+    "lines": lambda c: drawn(objects=[vm.Curves(np.eye(3) * 1e16, c)]),
     "boxes": lambda c: drawn(objects=[vm.Boxes(colors=c)]),
     "axes": lambda c: drawn(objects=[vm.Axes(colors=[c, c, c])]),
 }

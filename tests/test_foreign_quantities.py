@@ -44,8 +44,8 @@ def lengths(make):
         "edges": vm.CartesianGrid(*[make(np.array([0, 0.5]), "kpc")] * 3).bounds[0, 1] * u.kpc,
         "sphere": vm.SphericalGrid(make(np.array([0.1, 0.5]), "kpc"), [0, 1]).bounds.max() * u.kpc,
         "stars": vm.Stars(make(np.array([[0.5, 0, 0]]), "kpc"), "white", radii=1.0).positions[0, 0],
-        "lines": vm.Lines(make(np.array([[0.5, 0, 0], [1, 0, 0]]), "kpc")).places[0, 0] * u.kpc,
-        "width": vm.Lines(np.eye(3), width=half).width,
+        "lines": vm.Curves(make(np.array([[0.5, 0, 0], [1, 0, 0]]), "kpc")).places[0, 0] * u.kpc,
+        "width": vm.Curves(np.eye(3), width=half).width,
         "image": image.x[0] * u.pc,
         "particles": vm.Volume.from_particles(
             make(np.array([[0.1, 0.1, 0.1], [0.5, 0.4, 0.3]]), "kpc"), np.ones(2)
@@ -132,7 +132,7 @@ def test_what_cannot_be_converted_is_refused(value):
         lambda: vm.Orthographic(center=value),
         lambda: vm.Volume(vm.CartesianGrid.uniform((3, 1, 1), (0, 1)), a=value),
         lambda: vm.CartesianGrid(value, value, value),
-        lambda: vm.Lines([value, value]),
+        lambda: vm.Curves([value, value]),
     ):
         with pytest.raises(vm.UnitsError, match="cannot be converted"):
             door()

@@ -151,7 +151,7 @@ def test_points_between_layers_are_hidden_by_those_in_front():
 
 @pytest.mark.parametrize("precision", EXACT)
 def test_a_line_is_seen_at_its_depth_all_along(precision):
-    line = vm.Lines([[-0.09, 0, 0.2], [0.09, 0, 1.3]], 4.0, width=3)
+    line = vm.Curves([[-0.09, 0, 0.2], [0.09, 0, 1.3]], 4.0, width=3)
     image = vm.render(SLAB, MEDIUM, CAMERA, objects=[line], precision=precision)
     z = 0.75 + image.x * 1.1 / 0.18
     inner = slice(2, -2)
@@ -164,7 +164,7 @@ def test_a_line_is_seen_at_its_depth_all_along(precision):
 def test_foreground_is_undimmed_and_hides():
     for thing in (
         vm.Stars([(0, 0, -9)], 5.0, radii=0.05, depth="foreground"),
-        vm.Lines([[-1, 0, -9], [1, 0, -9]], 5.0, width=3, depth="foreground"),
+        vm.Curves([[-1, 0, -9], [1, 0, -9]], 5.0, width=3, depth="foreground"),
     ):
         image = vm.render(SLAB, MEDIUM, CAMERA, objects=[thing], background=3.0)
         assert image.intensity[10, 10, 0] == 5.0
@@ -328,7 +328,7 @@ def test_objects_describe_themselves_and_pictures_tell_them():
         vm.Stars([(1, 2, 3) * u.pc], "red", radii=0.1 * u.pc, depth="foreground"),
         vm.Stars(np.zeros((3, 3)), luminosities=[1, 2, 3], psf=2.0),
         vm.Spheres([[1, 2, 3]], 2.0, limb_darkening=0.5),
-        vm.Lines([[[0, 0, 0], [1, 1, 1]], [[0, 0, 0], [1, 2, 3], [4, 5, 6]]], width=2.0 * u.mpc),
+        vm.Curves([[[0, 0, 0], [1, 1, 1]], [[0, 0, 0], [1, 2, 3], [4, 5, 6]]], width=2.0 * u.mpc),
         vm.Boxes(width=2),
         vm.Axes(length=1 * u.pc),
     ]
@@ -376,9 +376,9 @@ def test_scenes_have_objects(tmp_path):
         (lambda: vm.Stars([(0, 0, 0)], radii=1, channel=-1), "channel must be a whole number"),
         (lambda: vm.Stars([[0, 0, 0]] * 4, np.ones((3, 2)), radii=1), "list of 4"),
         (lambda: vm.Spheres([[0, 0, 0]] * 4, [1, 2]), "one for each of 4"),
-        (lambda: vm.Lines([[0, 0, 0]]), "two points or more"),
-        (lambda: vm.Lines([[0, 0, 0], [1, 1, np.inf]]), "must be finite"),
-        (lambda: vm.Lines(np.zeros((3, 2, 3)), width=0), "width must be a positive"),
+        (lambda: vm.Curves([[0, 0, 0]]), "two points or more"),
+        (lambda: vm.Curves([[0, 0, 0], [1, 1, np.inf]]), "must be finite"),
+        (lambda: vm.Curves(np.zeros((3, 2, 3)), width=0), "width must be a positive"),
         (lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=["star"]), "number 0 is of type str"),
         (
             lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Boxes(), bounds=True),

@@ -95,7 +95,7 @@ def test_lines_cover_their_width(width, angle):
         columns = slice(10, 50)
     else:
         columns = slice(0, 60)
-    _, seen = shown(camera, vm.Lines(far, width=width), precision="double")
+    _, seen = shown(camera, vm.Curves(far, width=width), precision="double")
     expected = width / np.cos(np.deg2rad(angle))
     np.testing.assert_allclose(seen[:, columns].sum(axis=0), expected, rtol=1e-6)
 
@@ -110,7 +110,7 @@ def test_lines_in_perspective_go_where_their_points_go(fov):
     ):
         frame = camera.frame(GRID)
         for ends in things:
-            _, seen = shown(camera, vm.Lines(ends, width=2.0))
+            _, seen = shown(camera, vm.Curves(ends, width=2.0))
             s = np.linspace(0, 1, 4001)[:, None]
             u, v, depth = camera.project((ends[0] + s * (ends[1] - ends[0])).T, GRID)
             pixel = [w / step + 34.5 for w, step in zip((u, v), frame.pixel, strict=True)]
@@ -128,7 +128,7 @@ def test_widths_in_space_shrink_with_distance():
     lines = [[[2, -2, 0], [2, 2, 0]], [[-2, -2, 0.5], [-2, 2, 0.5]]]
     from astropy import units as u
 
-    _, seen = shown(camera, vm.Lines(lines, width=0.05 * u.one))
+    _, seen = shown(camera, vm.Curves(lines, width=0.05 * u.one))
     pixel = camera.frame(GRID).pixel[0]
     rows = seen[:, 45:55].sum(axis=0)
     expected = 0.05 / pixel * (1 / 2 + 1 / 6)
@@ -138,6 +138,6 @@ def test_widths_in_space_shrink_with_distance():
 def test_no_points_and_no_table_are_refused():
     for points in ([], np.zeros((0, 3)), np.zeros((0, 5, 3))):
         with pytest.raises(vm.InputError, match="got none"):
-            vm.Lines(points)
+            vm.Curves(points)
     with pytest.raises(vm.InputError, match="expected a table of astropy"):
         vm.Stars.from_table(3, luminosity=1)

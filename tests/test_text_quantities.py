@@ -25,7 +25,7 @@ THINGS = {
         [q(0.1, "pc"), q(1, "pc")], [q(0, "deg"), q(90, "deg")], [0, 1]
     ),
     "point": lambda q: vm.Stars([(0, 0, 0)], luminosities=1, psf=q(0.1, "pc")),
-    "line": lambda q: vm.Lines([[0, 0, 0], [1, 1, 1]], "red", width=q(0.1, "pc")),
+    "line": lambda q: vm.Curves([[0, 0, 0], [1, 1, 1]], "red", width=q(0.1, "pc")),
     "boxes": lambda q: vm.Boxes(colors="red", width=q(0.1, "pc")),
     "axes": lambda q: vm.Axes(length=q(1, "pc"), origin=(q(0, "pc"), q(1, "pc"), q(2, "pc"))),
     "stars": lambda q: vm.Stars([(q(0, "pc"), q(1, "pc"), q(2, "pc"))], radii=q(0.1, "pc")),

@@ -28,7 +28,7 @@ VALUES = {
     "perspective": (vm.Perspective((3, 0, 0), (0, 0, 0)), {"fov": 20}),
     "stars": (vm.Stars(np.zeros((2, 3)), "white", radii=1.0), {"colors": "red"}),
     "star": (vm.Stars([(0, 0, 0)], radii=1.0), {"colors": "red"}),
-    "lines": (vm.Lines(np.eye(3)), {"width": 3}),
+    "lines": (vm.Curves(np.eye(3)), {"width": 3}),
     "spheres": (vm.Spheres(np.zeros((1, 3)), 1.0), {"radii": 2.0}),
     "axes": (vm.Axes(), {"width": 4.0}),
     "box": (vm.regions.Box((0, 0, 0), (1, 1, 1)), {"high": (2, 2, 2)}),

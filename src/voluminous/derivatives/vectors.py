@@ -70,6 +70,12 @@ def _directions(volume: Any, derived: DerivedField, first: int, last: int) -> Se
     return [np.sum(_unit_vector(grid, own, first, last) * onto, axis=0) for own in system]
 
 
+def sight_cosines(volume: Any, axis: str, first: int, last: int) -> np.ndarray:
+    """Return the cosines between an axis and the line of sight, away from the observer."""
+    onto = np.asarray(volume.sight.directions(first, last))
+    return np.asarray(np.sum(_unit_vector(volume.grid, axis, first, last) * onto, axis=0))
+
+
 def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     """Return the unit of a vector, None if it has none, and what its components are times.
 

@@ -27,7 +27,7 @@ class SomeChannels(Medium):
     def __init__(self, medium: Medium, first: int, last: int) -> None:
         self.medium, self.first, self.last = medium, first, last
         self.channels, self.grey = last - first, medium.grey
-        self.names, self.discrete = medium.names, medium.discrete
+        self.names, self.discrete, self.sight = medium.names, medium.discrete, medium.sight
         self.path_length, self.sensitivity = medium.path_length, medium.sensitivity
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:

@@ -5,7 +5,7 @@ from typing import Any
 
 from .boxes import Boxes
 from .contract import SceneObject
-from .lines import Axes, Lines
+from .curves import Axes, Curves
 from .spheres import Spheres
 from .stars import Stars
 
@@ -13,10 +13,11 @@ from .stars import Stars
 OBJECTS: dict[str, Any] = {
     "stars": Stars,
     "spheres": Spheres,
-    "lines": Lines,
+    "curves": Curves,
+    "lines": Curves,  # their name in older scenes
     # In a scene file there is but one volume.
     "boxes": partial(Boxes, None),
     "axes": partial(Axes, None),
 }
 
-__all__ = ["OBJECTS", "Axes", "Boxes", "Lines", "SceneObject", "Spheres", "Stars"]
+__all__ = ["OBJECTS", "Axes", "Boxes", "Curves", "SceneObject", "Spheres", "Stars"]

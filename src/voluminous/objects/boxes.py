@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
 from ..grids.boxes import expanded
 from .contract import Layers, SceneObject, View
-from .lines import Lines
+from .curves import Curves
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -298,7 +298,7 @@ class Boxes(SceneObject):
     volume : Volume, optional
         Default: the one that is rendered.
     colors : optional
-        As for `Lines`; a list has one for each level that is drawn, or more.
+        As for `Curves`; a list has one for each level that is drawn, or more.
     levels : int or sequence of int, optional
         Which levels to draw: 0 is the domain (and the coarsest patches), k what is refined k
         times or more. Levels that a grid does not have are left out. Default: all of them.
@@ -306,7 +306,7 @@ class Boxes(SceneObject):
         Draw the edges of all that is refined to a level as one body; else of each patch of a
         `PatchGrid`, or of each cell that is split. Default: each patch, but trees as one body.
     width, opacity, depth, channel
-        As for `Lines`.
+        As for `Curves`.
     relative : bool
         Colours count in units of the picture's brightest pixel.
 
@@ -348,7 +348,7 @@ class Boxes(SceneObject):
         self._levels, self._style = chosen, {"width": width, "opacity": opacity, **placed}
         self._outlines: tuple[Any, Any, np.ndarray] | None = None
         first = colors[:1] if _are_several(colors) else colors
-        Lines(np.zeros((1, 2, 3)), first, **self._style)  # refuses what lines cannot be
+        Curves(np.zeros((1, 2, 3)), first, **self._style)  # refuses what lines cannot be
 
     def layers(self, view: View) -> Layers | None:
         grid = view.grid if self.grid is None else self.grid
@@ -364,7 +364,7 @@ class Boxes(SceneObject):
             listed = isinstance(colors, (list, tuple))
             colors = [colors[k] for k in level] if listed else colors[level]
         unit = 1.0 if grid.unit is None else grid.unit
-        return Lines([group * unit for group in groups], colors, **self._style).layers(view)
+        return Curves([group * unit for group in groups], colors, **self._style).layers(view)
 
     def _lines(self, grid: Grid) -> tuple[list[np.ndarray], np.ndarray]:
         """Return polylines, and which of the levels that are drawn each belongs to."""

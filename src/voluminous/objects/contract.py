@@ -16,7 +16,7 @@ from ..colormaps import without_alpha
 from ..errors import InputError, check_name
 from ..units import as_quantity, described, plain
 from ..value import Value
-from .values import MANY, count_of, is_named, named_rgb
+from .values import MANY, count_of, is_named, is_spectrum, named_rgb
 
 if TYPE_CHECKING:
     from astropy import units as u
@@ -120,6 +120,11 @@ class SceneObject(Value):
         Colours are a name, a number, one per channel; or a list of `count` of them.
         """
         own = view.channels if self.channel is None else 1
+        if is_spectrum(colors):
+            raise InputError(
+                "colors that are spectra need frequencies: vm.observe(volume, medium, camera, "
+                "wavelengths=…, objects=…)"
+            )
         if is_named(colors):
             if view.channels != 3 or self.channel is not None:
                 place = "one" if self.channel is not None else view.channels

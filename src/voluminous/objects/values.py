@@ -40,6 +40,8 @@ def check_colors(colors: Any, count: int, what: str) -> None:
     if is_named(colors):
         named_rgb(colors, count, what)
         return
+    if is_spectrum(colors):
+        return
     colors = without_alpha(colors, what)
     array = np.asarray(plain(colors, unit_of(colors), what), dtype=np.float64)
     if not np.all(np.isfinite(array)):
@@ -57,6 +59,12 @@ def is_named(colors: Any) -> bool:
         return False
     several = isinstance(colors, (list, tuple, np.ndarray)) and np.ndim(colors) > 0
     return isinstance(colors[0] if several and len(colors) else colors, str)
+
+
+def is_spectrum(colors: Any) -> bool:
+    """Return True for a spectrum such as `Blackbody`, or a list of them."""
+    several = isinstance(colors, (list, tuple)) and len(colors) > 0
+    return hasattr(colors[0] if several else colors, "intensity")
 
 
 def named_rgb(names: Any, count: int, what: str) -> np.ndarray:

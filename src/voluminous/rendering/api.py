@@ -106,7 +106,7 @@ def render(
         the tolerance of each other.
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
-        `Stars`, `Spheres`, `Lines`, `Boxes`, `Axes`.
+        `Stars`, `Spheres`, `Curves`, `Boxes`, `Axes`.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as

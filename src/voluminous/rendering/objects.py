@@ -27,11 +27,11 @@ def check_objects(objects: Any, bounds: Any) -> list[SceneObject]:
     """Return objects as a list."""
     listed = [objects] if isinstance(objects, SceneObject) else objects
     if not isinstance(listed, Sequence) or isinstance(listed, str):
-        raise InputError(f"objects must be a list of vm.Stars, vm.Lines, …, got {objects!r}")
+        raise InputError(f"objects must be a list of vm.Stars, vm.Curves, …, got {objects!r}")
     for number, one in enumerate(listed):
         if not isinstance(one, SceneObject):
             raise InputError(
-                f"objects must be vm.Stars, vm.Spheres, vm.Lines, vm.Boxes, vm.Axes, "
+                f"objects must be vm.Stars, vm.Spheres, vm.Curves, vm.Boxes, vm.Axes, "
                 f"…; number {number} is of type {type(one).__name__}"
             )
     if len(listed) and bounds is not False:

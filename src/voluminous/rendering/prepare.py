@@ -63,6 +63,11 @@ def prepare(
             f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
             + ("; media are added: first + second" if isinstance(medium, (list, tuple)) else "")
         )
+    if not medium.channels:
+        raise InputError(
+            f"{medium!r} emits at any frequency, so there is nothing to draw yet: give some, as in "
+            "vm.observe(volume, medium, camera, wavelengths=[0.87] * u.mm)"
+        )
     check_camera(camera, "render")
     check_antialias(samples, antialias, camera)
     if scheme is None:  # labels must not be interpolated

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...backend import Backend, aligned, dr, from_host
 from ...backend.types import Float, Int, Mask
+from ...derivatives.vectors import sight_cosines
 from ...errors import InputError
 from ...expressions import Expression
 from ...expressions.interval import Interval
 from ...fields import COORDINATES, coordinates
+from ...geometry import CARTESIAN
 from ...media.context import Context, Tape
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
@@ -101,6 +103,9 @@ class CellEvaluator:
             if name not in fields:
                 flat = self.volume.array(name).reshape(-1)[first : first + count]
                 fields[name] = backend.Wide(device_array(flat, backend, whole_vectors=True))
+        for axis in self.medium.sight:
+            cosines = sight_cosines(self.volume, axis, first, first + count)
+            fields[f"los.{axis}"] = from_host(backend.Wide, np.ascontiguousarray(cosines))
         spread = dr.zeros(backend.Wide, count)
         values = [spread + v for v in self.evaluate(fields)]
         bad = backend.Bool(False)
@@ -229,3 +234,45 @@ def _formula(name: str, grid: Grid) -> Expression:
     # Azimuths that exceed the first one by less than a full circle.
     first = float(grid.edges[grid.coordinates.index("phi")][0])
     return Expression(f"atan2(y, x) - 2*pi*((atan2(y, x) - {first!r}) // (2*pi))")
+
+
+def along_sight(
+    axes: Iterable[str], ahead: Sequence[Float], place: Sequence[Float], mirror: bool
+) -> dict[str, Float]:
+    """Return the cosines between axes and the line of sight at places in the volume's coordinates.
+
+    A vector below the midplane of a `mirror` is the mirror image of that above it.
+
+    Parameters
+    ----------
+    axes : iterable of str
+        Such as ``"x"``, or ``"r"``, ``"theta"``, ``"phi"``.
+    ahead : three arrays
+        Unit vector away from the observer.
+    place : three arrays
+        Needed only for axes that turn from place to place.
+    """
+    found = {axis: ahead["xyz".index(axis)] for axis in axes if axis in CARTESIAN}
+    if len(found) < len(axes := list(axes)):
+        x, y, z = place
+        across = dr.sqrt(x * x + y * y)
+        per_across = _inverse(across)
+        cos, sin = dr.select(across > 0.0, x * per_across, 1.0), y * per_across
+        radial = ahead[0] * cos + ahead[1] * sin
+        per_r = _inverse(dr.sqrt(across * across + z * z))
+        up, out = z * per_r, across * per_r
+        turned = {
+            "R": radial,
+            "phi": ahead[1] * cos - ahead[0] * sin,
+            "r": radial * out + ahead[2] * up,
+            "theta": radial * up - ahead[2] * out,
+        }
+        found |= {axis: turned[axis] for axis in axes if axis not in CARTESIAN}
+    for axis in ("z", "theta"):
+        if mirror and axis in found:
+            found[axis] = dr.select(place[2] < 0.0, -found[axis], found[axis])
+    return {f"los.{axis}": value for axis, value in found.items()}
+
+
+def _inverse(length: Float) -> Float:
+    return dr.select(length > 0.0, 1.0 / dr.select(length > 0.0, length, 1.0), 0.0)

@@ -23,7 +23,7 @@ from ...media.panel import Panel, Straight, may_turn, within_limits
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, layer
 from ..cache import Cache
-from .cells import CellEvaluator, ray_coordinates
+from .cells import CellEvaluator, along_sight, ray_coordinates
 from .channel_layout import PerChannel, some_channels
 from .corner_layouts import Corners, FieldLattice, get_lattices
 from .empty_space import DUAL, get_blocks, get_exactness, pruned_walk, visible_leaves
@@ -41,8 +41,12 @@ _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 class FieldsAlong:
     """All fields along a segment; what is asked for is computed where it is asked for."""
 
-    def __init__(self, source: Interpolated, chord: Any, active: Mask) -> None:
-        self.source, self.chord, self.active = source, chord, active
+    def __init__(self, source: Interpolated, chord: Any, segment: Segment) -> None:
+        self.source, self.chord, self.active = source, chord, segment.active
+        ray = segment.ray
+        self.sight: list[Float] = []  # away from the observer
+        if source.medium.sight and ray is not None:
+            self.sight = [-d if segment.backward else d for d in ray.direction]
         # In a cube of cells each place has its own corners.
         self.one_cell = not isinstance(chord, CoarseChord)
         self.corners = self._corners(chord) if self.one_cell else {}
@@ -59,6 +63,10 @@ class FieldsAlong:
         fields = {name: source.in_unit(name, trilinear(c, place)) for name, c in corners.items()}
         for a in source.coordinates:
             fields["xyz"[a]] = source.context.real(dr.fma(s, chord.step[a], chord.position[a]))
+        if self.sight:
+            place = [dr.fma(s, d, o) for o, d in zip(chord.position, chord.step, strict=True)]
+            found = along_sight(source.medium.sight, self.sight, place, source.mirror)
+            fields |= {name: source.context.real(value) for name, value in found.items()}
         return within_limits(fields, source.context)
 
     def at(self, s: Float) -> dict[str, Float]:
@@ -112,7 +120,7 @@ class Interpolated:
     ) -> None:
         self.lattices, self.context = lattices, context
         self.numbers, self.backend = evaluator.numbers, evaluator.backend
-        self.blocks = blocks
+        self.blocks, self.mirror = blocks, evaluator.grid.mirror
         self.walk: Any = None  # through less than the whole grid, or in other steps
         self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
         self.tolerance: tuple[Float, ...] = ()
@@ -169,7 +177,7 @@ class Interpolated:
 
     def along(self, segment: Segment) -> FieldsAlong:
         """Return the fields around the dual cell of a segment."""
-        return FieldsAlong(self, segment.walk.chord(segment.track, segment), segment.active)
+        return FieldsAlong(self, segment.walk.chord(segment.track, segment), segment)
 
     def completed(self, fields: dict[str, Float]) -> dict[str, Float]:
         """Return fields with the coordinates that follow from x, y and z."""

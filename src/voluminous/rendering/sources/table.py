@@ -20,7 +20,7 @@ from ...progress import reporter
 from ...schemes.base import Coefficients, Scheme
 from ..cache import SLABS, Cache
 from ..precision import in_single_range
-from .cells import LARGEST, SLAB, CellEvaluator, device_array
+from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
 from .channel_layout import ChannelLayout, PerChannel, blocks_of, some_channels
 from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk, visible_cells
 
@@ -236,10 +236,22 @@ class OnRay:
         fields = {name: self.real(value) for name, value in places.items()}
         for name, data in self.fields.items():
             fields[name] = self.real(dr.gather(type(data), data, cell, active))
+        if sight := self.evaluator.medium.sight:
+            fields |= self._sight(segment, sight)
         values = self.evaluator.evaluate(fields, self.real)
         for k in range(self.numbers.emissions, len(values)):
             values[k] = dr.select(values[k] >= 0, values[k], math.nan)
         return self.numbers.split([flush_subnormal(self.backend.Float(v)) for v in values])
+
+    def _sight(self, segment: Segment, axes: tuple[str, ...]) -> dict[str, Float]:
+        """Return directions relative to the line of sight, in the middle of a segment."""
+        ray, grid = segment.ray, self.evaluator.grid
+        assert ray is not None
+        middle = (segment.track.entry + 0.5 * (segment.begin + segment.end)) * grid.scale
+        place = [dr.fma(middle, d, o) for o, d in zip(ray.origin, ray.direction, strict=True)]
+        ahead = [-d if segment.backward else d for d in ray.direction]
+        found = along_sight(axes, ahead, place, grid.mirror)
+        return {name: self.real(value) for name, value in found.items()}
 
 
 class TablesOfBlocks:
@@ -288,12 +300,14 @@ def tabulated(
     recorded = evaluator.tape is not None
     if recorded and by_cell:  # the gradient of a table takes 1.3 times as long, its memory apart
         return OnRay(evaluator)
+    sight = evaluator.medium.sight
     crowded = by_cell and _crowded(numbers, needed, grid.size / steps)
     if crowded and not evaluator.volume.tables:  # not even hashed: it takes a while for 1024³
         return OnRay(evaluator)
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
     count = len(blocks_of(numbers.emissions, scheme))
-    if count > 1 and isinstance(numbers, PerChannel) and not backend.derivatives:
+    many = count > 1 or (by_cell and sight)
+    if many and isinstance(numbers, PerChannel) and not backend.derivatives:
         blocks = None if scheme.everywhere else get_blocks(evaluator, cache, faint, CELLS)
         if by_cell:
             source = OnRay(evaluator, single=_fits_in_single(evaluator, cache))
@@ -307,7 +321,8 @@ def tabulated(
     key: Hashable = None
     if (own := numbers.key()) is not None and not recorded:
         digests = cache.statistics.digests(evaluator.medium.names)
-        key = (own, scheme.coefficients_at, (faint, scheme.everywhere), backend, digests)
+        seen = evaluator.volume.sight.key() if sight else None
+        key = (own, scheme.coefficients_at, (faint, scheme.everywhere), backend, digests, seen)
         found: CoefficientTable | None = cache.get(key)
         if found is not None:
             return replace(found, numbers=numbers.reuse(found.numbers))

@@ -158,7 +158,7 @@ def nearest_on_segments(
     return distance, np.where((distance > 1e-9)[:, None], outward, across)
 
 
-class Lines(SceneObject):
+class Curves(SceneObject):
     """Polylines through space.
 
     Parameters
@@ -320,14 +320,14 @@ class Axes(SceneObject):
     volume : Volume, optional
         Default: the one that is rendered.
     colors : optional
-        As for `Lines`, for three lines. Default: red, green and blue where there are three
+        As for `Curves`, for three lines. Default: red, green and blue where there are three
         channels, else white.
     origin : three floats or Quantity, optional
         Where they begin; default: the lower corner of the box around the volume.
     length : float, Quantity or three of them, optional
         Default: to the upper ends of that box.
     width, depth, channel
-        As for `Lines`.
+        As for `Curves`.
     relative : bool
         Colours count in units of the picture's brightest pixel.
     """
@@ -359,7 +359,7 @@ class Axes(SceneObject):
             colored = view.channels == 3 and self.channel is None
             colors = ("red", "lime", "blue") if colored else 1.0
         options = {name: getattr(self, name) for name in ("width", "depth", "channel", "relative")}
-        layers = Lines(lines, colors, **options).layers(view)
+        layers = Curves(lines, colors, **options).layers(view)
         if layers is None:
             return None
         # Edges of boxes in the same place are behind.

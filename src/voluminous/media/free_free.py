@@ -1,0 +1,155 @@
+"""Free–free emission and absorption (bremsstrahlung) of ionised gas."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..backend.functions import any_attenuation
+from ..errors import InputError, unknown_name
+from ..expressions.interval import Interval
+from .context import Context, MediumSample
+from .spectral import Bands, InCgs, Planck, SpectralMedium, given_field
+
+if TYPE_CHECKING:
+    from ..volume import Volume
+
+_GAUNT = ("draine", "radmc3d")
+# Draine (2011, equations 10.1 and 10.8), in cgs.
+_EMISSION = 5.444e-41
+_GAUNT_CONSTANT = 5.960
+
+
+class FreeFree(SpectralMedium):
+    """Ionised gas: α_ν from densities of electrons and ions, j_ν = α_ν B_ν(T).
+
+    Parameters
+    ----------
+    electrons : str, Quantity or number, or Volume
+        Number density of electrons; cm⁻³ without a unit. A volume opened from a model of RADMC-3D
+        has all that is needed.
+    ions : str, Quantity or number, optional
+        That of ions; as many as electrons by default.
+    temperature : str, Quantity or number
+        Of the gas; K without a unit.
+    charge : float
+        Of the ions.
+    gaunt : {"draine", "radmc3d"}, optional
+        The Gaunt factor: Draine's, or α = 0.2120 n_e n_i ν^-2.1 T^-1.35 as in RADMC-3D, a power law
+        for radio frequencies. Default: Draine's, or RADMC-3D's with its constants.
+
+    Raises
+    ------
+    InputError
+        If a temperature is missing.
+
+    Notes
+    -----
+    B. T. Draine, *Physics of the interstellar and intergalactic medium* (2011): emissivity equation
+    10.1, Gaunt factor 10.8 (within 10 % for 0.14 < Z ν₉/T₄^1.5 < 250).
+    """
+
+    kind = "free-free"
+
+    def __init__(
+        self,
+        electrons: Any,
+        ions: Any = None,
+        temperature: Any = None,
+        *,
+        charge: float = 1.0,
+        gaunt: str | None = None,
+    ) -> None:
+        if hasattr(electrons, "grid"):
+            names = ("electron_numdens", "ion_numdens", "gas_temperature")
+            if missing := [name for name in names if name not in electrons.fields]:
+                raise InputError(f"the volume has no {', '.join(missing)}, for free-free emission")
+            electrons, ions, temperature = names
+        if temperature is None:
+            raise InputError("free-free emission needs the temperature of the gas: temperature='T'")
+        if gaunt is not None and gaunt not in _GAUNT:
+            raise unknown_name("Gaunt factor", gaunt, _GAUNT)
+        self.electrons = given_field(electrons, "electrons")
+        self.ions = self.electrons if ions is None else given_field(ions, "ions")
+        self.temperature = given_field(temperature, "temperature")
+        self.charge, self.gaunt = float(charge), gaunt
+        self._fields: tuple[InCgs, ...] = ()
+        self._planck: Planck | None = None
+        self._absorbs = self._exponent = self._gaunt = np.zeros(0)
+        self._is_radmc3d = False
+
+    def temperatures(self, volume: Volume) -> list[InCgs]:
+        return [InCgs.of(self.temperature, "K", "temperature", volume)]
+
+    def quantities(self) -> Sequence[InCgs]:
+        return self._fields
+
+    def tuned(self, bands: Bands) -> SpectralMedium:
+        volume, constants, nu = bands.volume, bands.constants, bands.frequencies
+        is_radmc3d = (self.gaunt or constants.name) == "radmc3d"
+        per_cm3 = [(self.electrons, "electrons"), (self.ions, "ions")]
+        fields = [InCgs.of(value, "1 / cm3", what, volume) for value, what in per_cm3]
+        with np.errstate(over="ignore"):
+            absorbs: Any = 0.2120 * nu**-2.1 * bands.length
+        if not is_radmc3d:
+            absorbs = _EMISSION * self.charge**2 * 100.0 * bands.length
+            absorbs = absorbs / (constants.planck_factor * nu**3)
+        return (
+            super()
+            .tuned(bands)
+            .changed(
+                _fields=(*fields, *self.temperatures(volume)),
+                _planck=Planck(bands),
+                _absorbs=np.asarray(absorbs),
+                _exponent=constants.planck_exponent * nu,
+                _gaunt=_GAUNT_CONSTANT - math.sqrt(3.0) / math.pi * np.log(self.charge * nu * 1e-3),
+                _is_radmc3d=is_radmc3d,
+            )
+        )
+
+    def constant_arrays(self) -> Sequence[np.ndarray]:
+        return [self._absorbs, self._gaunt]
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        electrons, ions, temperature = (q.value(fields, context) for q in self._fields)
+        assert self._planck is not None
+        bright = self._planck.values(self, temperature, context)
+        log = dr.log(temperature)
+        absorbs = self.row(context, "α", self._absorbs)
+        if self._is_radmc3d:
+            shared = electrons * ions * dr.exp(-1.35 * log)
+            alpha = [a * shared for a in absorbs]
+        else:
+            shared, slope = electrons * ions * dr.exp(-0.5 * log), 1.5 * math.sqrt(3.0) / math.pi
+            alpha = []
+            rows = (self.row(context, n, v) for n, v in (("x", self._exponent), ("g", self._gaunt)))
+            for a, x, g in zip(absorbs, *rows, strict=True):
+                gaunt = dr.log(dr.exp(dr.fma(slope, log, g)) + math.e)
+                depth = x / temperature
+                alpha.append(a * shared * gaunt * (depth * any_attenuation(depth)[1]))
+        return MediumSample([a * b for a, b in zip(alpha, bright, strict=True)], alpha)
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
+        electrons, ions, warm = (q.value(fields, context) for q in self._fields)
+        assert self._planck is not None
+        pairs = electrons * ions
+        low, high = (self._per_pair(t) for t in (warm.hi, warm.lo))  # it falls with temperature
+        alpha = [pairs * Interval(a, b) for a, b in zip(low, high, strict=True)]
+        between = self._planck.between(warm.lo, warm.hi)
+        return MediumSample([a * b for a, b in zip(alpha, between, strict=True)], alpha)
+
+    def _per_pair(self, temperature: np.ndarray) -> list[np.ndarray]:
+        """Return the absorption by one electron and one ion per cm³ (NumPy)."""
+        t = np.maximum(temperature, 1e-99)
+        if self._is_radmc3d:
+            return [a * t**-1.35 for a in self._absorbs]
+        slope = 1.5 * math.sqrt(3.0) / math.pi
+        rows = zip(self._absorbs, self._exponent, self._gaunt, strict=True)
+        return [
+            a / np.sqrt(t) * np.logaddexp(slope * np.log(t) + g, 1.0) * -np.expm1(-x / t)
+            for a, x, g in rows
+        ]

@@ -1,0 +1,618 @@
+"""Spectral lines of molecules and atoms, with their Doppler shifts along each ray."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr, from_host
+from ..backend.functions import any_attenuation, branch, decay
+from ..backend.types import Float, Mask
+from ..errors import InputError, unknown_name
+from ..expressions.interval import Interval
+from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
+from .context import Context, Feature, Halves, MediumSample
+from .gaussian import Gaussian, gaussian_mean
+from .panel import Panel, extremes, third_differences
+from .quadrature import boole, midway, parabola
+from .spectral import Bands, InCgs, SpectralMedium, given_field, model_of
+
+if TYPE_CHECKING:
+    from ..physics.molecule import Molecule
+    from ..volume import Volume
+
+# Beyond so many Doppler widths a line is not there: exp(-144) = 3e-63.
+_MARGIN = 12.0
+# The narrowest line: 1 cm/s. Without turbulence gas of 0 K would have none at all.
+_NARROWEST = 1.0
+# Temperatures at which the partition function is tabulated; it is linear in between.
+_NODES = 2048
+# The line is smooth on a panel if the velocity changes from quarter to quarter by less than this
+# many Doppler widths.
+_SMOOTH = 0.8
+# The error of Boole's rule on halves, as a part of its difference from that on the whole panel.
+_TOLD_BY_BOOLE, _TOLD_BY_QUARTIC = 0.15, 0.01
+# The profile exp(-z²): its width is a Doppler width over √2.
+_PROFILE = Gaussian("v", 0.0, 1.0, 1.0, 0.0, 1.0)
+_ROOT2 = math.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One line, and what its emission and absorption are multiplied by."""
+
+    up: int
+    low: int
+    frequency: float
+    lower: float  # (E_l - E_1)/k in K
+    step: float  # (E_u - E_l)/k in K
+    emission: float
+    absorption: float
+    ratio: float  # g_u/g_l
+
+
+@dataclass
+class LineState:
+    """Gas at a place: inverse Doppler width, velocity away from the observer, and each line.
+
+    `bright` and `dense` are emission and absorption at the centres of lines, where the profile is
+    exp(-z²).
+    """
+
+    narrowness: Float
+    velocity: Float
+    bright: list[Float]
+    dense: list[Float]
+
+
+class Lines(SpectralMedium):
+    """Lines of one kind of molecule, broadened by heat and turbulence and shifted by motion.
+
+    Parameters
+    ----------
+    density : str, Quantity or number; or Volume
+        Number density of the molecule; cm⁻³ without a unit. A volume opened from a model of
+        RADMC-3D has all that is needed.
+    molecule : Molecule or str
+        Its levels and lines; or its name in the model.
+    temperature : str, Quantity or number
+        Of the gas; K without a unit.
+    velocity : str or three of these, optional
+        A vector's name: ``"velocity"`` has the fields ``velocity_x`` …, or ``velocity_r`` …; or
+        three components along x, y and z. cm/s without a unit. At rest by default.
+    turbulence : str, Quantity or number, optional
+        Width b of turbulent motions: lines have the Doppler width a² = b² + 2kT/m.
+    populations : str or sequence, optional
+        Number densities of the levels, as fields ``name_1``, ``name_2`` …, or one expression for
+        each level. By default those of local thermodynamic equilibrium (LTE).
+
+    Raises
+    ------
+    InputError
+        If something is missing.
+
+    Notes
+    -----
+    Einstein coefficients, and emission and absorption of a line: Rybicki & Lightman (1979),
+    equations 1.72 to 1.79; populations in LTE: 9.3 and 9.5; Doppler profile: 10.68. Extinction is
+    never negative: masers are not drawn.
+    """
+
+    kind = "lines"
+    sight: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        density: Any,
+        molecule: Molecule | str,
+        *,
+        temperature: Any = None,
+        velocity: Any = None,
+        turbulence: Any = None,
+        populations: Any = None,
+    ) -> None:
+        if isinstance(molecule, str) and not hasattr(density, "grid"):
+            raise InputError(
+                f"a molecule by name ({molecule!r}) needs a model of RADMC-3D that has it: "
+                "vm.Lines(volume, name); or give vm.Molecule.open(path)"
+            )
+        if hasattr(density, "grid"):
+            volume = density
+            if isinstance(molecule, str):
+                known = model_of(volume, f"vm.Lines(volume, {molecule!r})").molecules
+                if molecule not in known:
+                    raise unknown_name("molecule", molecule, known)
+                density, molecule = f"numberdens_{molecule}", known[molecule]
+            else:
+                density = f"numberdens_{molecule.name}"
+            given = {
+                "temperature": temperature or _in(volume, "gas_temperature"),
+                "velocity": velocity or ("gas_velocity" if _has_velocity(volume) else None),
+                "turbulence": turbulence or _in(volume, "microturbulence"),
+            }
+            temperature, velocity, turbulence = given.values()
+        if temperature is None:
+            raise InputError("lines need the temperature of the gas: temperature='T'")
+        self.density = given_field(density, "density")
+        self.molecule: Any = molecule
+        self.temperature = given_field(temperature, "temperature")
+        self.velocity = velocity
+        self.turbulence = 0.0 if turbulence is None else given_field(turbulence, "turbulence")
+        self.populations = populations
+        self._fields: tuple[InCgs, ...] = ()
+        self._moves: tuple[InCgs, ...] = ()
+        self._levels: tuple[InCgs, ...] = ()
+        self._lines: tuple[Transition, ...] = ()
+        self._nodes: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0))
+        self._per_kelvin = 0.0
+        self._shifts, self._ratio = np.zeros((0, 0)), np.zeros(0)
+        self._even_nodes = True
+
+    # --- numbers --------------------------------------------------------------------------------
+
+    def temperatures(self, volume: Volume) -> list[InCgs]:
+        return [InCgs.of(self.temperature, "K", "temperature", volume)]
+
+    def quantities(self) -> Sequence[InCgs]:
+        return (*self._fields, *self._moves, *self._levels)
+
+    def features(self) -> tuple[Feature, ...]:
+        # Velocities are resolved to a part of the width of a line.
+        moves = tuple(Feature(q.expr, self._width / q.factor) for q in self._moves if q.expr.names)
+        others = (q for q in (*self._fields, *self._levels) if q.expr.names)
+        return (*map(Feature, (q.expr for q in others)), *moves)
+
+    def tuned(self, bands: Bands) -> SpectralMedium:
+        volume, constants, molecule = bands.volume, bands.constants, self.molecule
+        density, temperature, turbulence = (
+            InCgs.of(value, unit, what, volume)
+            for value, unit, what in (
+                (self.density, "1 / cm3", "density"),
+                (self.temperature, "K", "temperature"),
+                (self.turbulence, "cm / s", "turbulence"),
+            )
+        )
+        moves, axes = self._components(volume)
+        per_kelvin = 2.0 * constants.k / (molecule.weight * constants.proton_mass)
+        (cold, hot), (calm, wild) = (q.extremes(bands) for q in (temperature, turbulence))
+        cold, hot = max(cold, 0.1), max(hot, 0.1)
+        widest, narrowest = (
+            math.sqrt(per_kelvin * t + b * b) for t, b in ((hot, wild), (cold, calm))
+        )
+        ends = (max(map(abs, move.extremes(bands))) for move in moves)
+        reach = _MARGIN * widest + math.sqrt(sum(v * v for v in ends))
+        nu, rest = bands.frequencies, np.asarray(molecule.frequencies)
+        shifts = constants.c * (nu[None, :] - rest[:, None]) / rest[:, None]
+        active = np.flatnonzero((np.abs(shifts) < reach).any(axis=1))
+        lines = tuple(self._transition(int(k), bands) for k in active)
+        levels = sorted({level for line in lines for level in (line.up, line.low)})
+        return (
+            super()
+            .tuned(bands)
+            .changed(
+                _fields=(density, temperature, turbulence),
+                _moves=moves,
+                sight=axes,
+                _lines=lines,
+                _levels=self._populations(levels, volume),
+                _level_numbers=levels if self.populations is not None else (),
+                _width=max(narrowest, _NARROWEST),
+                _per_kelvin=per_kelvin,
+                _nodes=self._partition(cold, hot, constants),
+                _even_nodes=molecule.partition is None,
+                _shifts=shifts[active],
+                _ratio=bands.unit[0] / bands.unit,
+            )
+        )
+
+    _width = 1.0
+    _level_numbers: Sequence[int] = ()
+
+    def constant_arrays(self) -> Sequence[np.ndarray]:
+        rows = [
+            (x.frequency, x.lower, x.step, x.emission, x.absorption, x.ratio) for x in self._lines
+        ]
+        return [np.array(rows, dtype=np.float64), np.array([self._per_kelvin]), *self._nodes]
+
+    def _transition(self, k: int, bands: Bands) -> Transition:
+        """Return a line, with h c A g_u/(4 π^1.5) and A c³ g_u/(8 π^1.5 ν³) in units of bands."""
+        constants, molecule = bands.constants, self.molecule
+        up, low = int(molecule.up[k]), int(molecule.low[k])
+        nu, rate = float(molecule.frequencies[k]), float(molecule.einstein_a[k])
+        weight = 1.0 if self.populations is not None else float(molecule.weights[up])
+        lower, upper = (float(molecule.energies[i] - molecule.energies[0]) for i in (low, up))
+        # With CODATA's constants of the line's own frequency: S = B_ν(T), to rounding.
+        step = constants.planck_exponent * nu
+        if constants.name == "radmc3d":
+            step = constants.boltzmann * (upper - lower)
+        common = rate * weight * bands.length / math.pi**1.5
+        return Transition(
+            up,
+            low,
+            nu,
+            constants.boltzmann * lower,
+            step,
+            common * constants.h * constants.c / 4.0 / float(bands.unit[0]),
+            common * constants.c**3 / (8.0 * nu**3),
+            float(molecule.weights[up] / molecule.weights[low]),
+        )
+
+    def _populations(self, levels: Sequence[int], volume: Volume) -> tuple[InCgs, ...]:
+        given = self.populations
+        if given is None:
+            return ()
+        names = [f"{given}_{k + 1}" for k in levels] if isinstance(given, str) else None
+        if names is None and max(levels, default=0) >= len(given):
+            raise InputError(
+                f"populations has {len(given)} levels, but the lines need {max(levels) + 1}"
+            )
+        chosen = names or [given[k] for k in levels]
+        return tuple(InCgs.of(v, "1 / cm3", "population", volume) for v in chosen)
+
+    def _components(self, volume: Volume) -> tuple[tuple[InCgs, ...], tuple[str, ...]]:
+        """Return the components of the velocity, and the axes that they are along."""
+        given = self.velocity
+        if given is None:
+            return (), ()
+        if not isinstance(given, str):
+            if len(given) != 3:
+                raise InputError(f"velocity must be a vector's name or three of x, y, z: {given!r}")
+            return tuple(InCgs.of(v, "cm / s", "velocity", volume) for v in given), CARTESIAN
+        for system in (volume.grid.coordinates, CARTESIAN, SPHERICAL, CYLINDRICAL):
+            names = [f"{given}_{axis}" for axis in system]
+            if all(name in volume.fields for name in names):
+                parts = tuple(InCgs.of(name, "cm / s", "velocity", volume) for name in names)
+                return parts, tuple(system)
+        expected = ", ".join(f"{given}_{axis}" for axis in volume.grid.coordinates)
+        raise InputError(f"there is no vector {given!r} in the volume: expected {expected}")
+
+    def _partition(self, cold: float, hot: float, constants: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return temperatures and partition functions, between which it is linear."""
+        if self.populations is not None:
+            return np.ones(2), np.ones(2)
+        molecule = self.molecule
+        if molecule.partition is not None:
+            return tuple(np.asarray(v, dtype=np.float64) for v in molecule.partition)  # type: ignore[return-value]
+        if constants.name == "radmc3d":  # its own nodes
+            nodes = 0.1 * 1e6 ** (np.arange(1000) / 999)
+        else:
+            nodes = np.geomspace(0.99 * cold, 1.01 * hot, _NODES)
+        return nodes, np.asarray(molecule.partition_function(nodes, constants))
+
+    # --- at places ------------------------------------------------------------------------------
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        state = self._state(fields, context)
+        zero = state.velocity * 0.0
+        j, alpha = [zero] * self.channels, [zero] * self.channels
+        ratio = self.row(context, "unit", self._ratio)
+        speed = state.velocity * state.narrowness
+        for k, (bright, dense) in enumerate(zip(state.bright, state.dense, strict=True)):
+            for c, shift in enumerate(self.row(context, f"v {k}", self._shifts[k])):
+                z = dr.fma(shift, state.narrowness, speed)
+                shape = decay(z * z)
+                j[c] = dr.fma(bright, shape, j[c])
+                alpha[c] = dr.fma(dense, shape, alpha[c])
+        return MediumSample([r * v for r, v in zip(ratio, j, strict=True)], alpha)
+
+    def _state(self, fields: dict[str, Any], context: Context) -> LineState:
+        """Return the gas at a place."""
+        density, temperature, turbulence = (q.value(fields, context) for q in self._fields)
+        number = context.kept_number
+        width = number(self._per_kelvin) * temperature + turbulence * turbulence
+        width = dr.sqrt(dr.select(width > _NARROWEST**2, width, _NARROWEST**2))
+        narrowness = 1.0 / width
+        velocity = narrowness * 0.0
+        for move, axis in zip(self._moves, self.sight, strict=True):
+            velocity = dr.fma(move.value(fields, context), fields[f"los.{axis}"], velocity)
+        bright, dense = [], []
+        if self.populations is not None:
+            levels = [q.value(fields, context) for q in self._levels]
+            own = dict(zip(self._level_numbers, levels, strict=True))
+            for line in self._lines:
+                up, low = own[line.up], own[line.low] * number(line.ratio)
+                bright.append(up * narrowness * number(line.emission))
+                absorbed = (low - up) * narrowness * number(line.absorption)
+                dense.append(dr.select(absorbed > 0.0, absorbed, 0.0))
+            return LineState(narrowness, velocity, bright, dense)
+        cold = 1.0 / temperature
+        base = density * narrowness / self._partition_at(temperature, context)
+        for line in self._lines:
+            low = base * dr.exp(-number(line.lower) * cold)
+            step = number(line.step) * cold
+            theta, mean = any_attenuation(step)
+            bright.append(low * theta * number(line.emission))
+            dense.append(low * (step * mean) * number(line.absorption))
+        return LineState(narrowness, velocity, bright, dense)
+
+    def _partition_at(self, temperature: Float, context: Context) -> Float:
+        nodes, values = self._nodes
+        if not self._even_nodes:
+            return context.interpolate(temperature, nodes, [values])[0]
+        # Nodes in equal ratios are found by a logarithm: a bisection would take as long as a line.
+        real = context.real
+        places, table = context.keep(
+            (id(self), "Z"), lambda: tuple(from_host(real, v) for v in (nodes, values))
+        )
+        step = math.log(nodes[-1] / nodes[0]) / (len(nodes) - 1)
+        first, per_step = context.kept_number(math.log(nodes[0])), context.kept_number(1.0 / step)
+        UInt = dr.uint32_array_t(real)
+        last = context.kept_number(len(nodes) - 2.0)
+        place = (dr.log(temperature) - first) * per_step
+        place = dr.select(place > 0.0, dr.select(place < last, place, last), 0.0)
+        k = UInt(place)
+        low, high = (dr.gather(real, places, k + n) for n in (0, 1))
+        before, after = (dr.gather(real, table, k + n) for n in (0, 1))
+        part = (temperature - low) / (high - low)
+        part = dr.select(part > 0.0, part, 0.0)
+        return dr.fma(part, after - before, before)
+
+    # --- ranges ---------------------------------------------------------------------------------
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
+        density, warm, turbulence = (q.value(fields, context) for q in self._fields)
+        cold, hot = (np.maximum(t, 1e-99) for t in (warm.lo, warm.hi))
+        narrow, wide = self._widths(fields, context)
+        speed = self._speed(fields, context)
+        least = [np.zeros(np.shape(narrow)) for _ in range(2 * self.channels)]
+        most = [np.zeros(np.shape(narrow)) for _ in range(2 * self.channels)]
+        levels = [q.value(fields, context) for q in self._levels]
+        own = dict(zip(self._level_numbers, levels, strict=True))
+        for k, line in enumerate(self._lines):
+            if self.populations is not None:
+                up, low = own[line.up].hi, own[line.low].hi * line.ratio
+                ends = [(0.0, up * line.emission), (0.0, low * line.absorption)]
+                ends = [(a / wide, b / narrow) for a, b in ends]
+            else:
+                nodes, table = self._nodes
+                z = [np.interp(t, nodes, table) for t in (cold, hot)]
+                base = (
+                    density.lo * np.exp(-line.lower / cold) / (z[1] * wide),
+                    density.hi * np.exp(-line.lower / hot) / (z[0] * narrow),
+                )
+                theta = [np.exp(-line.step / t) for t in (cold, hot)]
+                lost = [-np.expm1(-line.step / t) for t in (hot, cold)]
+                ends = [
+                    (base[0] * a * factor, base[1] * b * factor)
+                    for (a, b), factor in ((theta, line.emission), (lost, line.absorption))
+                ]
+            for c, shift in enumerate(np.abs(self._shifts[k])):
+                near = np.maximum(shift - speed, 0.0) / wide
+                shape = np.exp(-(((shift + speed) / narrow) ** 2)), np.exp(-(near**2))
+                for place, (a, b), r in (
+                    (c, ends[0], self._ratio[c]),
+                    (self.channels + c, ends[1], 1.0),
+                ):
+                    least[place] = least[place] + r * a * shape[0]
+                    most[place] = most[place] + r * b * shape[1]
+        missing = density.nan | warm.nan | turbulence.nan
+        found = [Interval(a, b, missing) for a, b in zip(least, most, strict=True)]
+        return self.split(found)
+
+    def _widths(self, fields: dict[str, Interval], context: Context) -> tuple[Any, Any]:
+        """Return the least and the largest Doppler width."""
+        _, warm, turbulence = (q.value(fields, context) for q in self._fields)
+        square = self._per_kelvin * warm + turbulence * turbulence
+        low, high = (np.sqrt(np.maximum(end, _NARROWEST**2)) for end in (square.lo, square.hi))
+        return low, high
+
+    def _speed(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return the largest speed."""
+        parts = [q.value(fields, context).size for q in self._moves]
+        return np.sqrt(sum((v * v for v in parts), np.float64(0.0)))
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
+        density, _, _ = (q.value(fields, context) for q in self._fields)
+        _, wide = self._widths(fields, context)
+        near = self._speed(fields, context) + _reach(context) * wide
+        seen = np.zeros(np.shape(near), bool)
+        if self._shifts.size:
+            for shift in np.unique(np.abs(self._shifts)):
+                seen = seen | ~(shift > near)
+        there = density.nan | (density.size > 0.0) | (self.populations is not None)
+        return np.asarray(seen & there)
+
+    # --- on panels ------------------------------------------------------------------------------
+
+    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        states = self._along(panel, context)
+        narrow = [state.narrowness for state in states]
+        speed = [state.velocity * n for state, n in zip(states, narrow, strict=True)]
+        low, high = extremes(speed)
+        sharp = extremes(narrow)
+        more = 0.25 * (high - low)
+        seen, reach = panel.length < 0.0, context.narrow_number(_reach(context))
+        for shifts in self._shifts:
+            ends = [context.narrow_number(float(end)) for end in (shifts.min(), shifts.max())]
+            first, last = (
+                end * dr.select((end > 0.0) == up, sharp[1], sharp[0])
+                for up, end in zip((False, True), ends, strict=True)
+            )
+            seen |= (first + low - more < reach) & (last + high + more > -reach)
+        unknown = dr.isnan(low + high)
+        return seen | unknown, panel.length < 0.0
+
+    def _along(self, panel: Panel, context: Context) -> list[LineState]:
+        """Return the gas at the places of a panel, in the type of integrals; computed once."""
+
+        def state(s: float) -> LineState:
+            found = self._state(panel.fields(s), context)
+            narrow = context.narrow
+            return LineState(
+                narrow(found.narrowness),
+                narrow(found.velocity),
+                [narrow(v) for v in found.bright],
+                [narrow(v) for v in found.dense],
+            )
+
+        key = (id(self), "states")
+        if key not in panel.cache:
+            panel.cache[key] = [state(s) for s in panel.where]
+        states: list[LineState] = panel.cache[key]
+        return states
+
+    def means(self, panel: Panel, context: Context) -> MediumSample:
+        first, middle, last = self._along(panel, context)
+        found = _Sums(self, context)
+        ends = [(s.narrowness, s.velocity * s.narrowness) for s in (first, last)]
+        for k in range(len(self._lines)):
+            rows = ([getattr(s, name)[k] for s in (first, middle, last)] for name in _NAMES)
+            bright, dense = (_simpson_weights(row) for row in rows)
+            for c, shift in enumerate(found.shifts[k]):
+                z = [_ROOT2 * dr.fma(shift, n, u) for n, u in ends]
+                shape = gaussian_mean(z[0], z[1], context.faint)
+                found.add(c, [shape * bright], [shape * dense])
+        return found.samples()[0]
+
+    def integrate(self, panel: Panel, context: Context) -> Halves:
+        """Return means of the lines' profiles times what they are multiplied by.
+
+        Where the velocity changes by less than the line's width Boole's rule does it; elsewhere the
+        profile is integrated in closed form, and its factor taken at its centre of mass.
+        """
+        states, found = self._along(panel, context), _Sums(self, context)
+        narrow = [s.narrowness for s in states]
+        speed = [s.velocity * n for s, n in zip(states, narrow, strict=True)]
+        change = extremes([dr.abs(b - a) for a, b in pairwise(speed)])[1]
+        for k in range(len(self._lines)):
+            bright, dense = ([getattr(s, name)[k] for s in states] for name in _NAMES)
+            shifts = found.shifts[k]
+            widest = context.narrow_number(float(np.abs(self._shifts[k]).max()))
+            change = change + widest * extremes([dr.abs(b - a) for a, b in pairwise(narrow)])[1]
+
+            def smooth(rows: list[list[Float]], shifts: list[Float] = shifts) -> list[Float]:
+                narrow, speed, bright, dense = rows
+                return _by_boole(narrow, speed, bright, dense, shifts)
+
+            def steep(rows: list[list[Float]], shifts: list[Float] = shifts) -> list[Float]:
+                narrow, speed, bright, dense = rows
+                return _in_closed_form(narrow, speed, bright, dense, shifts, context.faint)
+
+            rows = [narrow, speed, bright, dense]
+            values = branch((rows,), change < _SMOOTH, smooth, steep)
+            for c in range(self.channels):
+                found.add(c, values[6 * c : 6 * c + 3], values[6 * c + 3 : 6 * c + 6])
+        return Halves(*found.samples())
+
+
+_NAMES = ("bright", "dense")
+
+
+def _by_boole(
+    narrow: list[Float],
+    speed: list[Float],
+    bright: list[Float],
+    dense: list[Float],
+    shifts: list[Float],
+) -> list[Float]:
+    """Return, per channel, means of emission and absorption over both halves, and their errors."""
+    rows = [midway(row) for row in (narrow, speed, bright, dense)]
+    found = []
+    bends = [_bend(row) for row in (speed, bright, dense)]
+    for shift in shifts:
+        shape = []
+        for n, u in zip(*rows[:2], strict=True):
+            z = dr.fma(shift, n, u)
+            shape.append(decay(z * z))
+        for row, bend in zip(rows[2:], bends[1:], strict=True):
+            values = [a * b for a, b in zip(row, shape, strict=True)]
+            first, last = boole(values[:5]), boole(values[4:])
+            mean, whole = 0.5 * (first + last), boole(values[::2])
+            error = _TOLD_BY_BOOLE * dr.abs(mean - whole)
+            error = dr.fma(_TOLD_BY_QUARTIC * bends[0], dr.abs(mean), error)
+            found += [first, last, dr.fma(_TOLD_BY_QUARTIC * bend, shape[4], error)]
+    return found
+
+
+def _bend(values: list[Float]) -> Float:
+    a, b, c, d, e = values
+    return dr.abs(a + e - 4.0 * (b + d) + 6.0 * c)
+
+
+def _in_closed_form(
+    narrow: list[Float],
+    speed: list[Float],
+    bright: list[Float],
+    dense: list[Float],
+    shifts: list[Float],
+    faint: float,
+) -> list[Float]:
+    """Return the same where the velocity changes by more than the width of the line."""
+    found = []
+    for shift in shifts:
+        nodes = [_ROOT2 * dr.fma(shift, n, u) for n, u in zip(narrow, speed, strict=True)]
+        *shapes, error = _PROFILE.by_centers(nodes, faint)
+        middles = [middle for _, middle in _PROFILE.centers(nodes, faint)]
+        for row in (bright, dense):
+            cubics = third_differences(row)
+            parts, wrong = [], 0.5 * (dr.abs(row[0]) + dr.abs(row[4])) * error
+            for own, cubic, shape, middle in zip(
+                (row[:3], row[2:]), cubics, shapes, middles, strict=True
+            ):
+                value, off = parabola(own, cubic, middle.place, middle.spread)
+                parts.append(shape * value)
+                wrong = dr.fma(0.5 * shape, off, wrong)
+            found += [*parts, wrong]
+    return found
+
+
+def _simpson_weights(values: list[Float]) -> Float:
+    """Return the mean of three values by Simpson's rule."""
+    a, m, b = values
+    return dr.fma(2 / 3, m, (1 / 6) * (a + b))
+
+
+def _reach(context: Context) -> float:
+    """Return where a profile falls below what may be neglected, in Doppler widths."""
+    return math.sqrt(-math.log(min(max(context.faint, 1e-60), 1e-6)))
+
+
+class _Sums:
+    """Sums over lines, per channel, of values over the first half, the last half, and errors."""
+
+    def __init__(self, medium: Lines, context: Context) -> None:
+        self.medium, self.context = medium, context
+        narrow = context.narrow_number
+        self.shifts = context.keep(
+            (id(medium), "shifts"),
+            lambda: [[narrow(float(v)) for v in row] for row in medium._shifts],
+        )
+        self.bright: list[list[Float]] = [[] for _ in range(medium.channels)]
+        self.dense: list[list[Float]] = [[] for _ in range(medium.channels)]
+
+    def add(self, c: int, bright: list[Float], dense: list[Float]) -> None:
+        for sums, new in ((self.bright, bright), (self.dense, dense)):
+            sums[c] = [a + b for a, b in zip(sums[c], new, strict=True)] if sums[c] else list(new)
+
+    def samples(self) -> list[MediumSample]:
+        """Return the sums in the units of means."""
+        context, medium = self.context, self.medium
+        zero = context.narrow_number(0.0)
+        count = max((len(row) for row in self.bright), default=0) or 3
+        units = context.keep(
+            (id(medium), "units"),
+            lambda: [
+                context.narrow_number(float(v))
+                for v in medium._ratio * context.scale / context.radiance
+            ],
+        )
+        dense = context.narrow_number(context.scale)
+        samples = []
+        for n in range(count):
+            j = [u * (row[n] if row else zero) for u, row in zip(units, self.bright, strict=True)]
+            alpha = [dense * (row[n] if row else zero) for row in self.dense]
+            samples.append(MediumSample(j, alpha))
+        return samples
+
+
+def _in(volume: Volume, name: str) -> str | None:
+    return name if name in volume.fields else None
+
+
+def _has_velocity(volume: Volume) -> bool:
+    return all(f"gas_velocity_{axis}" in volume.fields for axis in volume.grid.coordinates)

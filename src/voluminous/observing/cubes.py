@@ -1,0 +1,228 @@
+"""`observe`: what a telescope sees of a volume, as a cube of intensities at frequencies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression, IntervalOps
+from ..image import Image
+from ..image.cube import Cube
+from ..image.spectral_axis import SpectralAxis
+from ..media.contract import Medium
+from ..media.lines import Lines
+from ..media.spectral import Bands, SpectralMedium, hottest
+from ..media.sum import with_each
+from ..objects import SceneObject
+from ..physics.constants import Constants, constants_named
+from ..rendering import render
+from ..rendering.cache import Cache
+from ..rendering.sources.channel_layout import in_units_of
+from ..units import unit_of
+from ..volume import Volume
+from .light import INTENSITY, intensities, lit, model_background, model_stars
+
+if TYPE_CHECKING:
+    from ..progress import Progress
+
+
+def observe(
+    volume: Volume,
+    medium: Medium,
+    camera: Any = None,
+    *,
+    wavelengths: Any = None,
+    frequencies: Any = None,
+    velocities: Any = None,
+    distance: Any = None,
+    objects: Any = None,
+    background: Any = None,
+    constants: str | Constants = "codata",
+    progress: Progress = None,
+    **options: Any,
+) -> Cube:
+    """Solve the transfer equation at frequencies: an image at each of them.
+
+    Parameters
+    ----------
+    volume : Volume
+        Grid and fields.
+    medium : Medium
+        Of `Dust`, `Lines`, `FreeFree` and other spectral media, added with ``+``.
+    camera : Camera, optional
+        As in `render`.
+    wavelengths, frequencies, velocities : array_like or Quantity, or SpectralAxis
+        One of them: wavelengths (plain numbers are micron), frequencies (Hz), or velocities, which
+        `channels` makes; its ``line`` is looked up in the molecules of the medium.
+    distance : Quantity, optional
+        Of the observer, for solid angles and fluxes; of pictures with lengths.
+    objects : sequence of SceneObject, optional
+        Colours may be spectra, such as `Blackbody`. Default: the stars of a model of RADMC-3D, as
+        points.
+    background : float, array_like, Quantity or spectrum, optional
+        Intensity behind everything, such as ``vm.Blackbody(2.725)``; plain numbers are in
+        erg/s/cm²/Hz/sr. Default: the external field of a model of RADMC-3D, else none.
+    constants : {"codata", "radmc3d"}
+        Physical constants; RADMC-3D's also take its rules of interpolation in tables.
+    progress : bool or callable, optional
+        As in `render`.
+    **options
+        Those of `render`: ``scheme``, ``tolerance``, ``precision``, ``samples``, ``antialias``,
+        ``device``, ``cutoff`` …
+
+    Returns
+    -------
+    Cube
+        Intensities in erg/s/cm²/Hz/sr, one channel for each frequency, in the order given.
+
+    Raises
+    ------
+    InputError
+        If there are no frequencies, or several kinds of them; or as in `render`.
+    UnitsError
+        If units do not fit.
+
+    Examples
+    --------
+    >>> import voluminous as vm
+    >>> core = vm.models.prestellar_core(16)
+    >>> dust = vm.Dust("density * 2e-26", 15.0, vm.Opacity.power_law(3.5, 870.0, 1.8))
+    >>> vm.observe(core, dust, wavelengths=[870.0, 1300.0]).shape
+    (400, 400, 2)
+    """
+    if not isinstance(volume, Volume):
+        raise InputError(f"observe needs a vm.Volume first, got {type(volume).__name__}")
+    axis = spectral_axis(medium, wavelengths, frequencies, velocities)
+    tuned, bands = at_frequencies(volume, medium, axis.frequencies, constants_named(constants))
+    things = model_stars(volume) if objects is None else objects
+    things = [things] if isinstance(things, SceneObject) else list(things)
+    behind = intensities(model_background(volume) if background is None else background, bands)
+    image = render(
+        volume,
+        tuned,
+        camera,
+        objects=[lit(thing, bands) for thing in things],
+        background=behind,
+        progress=progress,
+        **options,
+    )
+    return _cube(image, bands, axis, medium, distance)
+
+
+def _cube(image: Image, bands: Bands, axis: SpectralAxis, medium: Medium, distance: Any) -> Cube:
+    """Return a picture in the units of channels as a cube of intensities."""
+    unit = bands.unit
+    peaks = np.max(np.abs(image.intensity), axis=(0, 1), initial=0.0)
+    # The error is that of the brightest channel, and the same fraction of the maximum in others.
+    factor = float(np.max(peaks * unit) / (np.max(peaks) or 1.0))
+    named = {"intensity": unit, "lower": unit, "upper": unit, "error": factor}
+    planes = {
+        name: in_units_of(factor, plane)
+        for name, factor in named.items()
+        if (plane := getattr(image, name)) is not None
+    }
+    depth: Any = image.plane("optical_depth")
+    if image.waits_for_depth:
+        depth = lambda: image.plane("optical_depth")  # noqa: E731 (drawn when it is asked for)
+    return Cube(
+        **planes,
+        spectral=axis,
+        transparency=image.plane("transparency"),
+        optical_depth=depth,
+        x=image.x,
+        y=image.y,
+        unit=image.unit,
+        pixel_size=image.pixel_size,
+        wcs=image.wcs,
+        camera=image.camera,
+        distance=distance,
+        intensity_unit=INTENSITY,
+        provenance={
+            **(image.provenance or {}),
+            "medium": medium.describe(),
+            "constants": bands.constants.name,
+        },
+    )
+
+
+def spectral_axis(
+    medium: Medium, wavelengths: Any, frequencies: Any, velocities: Any
+) -> SpectralAxis:
+    """Return the channels of an observation, with the frequency at rest of their line."""
+    given = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
+    some = {name: value for name, value in given.items() if value is not None}
+    if len(some) != 1:
+        raise InputError(
+            "give one of wavelengths=, frequencies= and velocities=, such as "
+            f"wavelengths=[0.87, 1.3] * u.mm; got {', '.join(some) or 'none'}"
+        )
+    ((name, value),) = some.items()
+    axis: SpectralAxis = value
+    if not isinstance(value, SpectralAxis):
+        unit = unit_of(value) or {"wavelengths": "micron", "frequencies": "Hz"}.get(name, "km / s")
+        axis = SpectralAxis(value, unit)
+    if axis.rest is not None or (axis.kind != "velocity" and axis.line is None):
+        return axis
+    molecules = [part.molecule for part in medium.components() if isinstance(part, Lines)]
+    if not molecules:
+        raise InputError(
+            "velocities need a line: vm.channels(-5, 5, 40, rest=230.538 * u.GHz), or a medium "
+            "with vm.Lines and vm.channels(…, line='CO 2-1')"
+        )
+    if axis.line is None:
+        raise InputError("velocities need a line: vm.channels(-5, 5, 40, line='CO 2-1')")
+    failed = None
+    for molecule in molecules:
+        try:
+            rest = float(molecule.frequencies[molecule.line(axis.line)])
+            return axis.at_rest(rest)
+        except InputError as error:
+            failed = failed or error
+    assert failed is not None
+    raise failed
+
+
+def at_frequencies(
+    volume: Volume, medium: Medium, frequencies: np.ndarray, constants: Constants
+) -> tuple[Medium, Bands]:
+    """Return a medium with a channel for each frequency, and the bands that it has.
+
+    Raises
+    ------
+    InputError
+        If a part of the medium is not spectral.
+    """
+    statistics = Cache(volume).statistics
+
+    def extremes(expr: Expression) -> tuple[float, float]:
+        fields = {name: statistics.range_of(name) for name in expr.names}
+        found = IntervalOps().number(expr.evaluate(IntervalOps(), fields))
+        return float(found.lo), float(found.hi)
+
+    wrong = [part for part in medium.components() if not isinstance(part, SpectralMedium)]
+    if wrong:
+        raise InputError(
+            f"observe needs media that emit at any frequency (vm.Dust, vm.Lines, vm.FreeFree, "
+            f"vm.SpectralMedium.from_function), got {wrong[0]!r}; render draws colours"
+        )
+    nu = np.asarray(frequencies, dtype=np.float64)
+    bands = Bands(nu, np.ones(len(nu)), 1.0, constants, volume, extremes)
+    warmest = hottest(medium, bands)
+    if warmest > 0.0:
+        with np.errstate(all="ignore"):
+            x = constants.planck_exponent * nu / warmest
+            size = np.log2(constants.planck_factor * nu**3)
+            size -= np.log2(np.expm1(np.minimum(x, 600.0))) + np.maximum(x - 600.0, 0.0) / np.log(2)
+        bands = replace(
+            bands, hottest=warmest, unit=2.0 ** np.clip(np.round(size), -1000.0, 1000.0)
+        )
+
+    def tuned(part: Medium) -> Medium:
+        assert isinstance(part, SpectralMedium)
+        return part.at_frequencies(bands)
+
+    with np.errstate(all="ignore"):
+        return with_each(medium, tuned), bands

@@ -1,0 +1,81 @@
+"""Stars, surfaces and backgrounds with spectra, at the frequencies of an observation."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..objects import SceneObject, Stars
+from ..objects.values import is_spectrum
+from ..packages import room
+from ..units import is_quantity, parse_unit, plain
+
+if TYPE_CHECKING:
+    from ..media.spectral import Bands
+    from ..volume import Volume
+
+INTENSITY = "erg / (s cm2 Hz sr)"
+
+
+def model_stars(volume: Volume) -> list[SceneObject]:
+    """Return the stars of a model of RADMC-3D, as points; none of other volumes."""
+    folder = volume.meta.get("radmc3d")
+    stars = () if folder is None else room("io.radmc3d.model").read_model(folder).stars
+    if not stars:
+        return []
+    cm = 1.0 if volume.unit is None else float(parse_unit("cm").to(volume.unit))
+    return [
+        Stars(
+            [tuple(float(x) * cm for x in star.position) for star in stars],
+            [star.spectrum for star in stars],
+            luminosities=[math.pi * (star.radius * cm) ** 2 for star in stars],
+        )
+    ]
+
+
+def model_background(volume: Volume) -> Any:
+    """Return the external field of a model of RADMC-3D; zero for other volumes."""
+    folder = volume.meta.get("radmc3d")
+    found = None if folder is None else room("io.radmc3d.model").read_model(folder).external
+    return 0.0 if found is None else found
+
+
+def lit(thing: SceneObject, bands: Bands) -> SceneObject:
+    """Return an object with its colours at the frequencies, in the units of channels."""
+    colors = getattr(thing, "colors", None)
+    if colors is None:
+        return thing
+    if is_spectrum(colors):
+        listed = colors if isinstance(colors, (list, tuple)) else [colors]
+        values = np.array([intensities(one, bands) for one in listed])
+    elif thing.channel is not None or thing.relative or _is_named(colors):
+        return thing
+    else:
+        values = np.asarray(_plain(colors)) / bands.unit
+    return thing.replace(colors=values)
+
+
+def intensities(light: Any, bands: Bands) -> np.ndarray:
+    """Return the intensity of a spectrum, or of numbers, in the units of channels."""
+    if is_spectrum(light):
+        found = np.asarray(light.intensity(bands.frequencies, bands.constants))
+    else:
+        found = np.asarray(_plain(light))
+    if found.ndim and found.shape[-1] not in (1, len(bands.unit)):
+        raise InputError(
+            f"expected an intensity, or {len(bands.unit)} (one per frequency), got shape "
+            f"{found.shape}"
+        )
+    return np.asarray(found / bands.unit)
+
+
+def _plain(light: Any) -> Any:
+    return plain(light, parse_unit(INTENSITY) if is_quantity(light) else None, "intensity")
+
+
+def _is_named(colors: Any) -> bool:
+    first = colors[0] if isinstance(colors, (list, tuple)) and colors else colors
+    return isinstance(first, str)
