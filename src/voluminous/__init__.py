@@ -19,6 +19,7 @@ __version__ = VERSION
 # Public name → module that has it.
 _PUBLIC = {
     "Axes": "objects",
+    "Blackbody": "physics",
     "Boxes": "objects",
     "CartesianGrid": "grids",
     "Coefficients": "media",
@@ -37,7 +38,9 @@ _PUBLIC = {
     "Isosurface": "media",
     "Lines": "media",
     "Medium": "media",
+    "Molecule": "physics",
     "OctreeGrid": "grids",
+    "Opacity": "physics",
     "Orthographic": "cameras",
     "PatchGrid": "grids",
     "Panorama": "cameras",
@@ -99,6 +102,7 @@ _MODULES = ("errors", "io", "math", "measuring", "models", "movies", "regions")
 
 __all__ = [
     "Axes",
+    "Blackbody",
     "Boxes",
     "CartesianGrid",
     "Coefficients",
@@ -117,7 +121,9 @@ __all__ = [
     "Isosurface",
     "Lines",
     "Medium",
+    "Molecule",
     "OctreeGrid",
+    "Opacity",
     "Orthographic",
     "Panorama",
     "PatchGrid",
@@ -200,6 +206,7 @@ if TYPE_CHECKING:
     from .movies import movie, orbit
     from .objects import Axes, Boxes, Curves, Spheres, Stars
     from .observing import observe
+    from .physics import Blackbody, Molecule, Opacity
     from .rendering import render
     from .scene import Scene
     from .viewer import view

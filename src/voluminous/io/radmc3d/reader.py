@@ -92,7 +92,8 @@ class RADMC3DReader(ContentsReader):
         return Model(
             [stored(part) for part in parts],
             lambda chosen: cells().grid,
-            {"coordsystem": grid.coordinates},
+            # Where `model.read_model` finds dust, molecules and stars.
+            {"coordsystem": grid.coordinates, "radmc3d": str(directory.resolve())},
             tuple(own),
             {part.place: part for part in parts},
         )
