@@ -10,7 +10,7 @@ from astropy.table import Table
 from scipy.integrate import trapezoid
 
 from voluminous import Blackbody, Molecule, Opacity
-from voluminous.errors import InputError, UnknownNameError
+from voluminous.errors import InputError, UnitsError, UnknownNameError
 from voluminous.io import molecules
 from voluminous.physics import CODATA, RADMC3D, TabulatedSpectrum, constants_named
 
@@ -94,6 +94,19 @@ def test_opacities_are_power_laws_between_and_beyond_the_long_end():
     assert dust.absorption(at([[1.0, 2.0]])).shape == (1, 2)
     backwards = Opacity(waves[::-1] * u.um, 0.3 * waves[::-1] ** -1.7 * u.m**2 / u.kg)
     np.testing.assert_allclose(backwards.absorption(at(found)), dust.absorption(at(found)))
+
+
+def test_quantities_are_converted():
+    """Frequencies may be wavelengths, too; nothing drops a unit."""
+    dust, star = Opacity([1.0, 1000.0], [1.0, 1e-3]), Blackbody(5772.0)
+    nu = 230.538e9
+    for given in (nu * u.Hz, 230.538 * u.GHz, CODATA.c / nu * u.cm):
+        assert dust.absorption(given) == pytest.approx(dust.absorption(nu), rel=1e-12)
+        assert star.intensity(given) == pytest.approx(star.intensity(nu), rel=1e-12)
+        assert CODATA.planck(given, 20 * u.K) == pytest.approx(CODATA.planck(nu, 20), rel=1e-12)
+    assert rotor(5).partition_function(2e4 * u.mK) == rotor(5).partition_function(20.0)
+    with pytest.raises(UnitsError, match="frequency is in K"):
+        dust.absorption(3 * u.K)
 
 
 def test_zeros_in_opacities_are_zero():
@@ -290,6 +303,10 @@ def test_catalogues_have_the_rates_of_the_leiden_database(tmp_path):
     # a power law between temperatures a factor of two apart
     t = np.array([12.0, 50.0, 220.0])
     np.testing.assert_allclose(co.partition_function(t), rotor(60).partition_function(t), rtol=5e-3)
+    path.write_text(JPL.splitlines()[2])  # energies count from the ground state all the same
+    part = Molecule.open(path, partition=CO_PARTITION)
+    assert (part.labels, part.line("2-1")) == (("ground", "1", "2"), 0)
+    np.testing.assert_allclose(part.energies, co.energies[:3], atol=1e-4)
     table = Table(
         {
             "FREQ": [115271.2018, 230538.0],

@@ -197,6 +197,8 @@ def _levels(
         known.setdefault(label, [energy, 1.0])
     for label, energy, weight in zip(columns["up"], upper, columns["GUP"], strict=True):
         known.setdefault(label, [energy, weight])[1] = weight
+    if min(energy for energy, _ in known.values()) > 0.0:
+        known["ground"] = [0.0, 1.0]  # energies count from it, whether a line ends there or not
     labels = sorted(known, key=lambda label: known[label][0])
     place = {label: k for k, label in enumerate(labels)}
     ends = [place[q] for q in columns["up"]], [place[q] for q in columns["low"]]

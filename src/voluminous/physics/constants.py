@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import check_name
+from ..units import as_quantity, is_quantity, plain
+
+Reals = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,25 +48,36 @@ class Constants:
     partition: float
     opacity_c: float
 
-    def planck(self, frequency: Any, temperature: Any) -> Any:
+    def planck(self, frequency: Any, temperature: Any) -> Reals:
         """Return Planck's function 2hν³/c² / (exp(hν/kT) - 1), full of digits at both ends.
 
         Parameters
         ----------
-        frequency : array_like
-            In Hz.
-        temperature : array_like
-            In K; the two are broadcast.
+        frequency : array_like or Quantity
+            Plain numbers in Hz.
+        temperature : array_like or Quantity
+            Plain numbers in K; the two are broadcast.
 
         Returns
         -------
         numpy.ndarray
             In erg / (s cm2 Hz sr); 0 where the frequency or the temperature is not positive.
         """
-        nu, t = (np.asarray(x, dtype=np.float64) for x in (frequency, temperature))
+        nu, t = in_unit(frequency, "Hz", "frequency"), in_unit(temperature, "K", "temperature")
         with np.errstate(all="ignore"):  # both ends are limits: exp overflows, 0 / 0
             value = self.planck_factor * nu**3 / np.expm1(self.planck_exponent * nu / t)
         return np.where((nu > 0.0) & (t > 0.0), value, 0.0)
+
+
+def in_unit(values: Any, unit: str | None, what: str) -> Reals:
+    """Return plain numbers in a unit, of any shape; frequencies of wavelengths, and vice versa."""
+    values = as_quantity(values)
+    if is_quantity(values) and unit in ("micron", "Hz"):
+        from astropy import units as u
+
+        if values.unit.is_equivalent(unit, u.spectral()):
+            values = values.to(unit, u.spectral())
+    return np.asarray(plain(values, unit, what), dtype=np.float64)
 
 
 _C, _H, _K = 2.99792458e10, 6.62607015e-27, 1.380649e-16

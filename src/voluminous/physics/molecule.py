@@ -14,9 +14,8 @@ from ..errors import InputError
 from ..packages import room
 from ..units import as_given, is_quantity
 from ..value import Value
-from .constants import CODATA, Constants, constants_named
+from .constants import CODATA, Constants, Reals, constants_named, in_unit
 
-Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 # A frequency names the line that is this near, relative to it: other lines may be, too.
 _NEAR = 1e-3
@@ -146,7 +145,7 @@ class Molecule(Value):
         and is linear between them; so is this with ``constants="radmc3d"``.
         """
         constants = constants_named(constants)
-        t = np.asarray(temperature, dtype=np.float64)
+        t = in_unit(temperature, "K", "temperature")
         if self.partition is not None:
             return np.asarray(np.interp(t, *self.partition))
         if constants.name == "radmc3d":

@@ -6,16 +6,14 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, check_name
 from ..packages import room
-from ..units import as_quantity, is_quantity, plain, unit_of
+from ..units import plain, shown
 from ..value import Value
-from .constants import CODATA, Constants, constants_named
+from .constants import CODATA, Constants, Reals, constants_named, in_unit
 from .published import POWER_LAWS, TABLES
 
-Reals = NDArray[np.float64]
 _CM2_G = "cm2 / g"
 MICRON = 1e-4
 """A micron in cm."""
@@ -79,10 +77,10 @@ class Opacity(Value):
         grid: Any = None,
     ) -> None:
         what = f"opacity {name}".rstrip()
-        waves = in_unit(wavelengths, "micron", f"{what}: wavelengths")
+        waves = listed(wavelengths, "micron", f"{what}: wavelengths")
         if len(waves) < 2 or not np.all(np.isfinite(waves) & (waves > 0.0)):
             raise InputError(
-                f"{what}: expected two or more positive wavelengths, got {wavelengths!r}"
+                f"{what}: expected two or more positive wavelengths, got {shown(wavelengths)}"
             )
         rising = np.diff(waves) > 0.0
         if not (rising.all() or (np.diff(waves) < 0.0).all()):
@@ -92,21 +90,19 @@ class Opacity(Value):
         rows = {}
         for label, given in columns.items():
             unit = None if label == "asymmetry" else _CM2_G
-            row = (
-                np.zeros(len(waves)) if given is None else in_unit(given, unit, f"{what}: {label}")
-            )
+            row = np.zeros(len(waves)) if given is None else listed(given, unit, f"{what}: {label}")
             low = -1.0 if label == "asymmetry" else 0.0
             if row.shape != waves.shape or not np.all(np.isfinite(row) & (row >= low)):
                 raise InputError(
                     f"{what}: {label} must be one finite number, {low:g} or more, for each of the "
-                    f"{len(waves)} wavelengths, got {given!r}"
+                    f"{len(waves)} wavelengths, got {shown(given)}"
                 )
             rows[label] = row[order]
         self.name = str(name)
         self.wavelengths: Reals = waves[order]
         self.grid: Reals | None = None
         if grid is not None:
-            self.grid = np.sort(in_unit(grid, "Hz", f"{what}: grid"))
+            self.grid = np.sort(listed(grid, "Hz", f"{what}: grid"))
         self._rows = rows
 
     def __repr__(self) -> str:
@@ -115,15 +111,15 @@ class Opacity(Value):
         return f"<{named}: {len(self.wavelengths)} wavelengths, {first:g} to {last:g} micron>"
 
     def absorption(self, frequency: Any, constants: str | Constants = CODATA) -> Reals:
-        """Return the absorption opacity in cm²/g at frequencies in Hz, of any shape."""
+        """Return the absorption opacity in cm²/g at frequencies (in Hz), of any shape."""
         return self._at("absorption", frequency, constants_named(constants))
 
     def scattering(self, frequency: Any, constants: str | Constants = CODATA) -> Reals:
-        """Return the scattering opacity in cm²/g at frequencies in Hz; zero if none was given."""
+        """Return the scattering opacity in cm²/g at frequencies (in Hz); zero if none was given."""
         return self._at("scattering", frequency, constants_named(constants))
 
     def extinction(self, frequency: Any, constants: str | Constants = CODATA) -> Reals:
-        """Return the sum of absorption and scattering in cm²/g at frequencies in Hz."""
+        """Return the sum of absorption and scattering in cm²/g at frequencies (in Hz)."""
         return self.absorption(frequency, constants) + self.scattering(frequency, constants)
 
     def asymmetry(self, frequency: Any) -> Reals:
@@ -247,23 +243,18 @@ class Opacity(Value):
         return cls(waves, absorption, **columns, name=name)
 
 
-def in_unit(values: Any, unit: Any, what: str) -> Reals:
-    """Return a list of numbers; lengths, frequencies and energies for each other."""
-    values = as_quantity(values)
-    if is_quantity(values) and unit in ("micron", "Hz") and unit_of(values) is not None:
-        from astropy import units as u
-
-        values = values.to(unit, u.spectral())
-    found = np.asarray(plain(values, unit, what), dtype=np.float64)
+def listed(values: Any, unit: str | None, what: str) -> Reals:
+    """Return a list of plain numbers in a unit."""
+    found = in_unit(values, unit, what)
     if found.ndim != 1:
         raise InputError(f"{what}: expected a list of numbers, got shape {found.shape}")
     return found
 
 
 def _frequencies(frequency: Any) -> Reals:
-    nu = np.asarray(frequency, dtype=np.float64)
+    nu = in_unit(frequency, "Hz", "frequency")
     if not np.all(nu > 0.0):
-        raise InputError(f"frequencies must be positive and in Hz, got {frequency!r}")
+        raise InputError(f"frequencies must be positive and in Hz, got {shown(frequency)}")
     return nu
 
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import plain
+from ..units import plain, shown
 from ..value import Value
-from .constants import CODATA, Constants, constants_named
-from .opacity import MICRON, Reals, in_unit
+from .constants import CODATA, Constants, Reals, constants_named, in_unit
+from .opacity import MICRON, listed
 
 # Frequencies that differ by less are one: they come from wavelengths.
 _ROUNDING = 1e-12
@@ -38,13 +38,13 @@ class Blackbody(Value):
         self.temperature = plain(temperature, "K", "temperature")
         if not (isinstance(self.temperature, float) and 0.0 < self.temperature < np.inf):
             raise InputError(f"expected one positive temperature, got {temperature!r}")
-        self.grid = None if grid is None else np.sort(in_unit(grid, "Hz", "grid"))
+        self.grid = None if grid is None else np.sort(listed(grid, "Hz", "grid"))
 
     def __repr__(self) -> str:
         return f"Blackbody({self.temperature:g})"
 
     def intensity(self, frequency: Any, constants: str | Constants = CODATA) -> Reals:
-        """Return Planck's function in erg / (s cm2 Hz sr) at frequencies in Hz, of any shape."""
+        """Return Planck's function in erg / (s cm2 Hz sr) at frequencies (in Hz), of any shape."""
         constants = constants_named(constants)
         if self.grid is None or constants.name != "radmc3d":
             return np.asarray(constants.planck(frequency, self.temperature))
@@ -71,14 +71,16 @@ class TabulatedSpectrum(Value):
     """
 
     def __init__(self, wavelengths: Any, intensity: Any) -> None:
-        waves = in_unit(wavelengths, "micron", "wavelengths")
-        values = in_unit(intensity, _INTENSITY, "intensity")
+        waves = listed(wavelengths, "micron", "wavelengths")
+        values = listed(intensity, _INTENSITY, "intensity")
         order = np.argsort(-waves)
         if len(waves) < 2 or not (np.all(waves > 0.0) and np.all(np.diff(waves[order]) < 0.0)):
-            raise InputError(f"expected two or more different wavelengths, got {wavelengths!r}")
+            raise InputError(
+                f"expected two or more different wavelengths, got {shown(wavelengths)}"
+            )
         if values.shape != waves.shape or not np.all((values >= 0.0) & (values < np.inf)):
             raise InputError(
-                f"expected {len(waves)} intensities, one for each wavelength, got {intensity!r}"
+                f"expected {len(waves)} intensities, one for each wavelength, got {shown(intensity)}"
             )
         self.frequencies: Reals = CODATA.c / (MICRON * waves[order])
         self.values: Reals = values[order]
@@ -89,8 +91,8 @@ class TabulatedSpectrum(Value):
         return f"<TabulatedSpectrum at {count} wavelengths, {first:g} to {last:g} micron>"
 
     def intensity(self, frequency: Any, constants: str | Constants = CODATA) -> Reals:
-        """Return the intensity in erg / (s cm2 Hz sr) at frequencies in Hz, of any shape."""
-        nu = np.asarray(frequency, dtype=np.float64)
+        """Return the intensity in erg / (s cm2 Hz sr) at frequencies (in Hz), of any shape."""
+        nu = in_unit(frequency, "Hz", "frequency")
         if constants_named(constants).name == "radmc3d":
             return _linear(nu, self.frequencies, self.values)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,6 +103,6 @@ class TabulatedSpectrum(Value):
 
 def _linear(frequency: Any, grid: Reals, values: Reals) -> Reals:
     """Return values that are linear in ν, and zero at and beyond the ends, as RADMC-3D has them."""
-    nu = np.asarray(frequency, dtype=np.float64)
+    nu = in_unit(frequency, "Hz", "frequency")
     inside = (nu > grid[0] * (1.0 + _ROUNDING)) & (nu < grid[-1] * (1.0 - _ROUNDING))
     return np.where(inside, np.interp(nu, grid, values), 0.0)

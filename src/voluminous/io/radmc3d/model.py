@@ -14,9 +14,9 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...files import MissingPathError, as_path, missing
-from ...physics.constants import RADMC3D
+from ...physics.constants import RADMC3D, Reals
 from ...physics.molecule import Molecule
-from ...physics.opacity import MICRON, Opacity, Reals
+from ...physics.opacity import MICRON, Opacity
 from ...physics.spectra import Blackbody, TabulatedSpectrum
 from ..guard import reading
 from .encodings import TextFile, fortran_numbers
