@@ -80,7 +80,7 @@ class TabulatedSpectrum(Value):
             )
         if values.shape != waves.shape or not np.all((values >= 0.0) & (values < np.inf)):
             raise InputError(
-                f"expected {len(waves)} intensities, one for each wavelength, got {shown(intensity)}"
+                f"expected {len(waves)} intensities, one per wavelength, got {shown(intensity)}"
             )
         self.frequencies: Reals = CODATA.c / (MICRON * waves[order])
         self.values: Reals = values[order]
