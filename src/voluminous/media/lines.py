@@ -168,6 +168,27 @@ class Lines(SpectralMedium):
         return (*map(Feature, (q.expr for q in others)), *moves)
 
     def tuned(self, bands: Bands) -> SpectralMedium:
+        medium = self if self.bands is not None else self._in_volume(bands)
+        molecule, light = self.molecule, bands.constants.c
+        nu, rest = bands.frequencies, np.asarray(molecule.frequencies)
+        shifts = light * (nu[None, :] - rest[:, None]) / rest[:, None]
+        active = np.flatnonzero((np.abs(shifts) < medium._farthest).any(axis=1))
+        lines = tuple(self._transition(int(k), bands) for k in active)
+        levels: Sequence[int] = ()
+        if self.populations is not None:
+            levels = sorted({level for line in lines for level in (line.up, line.low)})
+        return medium.changed(
+            bands=bands,
+            channels=len(nu),
+            _lines=lines,
+            _levels=self._populations(levels, bands.volume),
+            _level_numbers=levels,
+            _shifts=shifts[active],
+            _ratio=bands.unit[0] / bands.unit,
+        )
+
+    def _in_volume(self, bands: Bands) -> Lines:
+        """Return the medium with what does not depend on frequencies."""
         volume, constants, molecule = bands.volume, bands.constants, self.molecule
         density, temperature, turbulence = (
             InCgs.of(value, unit, what, volume)
@@ -185,32 +206,19 @@ class Lines(SpectralMedium):
             math.sqrt(per_kelvin * t + b * b) for t, b in ((hot, wild), (cold, calm))
         )
         ends = (max(map(abs, move.extremes(bands))) for move in moves)
-        reach = _MARGIN * widest + math.sqrt(sum(v * v for v in ends))
-        nu, rest = bands.frequencies, np.asarray(molecule.frequencies)
-        shifts = constants.c * (nu[None, :] - rest[:, None]) / rest[:, None]
-        active = np.flatnonzero((np.abs(shifts) < reach).any(axis=1))
-        lines = tuple(self._transition(int(k), bands) for k in active)
-        levels = sorted({level for line in lines for level in (line.up, line.low)})
-        return (
-            super()
-            .tuned(bands)
-            .changed(
-                _fields=(density, temperature, turbulence),
-                _moves=moves,
-                sight=axes,
-                _lines=lines,
-                _levels=self._populations(levels, volume),
-                _level_numbers=levels if self.populations is not None else (),
-                _width=max(narrowest, _NARROWEST),
-                _per_kelvin=per_kelvin,
-                _nodes=self._partition(cold, hot, constants),
-                _even_nodes=molecule.partition is None,
-                _shifts=shifts[active],
-                _ratio=bands.unit[0] / bands.unit,
-            )
+        return self.changed(
+            _fields=(density, temperature, turbulence),
+            _moves=moves,
+            sight=axes,
+            _width=max(narrowest, _NARROWEST),
+            _per_kelvin=per_kelvin,
+            _nodes=self._partition(cold, hot, constants),
+            _even_nodes=molecule.partition is None,
+            _farthest=_MARGIN * widest + math.sqrt(sum(v * v for v in ends)),
         )
 
     _width = 1.0
+    _farthest = 0.0
     _level_numbers: Sequence[int] = ()
 
     def constant_arrays(self) -> Sequence[np.ndarray]:
@@ -420,6 +428,8 @@ class Lines(SpectralMedium):
     # --- on panels ------------------------------------------------------------------------------
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+        if not panel.places:  # without error control panels are looked at without their fields
+            return super().visible(panel, context)
         states = self._along(panel, context)
         narrow = [state.narrowness for state in states]
         speed = [state.velocity * n for state, n in zip(states, narrow, strict=True)]

@@ -52,6 +52,8 @@ class Bands:
     volume : Volume
     extremes : callable
         Returns the least and largest value of an expression in the volume.
+    once : bool
+        They are drawn once: kernels and tables are not kept.
     """
 
     frequencies: np.ndarray
@@ -60,6 +62,7 @@ class Bands:
     constants: Constants
     volume: Volume
     extremes: Callable[[Expression], tuple[float, float]]
+    once: bool = False
 
     @property
     def length(self) -> float:
@@ -166,7 +169,7 @@ class SpectralMedium(Medium):
 
     def key(self) -> Any:
         bands = self.bands
-        if bands is None:
+        if bands is None or bands.once:
             return None
         numbers = (bands.frequencies, bands.unit, np.array([bands.hottest, bands.length]))
         texts = ((q.expr.text, q.factor) for q in self.quantities())
@@ -308,8 +311,8 @@ def occupation(x: Float) -> Float:
     return theta / (x * mean)
 
 
-def hottest(medium: Medium, bands: Bands) -> float:
-    """Return the highest temperature in a volume of what emits."""
+def hottest(medium: Medium, bands: Bands) -> float | None:
+    """Return the highest temperature in a volume of what emits; None if it is not known."""
     found = [
         q.extremes(bands)[1]
         for part in medium.components()
@@ -317,7 +320,7 @@ def hottest(medium: Medium, bands: Bands) -> float:
         for q in part.temperatures(bands.volume)
     ]
     found = [t for t in found if math.isfinite(t) and t > 0.0]
-    return max(found, default=1.0)
+    return max(found, default=None)
 
 
 # --- the arguments of media -----------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +19,10 @@ from ..media.spectral import Bands, SpectralMedium, hottest
 from ..media.sum import with_each
 from ..objects import SceneObject
 from ..physics.constants import Constants, constants_named
+from ..progress import reporter, with_progress
 from ..rendering import render
 from ..rendering.cache import Cache
-from ..rendering.sources.channel_layout import in_units_of
+from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..units import unit_of
 from ..volume import Volume
 from .light import INTENSITY, intensities, lit, model_background, model_stars
@@ -28,7 +30,11 @@ from .light import INTENSITY, intensities, lit, model_background, model_stars
 if TYPE_CHECKING:
     from ..progress import Progress
 
+# More channels are drawn in groups: in one, 1000 of them would take seven times the cube's memory.
+_TOGETHER = 64
 
+
+@with_progress
 def observe(
     volume: Volume,
     medium: Medium,
@@ -76,7 +82,9 @@ def observe(
     Returns
     -------
     Cube
-        Intensities in erg/s/cm²/Hz/sr, one channel for each frequency, in the order given.
+        Intensities in erg/s/cm²/Hz/sr, one channel for each frequency, in the order given. Of more
+        than 64 channels there is no transparency, and `optical_depth` is drawn when it is asked
+        for, so that memory is needed for little more than the cube.
 
     Raises
     ------
@@ -96,42 +104,92 @@ def observe(
     if not isinstance(volume, Volume):
         raise InputError(f"observe needs a vm.Volume first, got {type(volume).__name__}")
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
-    tuned, bands = at_frequencies(volume, medium, axis.frequencies, constants_named(constants))
+    known = constants_named(constants)
     things = model_stars(volume) if objects is None else objects
     things = [things] if isinstance(things, SceneObject) else list(things)
-    behind = intensities(model_background(volume) if background is None else background, bands)
-    image = render(
-        volume,
-        tuned,
-        camera,
-        objects=[lit(thing, bands) for thing in things],
-        background=behind,
-        progress=progress,
-        **options,
-    )
-    return _cube(image, bands, axis, medium, distance)
+    behind = model_background(volume) if background is None else background
+    bands = bands_of(volume, medium, axis.frequencies, known)
+    bands = replace(bands, once=len(axis) > _TOGETHER)
+    tuned, count = at_frequencies(medium, bands), len(axis)
+    groups = [slice(0, count)] if count <= _TOGETHER else list(_groups(count))
+    report = reporter()
+
+    def draw(part: slice) -> Image:
+        """Draw some of the channels, in their units."""
+        own = bands.some(part.start, part.stop)
+        light = intensities(behind, bands)
+
+        def reported(done: int, total: int) -> None:
+            report(part.start * total + (part.stop - part.start) * done, count * total)
+
+        return render(
+            volume,
+            tuned if len(groups) == 1 else tuned.block(part.start, part.stop),
+            camera,
+            objects=[lit(thing, own) for thing in things],
+            background=light[..., part] if light.ndim and light.shape[-1] == count else light,
+            progress=reported,
+            **options,
+        )
+
+    return _cube(draw, groups, bands, axis, medium, distance)
 
 
-def _cube(image: Image, bands: Bands, axis: SpectralAxis, medium: Medium, distance: Any) -> Cube:
-    """Return a picture in the units of channels as a cube of intensities."""
-    unit = bands.unit
-    peaks = np.max(np.abs(image.intensity), axis=(0, 1), initial=0.0)
-    # The error is that of the brightest channel, and the same fraction of the maximum in others.
-    factor = float(np.max(peaks * unit) / (np.max(peaks) or 1.0))
-    named = {"intensity": unit, "lower": unit, "upper": unit, "error": factor}
-    planes = {
-        name: in_units_of(factor, plane)
-        for name, factor in named.items()
-        if (plane := getattr(image, name)) is not None
-    }
-    depth: Any = image.plane("optical_depth")
-    if image.waits_for_depth:
-        depth = lambda: image.plane("optical_depth")  # noqa: E731 (drawn when it is asked for)
+def _groups(count: int) -> Iterator[slice]:
+    """Yield groups of channels that take a small part of the memory of all of them."""
+    size = 15 * max(2, round(count / 600))
+    for first in range(0, count, size):
+        yield slice(first, min(first + size, count))
+
+
+def _cube(
+    draw: Callable[[slice], Image],
+    groups: list[slice],
+    bands: Bands,
+    axis: SpectralAxis,
+    medium: Medium,
+    distance: Any,
+) -> Cube:
+    """Return channels that are drawn group by group as a cube of intensities.
+
+    Of several groups nothing but intensities are kept: optical depths are drawn when asked for.
+    """
+    planes: dict[str, Any] = {}
+    shares, brightest = [], 0.0
+    for part in groups:
+        image, unit = draw(part), bands.unit[part]
+        peaks = np.max(np.abs(image.intensity), axis=(0, 1), initial=0.0)
+        brightest = max(brightest, float(np.max(peaks * unit)))
+        if image.error is not None:
+            shares.append(image.error / (np.max(peaks) or 1.0))
+        for name in ("intensity", "lower", "upper"):
+            own = getattr(image, name)
+            if own is None:
+                continue
+            scaled = in_units_of(unit, own)
+            if len(groups) == 1:
+                planes[name] = scaled
+                continue
+            if part.start == 0:
+                shape = (*scaled.shape[:2], len(axis))
+                fits = all(map(fits_single, bands.unit))
+                planes[name] = np.empty(shape, scaled.dtype if fits else np.float64)
+            planes[name][..., part] = scaled
+    if shares:
+        # The error is that of the brightest channel, and the same part of the maximum in others.
+        planes["error"] = in_units_of(brightest, np.max(shares, axis=0))
+
+    def depth() -> np.ndarray:
+        if len(groups) == 1:
+            return np.asarray(image.plane("optical_depth"))
+        return np.concatenate([draw(part).plane("optical_depth") for part in groups], axis=-1)
+
+    whole = len(groups) == 1
     return Cube(
         **planes,
         spectral=axis,
-        transparency=image.plane("transparency"),
-        optical_depth=depth,
+        transparency=image.plane("transparency") if whole else None,
+        optical_depth=depth if not whole or image.waits_for_depth else depth(),
         x=image.x,
         y=image.y,
         unit=image.unit,
@@ -185,10 +243,10 @@ def spectral_axis(
     raise failed
 
 
-def at_frequencies(
+def bands_of(
     volume: Volume, medium: Medium, frequencies: np.ndarray, constants: Constants
-) -> tuple[Medium, Bands]:
-    """Return a medium with a channel for each frequency, and the bands that it has.
+) -> Bands:
+    """Return what a medium needs to know to have a channel for each frequency.
 
     Raises
     ------
@@ -211,18 +269,22 @@ def at_frequencies(
     nu = np.asarray(frequencies, dtype=np.float64)
     bands = Bands(nu, np.ones(len(nu)), 1.0, constants, volume, extremes)
     warmest = hottest(medium, bands)
-    if warmest > 0.0:
-        with np.errstate(all="ignore"):
-            x = constants.planck_exponent * nu / warmest
-            size = np.log2(constants.planck_factor * nu**3)
-            size -= np.log2(np.expm1(np.minimum(x, 600.0))) + np.maximum(x - 600.0, 0.0) / np.log(2)
-        bands = replace(
-            bands, hottest=warmest, unit=2.0 ** np.clip(np.round(size), -1000.0, 1000.0)
-        )
+    if warmest is None:
+        return bands
+    # 2hν³/c² / (exp(x) - 1), of any size, as a power of two.
+    x = constants.planck_exponent * nu / warmest
+    size = np.log2(constants.planck_factor * nu**3)
+    size -= np.log2(np.expm1(np.minimum(x, 600.0))) + np.maximum(x - 600.0, 0.0) / np.log(2.0)
+    unit = 2.0 ** np.clip(np.round(size), -1000.0, 1000.0)
+    return replace(bands, hottest=warmest, unit=unit)
+
+
+def at_frequencies(medium: Medium, bands: Bands) -> Medium:
+    """Return a medium with a channel for each frequency."""
 
     def tuned(part: Medium) -> Medium:
         assert isinstance(part, SpectralMedium)
         return part.at_frequencies(bands)
 
     with np.errstate(all="ignore"):
-        return with_each(medium, tuned), bands
+        return with_each(medium, tuned)
