@@ -312,12 +312,8 @@ class Lines(SpectralMedium):
         """Return the gas at a place."""
         density, temperature, turbulence = (q.value(fields, context) for q in self._fields)
         number = context.kept_number
-        width = number(self._per_kelvin) * temperature + turbulence * turbulence
-        width = dr.sqrt(dr.select(width > _NARROWEST**2, width, _NARROWEST**2))
-        narrowness = 1.0 / width
-        velocity = narrowness * 0.0
-        for move, axis in zip(self._moves, self.sight, strict=True):
-            velocity = dr.fma(move.value(fields, context), fields[f"los.{axis}"], velocity)
+        narrowness = self._narrowness(temperature, turbulence, context)
+        velocity = self._velocity(fields, context) + narrowness * 0.0
         bright, dense = [], []
         if self.populations is not None:
             levels = [q.value(fields, context) for q in self._levels]
@@ -337,6 +333,93 @@ class Lines(SpectralMedium):
             bright.append(low * theta * number(line.emission))
             dense.append(low * (step * mean) * number(line.absorption))
         return LineState(narrowness, velocity, bright, dense)
+
+    # --- states, which RADMC-3D interpolates ----------------------------------------------------
+
+    @property
+    def state_count(self) -> int:
+        """Number of values of `states`."""
+        return 3 + 2 * len(self._lines)
+
+    def states(self, fields: dict[str, Any], context: Context) -> list[Float]:
+        """Return velocity away from the observer, turbulence, temperature, and populations.
+
+        Of each line those of the upper and the lower level, over their statistical weights.
+        """
+        density, temperature, turbulence = (q.value(fields, context) for q in self._fields)
+        velocity = self._velocity(fields, context) + 0.0 * temperature
+        found = [velocity, turbulence + 0.0 * temperature, temperature]
+        if self.populations is not None:
+            levels = [q.value(fields, context) for q in self._levels]
+            own = dict(zip(self._level_numbers, levels, strict=True))
+            for line in self._lines:
+                found += [own[line.up], own[line.low] * context.kept_number(line.ratio)]
+            return found
+        base = density / self._partition_at(temperature, context)
+        for line in self._lines:
+            low = base * dr.exp(-context.kept_number(line.lower) / temperature)
+            found += [low * dr.exp(-context.kept_number(line.step) / temperature), low]
+        return found
+
+    def from_states(
+        self, values: list[Float], channels: Sequence[int], context: Context
+    ) -> MediumSample:
+        """Return j and α per unit length of some channels from (interpolated) states."""
+        velocity, turbulence, temperature, *levels = values
+        number, narrowness = context.kept_number, self._narrowness(temperature, turbulence, context)
+        zero, speed = velocity * 0.0, velocity * narrowness
+        j, alpha = [zero for _ in channels], [zero for _ in channels]
+        for k, line in enumerate(self._lines):
+            up, low = levels[2 * k : 2 * k + 2]
+            bright = up * narrowness * number(line.emission)
+            dense = (low - up) * narrowness * number(line.absorption)
+            dense = dr.select(dense > 0.0, dense, 0.0)
+            shifts = self.row(context, f"v {k}", self._shifts[k])
+            for n, c in enumerate(channels):
+                z = dr.fma(shifts[c], narrowness, speed)
+                shape = dr.exp(-(z * z))
+                j[n] = dr.fma(bright, shape, j[n])
+                alpha[n] = dr.fma(dense, shape, alpha[n])
+        ratio = self.row(context, "unit", self._ratio)
+        return MediumSample([ratio[c] * v for c, v in zip(channels, j, strict=True)], alpha)
+
+    def steps(
+        self, first: list[Float], last: list[Float], resolution: float, context: Context
+    ) -> list[Float]:
+        """Return, per channel, the number of steps in which a line shifts by part of its width.
+
+        RADMC-3D's rule: the width is the sum of the smaller turbulent and the smaller thermal one;
+        lines more than twelve widths away do not count.
+        """
+        assert self.bands is not None
+        light = self.bands.constants.c
+        calm, cold = (dr.minimum(a, b) for a, b in zip(first[1:3], last[1:3], strict=True))
+        width = (calm + dr.sqrt(context.kept_number(self._per_kelvin) * cold)) / light
+        found = [width * 0.0] * self.channels
+        frequencies = self.row(context, "ν", self.bands.frequencies)
+        for line in self._lines:
+            rest = context.kept_number(line.frequency)
+            one, other = (rest - rest * (v[0] / light) for v in (first, last))
+            low, high = dr.minimum(one, other), dr.maximum(one, other)
+            for c, nu in enumerate(frequencies):
+                least = resolution * width * nu
+                near = (high > nu - _MARGIN * width * nu) & (low < nu + _MARGIN * width * nu)
+                count = dr.floor((high - low) / dr.select(least > 0.0, least, 1.0) + 1.0)
+                count = dr.select(near & (high - low > least), count, 0.0)
+                found[c] = dr.select(count > found[c], count, found[c])
+        return found
+
+    def _velocity(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return the velocity away from the observer."""
+        found: Any = 0.0
+        for move, axis in zip(self._moves, self.sight, strict=True):
+            found = found + move.value(fields, context) * fields[f"los.{axis}"]
+        return found
+
+    def _narrowness(self, temperature: Float, turbulence: Float, context: Context) -> Float:
+        """Return one over the Doppler width."""
+        square = context.kept_number(self._per_kelvin) * temperature + turbulence * turbulence
+        return 1.0 / dr.sqrt(dr.select(square > _NARROWEST**2, square, _NARROWEST**2))
 
     def _partition_at(self, temperature: Float, context: Context) -> Float:
         nodes, values = self._nodes

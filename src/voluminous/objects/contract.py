@@ -60,11 +60,12 @@ class Layers(NamedTuple):
 
 
 class PointLights(NamedTuple):
-    """Points of light: too small to hide anything.
+    """Points of light: smaller than a pixel.
 
     `x` and `y` (n,) are in pixels, the middle of the first one is at 0; `depth` (n,) is as of
     `Layers`; `flux` (n, channel) is what they add to the sum of all pixels, if nothing is in front;
-    `sigma` (2,) are the widths in pixels of the Gaussian that they are spread over, along x and y.
+    `sigma` (2,) are the widths in pixels of the Gaussian that they are spread over, along x and y;
+    `opacity` (n,) the part of its pixel in which each hides what is behind.
     """
 
     x: np.ndarray
@@ -72,6 +73,7 @@ class PointLights(NamedTuple):
     depth: np.ndarray
     flux: np.ndarray
     sigma: np.ndarray
+    opacity: np.ndarray
 
 
 class SceneObject(Value):

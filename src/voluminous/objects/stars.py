@@ -25,7 +25,8 @@ class Stars(Spheres):
     over its disc. One without a radius is the limit of small R: all of L is seen in the pixel that
     it is in, dimmed by what is in front of the star itself. The sum of all pixels times their area
     is L for an orthographic camera, and L/D² at a distance D in the middle of a perspective
-    picture (elsewhere as the projection magnifies). A point hides nothing.
+    picture (elsewhere as the projection magnifies). A point with a luminosity hides nothing; one
+    with a radius (`points`) the part of its pixel that its disc covers.
 
     Parameters
     ----------
@@ -40,6 +41,9 @@ class Stars(Spheres):
     psf : float, Quantity or pair of them, optional
         Spread points over a Gaussian of this full width at half maximum: plain numbers are pixels,
         quantities in the unit of the image plane. Cut off at 4 standard deviations; its sum is 1.
+    points : bool
+        Draw stars with radii as points, for discs far smaller than a pixel: all of the light is in
+        the pixel that the star is in, dimmed along the ray to the star itself.
     opacity, limb_darkening
         As for `Spheres`; of stars with radii.
     depth, channel, relative
@@ -59,6 +63,7 @@ class Stars(Spheres):
         radii: Any = None,
         luminosities: Any = None,
         psf: Any = None,
+        points: bool = False,
         opacity: Any = 1.0,
         limb_darkening: Any = 0.0,
         depth: str = "true",
@@ -67,14 +72,14 @@ class Stars(Spheres):
     ) -> None:
         if radii is None and luminosities is None:
             raise InputError("give a star a radius, or, as a point of light, a luminosity")
-        if psf is not None and radii is not None:
+        if psf is not None and radii is not None and not points:
             raise InputError("a psf is for points: stars with a luminosity and without a radius")
         options = {"opacity": opacity, "limb_darkening": limb_darkening}
         placed: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
         super().__init__(positions, 1.0 if radii is None else radii, colors, **options, **placed)
         self.radii = None if radii is None else self.radii
         self.luminosities = as_given(luminosities, "luminosities")
-        self.psf = psf = as_given(psf, "psf")
+        self.psf, self.points = as_given(psf, "psf"), bool(points)
         if luminosities is not None:
             self._checked(self.luminosities, "luminosities", np.inf)
         if psf is not None:
@@ -123,10 +128,10 @@ class Stars(Spheres):
         return cls(positions, _colors_in(table, color), **values, **options)
 
     def layers(self, view: View) -> Layers | None:
-        return None if self.radii is None else super().layers(view)
+        return None if self.radii is None or self.points else super().layers(view)
 
     def lights(self, view: View) -> PointLights | None:
-        if self.radii is not None or not self.count:
+        if (self.radii is not None and not self.points) or not self.count:
             return None
         positions = np.asarray(view.length(self.positions, "positions"))
         x, y, depth = view.place(positions)
@@ -143,9 +148,17 @@ class Stars(Spheres):
         )
         some = np.flatnonzero(inside)  # never where x is NaN
         some = some[nearby(x[some], y[some], depth[some])]
-        flux = self._luminosity(view)[some]
-        flux = flux * view.pixels_per_area(positions[some])[:, None]
-        return PointLights(x[some], y[some], depth[some], flux, sigma)
+        per_area, area = view.pixels_per_area(positions[some]), np.zeros(len(some))
+        if self.radii is None or self.luminosities is not None:
+            flux = self._luminosity(view)[some]
+        if self.radii is not None:
+            radius = np.broadcast_to(view.length(self.radii, "radii"), self.count)
+            area = np.pi * radius[some] ** 2
+            if self.luminosities is None:
+                area = area * (1.0 - self.darkening[some] / 3.0)
+                flux = self._surface(view, radius)[some] * area[:, None]
+        hidden = np.minimum(area * per_area, 1.0) * self.opacities[some] * (self.psf is None)
+        return PointLights(x[some], y[some], depth[some], flux * per_area[:, None], sigma, hidden)
 
     def _luminosity(self, view: View) -> np.ndarray:
         unit = view.intensity_unit

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +30,8 @@ def model_stars(volume: Volume) -> list[SceneObject]:
         Stars(
             [tuple(float(x) * cm for x in star.position) for star in stars],
             [star.spectrum for star in stars],
-            luminosities=[math.pi * (star.radius * cm) ** 2 for star in stars],
+            radii=[star.radius * cm for star in stars],
+            points=True,
         )
     ]
 

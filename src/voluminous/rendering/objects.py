@@ -107,7 +107,7 @@ def with_objects(
         _shine(planes, light, *_seen_through(light, layers, tracer))
     _lay_in_front(planes, front_layers)
     for light in front_points:
-        _shine(planes, light, np.ones(1), np.zeros(0))
+        _shine(planes, light, np.ones(1), np.zeros_like(light.flux), np.zeros(0))
     return planes
 
 
@@ -134,8 +134,8 @@ def _lay_in_front(planes: RenderResult, layers: Layers) -> None:
 
 def _seen_through(
     points: PointLights, layers: Layers, tracer: RayTracer
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transparency in front of each point of light, and its error."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return transparency and emission in front of each point, and the former's error."""
     nx, ny = tracer.job.frame.pixels
     x, y = (np.clip(np.floor(w + 0.5), 0, n - 1) for w, n in ((points.x, nx), (points.y, ny)))
     pixel = (y * nx + x).astype(np.int64)
@@ -143,8 +143,10 @@ def _seen_through(
     channels = tracer.job.medium.channels
     medium = between(tracer, pixel, points.x - x, points.y - y, depths, channels)
     in_front = _layers_in_front(pixel, points.depth, layers)
-    through = with_channels(medium.transparency, points.flux.shape[1], 1.0) * in_front
-    return through, medium.error[:, 1:2] * in_front
+    channels = points.flux.shape[1]
+    through = with_channels(medium.transparency, channels, 1.0) * in_front
+    emission = with_channels(medium.emission, channels, 0.0)
+    return through, emission, medium.error[:, 1:2] * in_front
 
 
 def _layers_in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarray:
@@ -164,10 +166,20 @@ def _layers_in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np
 
 
 def _shine(
-    planes: RenderResult, points: PointLights, through: np.ndarray, unsure: np.ndarray
+    planes: RenderResult,
+    points: PointLights,
+    through: np.ndarray,
+    in_front: np.ndarray,
+    unsure: np.ndarray,
 ) -> None:
-    """Add the spread light of points, and its errors, to a picture."""
+    """Add the spread light of points, and its errors, to a picture; hide what is behind them."""
     ny, nx, _ = planes.emission.shape
+    for k in np.flatnonzero(points.opacity):
+        x, y = (int(np.floor(w[k] + 0.5)) for w in (points.x, points.y))
+        if 0 <= x < nx and 0 <= y < ny:
+            hidden = points.opacity[k]
+            planes.emission[y, x] += hidden * (in_front[k] - planes.emission[y, x])
+            planes.transparency[y, x] *= 1.0 - hidden
     light, rows = _spread(points, points.flux * through, (nx, ny))
     for channel, total in enumerate(light):
         planes.emission[rows, :, channel] += total

@@ -84,6 +84,8 @@ def prepare(
     allowed = check_tolerance(tolerance)
     fine = solver.controlled and allowed < FINEST_SINGLE and device != "metal"
     double = precision != "single" or volume.grid.needs_double() or fine
+    if solver.radmc3d_steps and medium.sight:  # its S = j/α of faint wings
+        double = True
     check_fields(volume, medium)
     check_coordinates(solver, volume.grid, medium.names)
     features = medium.known_features()

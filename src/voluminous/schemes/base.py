@@ -64,6 +64,8 @@ class Scheme:
         Faint places are not skipped.
     everywhere : bool
         Empty cells are visited, too.
+    states : bool
+        Of lines the state of the gas is tabulated, in place of coefficients.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Scheme:
     radmc3d_steps: bool = False
     complete: bool = False
     everywhere: bool = False
+    states: bool = False
 
     def start(self, position: Position, source: Source) -> list[Float]:
         """Return the carried state of rays where they enter."""
@@ -167,8 +170,13 @@ class VertexScheme(Scheme):
         reached = list(source.interpolate(corners, segment.active))
         front, back = (reached, carried) if segment.backward else (carried, reached)
         split = source.numbers.split
-        return self.between(split(front), split(back), segment.length), reached
+        return self.between(split(front), split(back), segment.length, segment.walk.scale), reached
 
-    def between(self, front: Coefficients, back: Coefficients, length: Float) -> Solution:
-        """Return the solution of a segment from the coefficients at its two ends."""
+    def between(
+        self, front: Coefficients, back: Coefficients, length: Float, scale: Float
+    ) -> Solution:
+        """Return the solution of a segment from the coefficients at its two ends.
+
+        Lengths are in units of `scale`, in the volume's unit.
+        """
         raise NotImplementedError

@@ -40,7 +40,9 @@ class SecondOrder(VertexScheme):
 
     name = "second-order"
 
-    def between(self, front: Coefficients, back: Coefficients, length: Float) -> Solution:
+    def between(
+        self, front: Coefficients, back: Coefficients, length: Float, scale: Float
+    ) -> Solution:
         (j_front, alpha_front), (j_back, alpha_back) = front, back
         a_front, a_back = ([a * length for a in alpha] for alpha in (alpha_front, alpha_back))
         depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]

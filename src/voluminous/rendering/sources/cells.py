@@ -89,7 +89,7 @@ class CellEvaluator:
         """Return the numbers times the grid's scale, from field values (traced)."""
         real = real or self.backend.Wide
         scale, context = dr.opaque(real, self.grid.scale), self.context(real, self.tape)
-        return [v * scale for v in self.numbers.values(fields, context)]
+        return self.numbers.table_values(fields, context, scale)
 
     def classify(self, first: int, count: int) -> tuple[list[Float], Mask]:
         """Return the numbers of consecutive cells, and where they cannot be used (traced)."""
@@ -111,7 +111,7 @@ class CellEvaluator:
         bad = backend.Bool(False)
         for v in values:
             bad |= ~dr.isfinite(v)
-        for v in values[self.numbers.emissions :]:
+        for v in values[self.numbers.signed :]:
             bad |= v < 0
         return values, bad
 

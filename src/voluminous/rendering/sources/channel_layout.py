@@ -15,8 +15,9 @@ from ...backend.functions import any_attenuation
 from ...backend.types import Float
 from ...expressions.interval import Interval
 from ...media import Shaped
-from ...media.context import Context, MediumSample
+from ...media.context import Context, MediumSample, no_unit
 from ...media.contract import Medium, integrated
+from ...media.lines import Lines
 from ...media.panel import Panel
 from ...media.ranges import RangeContext
 from ...schemes.base import Coefficients, Scheme
@@ -155,6 +156,15 @@ class PerChannel:
         self.peaks, self.weights = peaks, [opaque(1.0 / peak) for peak in peaks]
         return growth
 
+    @property
+    def signed(self) -> int:
+        """Number of values that may be negative: the first ones."""
+        return self.emissions
+
+    def table_values(self, fields: dict[str, Float], context: Context, scale: Float) -> list[Float]:
+        """Return the values per unit of the grid's scale."""
+        return [v * scale for v in self.values(fields, context)]
+
     def key(self) -> Hashable:
         """Return the key of everything that the values depend on, besides the fields."""
         key: Hashable = self.medium.key()
@@ -275,6 +285,91 @@ class PerChannel:
         return np.full(self.emissions, 1.0 / self.emissions)
 
 
+class GasStates(PerChannel):
+    """The state of the gas for lines, and j and α of all else, in place of coefficients.
+
+    A table of it has `count` numbers per place, of which coefficients are made along the ray.
+
+    Attributes
+    ----------
+    context : Context
+        With which these are evaluated.
+    scale : float
+        The grid's.
+    """
+
+    context: Context
+    scale: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        parts = self.medium.components()
+        self.lines = [part for part in parts if isinstance(part, Lines)]
+        self.others = [part for part in parts if not isinstance(part, Lines)]
+        self.count = sum(part.state_count for part in self.lines)
+        self.count += 2 * self.emissions * bool(self.others)
+
+    @property
+    def signed(self) -> int:
+        return self.count
+
+    def on(self, backend: Backend, scale: float) -> GasStates:
+        """Return it for a device, precision and grid."""
+        real = backend.Float
+        number = functools.partial(dr.opaque, real)
+        self.context, self.scale = Context(real, number, None, no_unit), scale
+        return self
+
+    def block(self, channels: slice) -> PerChannel:
+        part = GasStates(self.medium.block(channels.start, channels.stop), self.unit[channels])
+        part.spectral, part.context, part.scale = self.spectral, self.context, self.scale
+        return part
+
+    def key(self) -> Hashable:
+        key = self.medium.key()
+        return None if key is None else ("states", key)
+
+    def table_values(self, fields: dict[str, Float], context: Context, scale: Float) -> list[Float]:
+        found = [v for part in self.lines for v in part.states(fields, context)]
+        if self.others:
+            samples = [part.coefficients(fields, context) for part in self.others]
+            for rows in ([s.emissivity for s in samples], [s.extinction for s in samples]):
+                sums = (sum(own[1:], own[0]) for own in zip(*rows, strict=True))
+                found += [v * scale for v in sums]
+        return found
+
+    def split(self, values: list[Float], channel: int | None = None) -> Coefficients:
+        """Return j and α per unit of the scale from the state of the gas, of one channel or all."""
+        some = slice(channel, None if channel is None else channel + 1)
+        chosen = list(range(self.emissions))[some]
+        zero = values[0] * 0.0
+        j, alpha, first = [zero for _ in chosen], [zero for _ in chosen], 0
+        for part in self.lines:
+            own = values[first : first + part.state_count]
+            sample = part.from_states(own, chosen, self.context)
+            scale = self.context.kept_number(self.scale)
+            j = [dr.fma(scale, a, b) for a, b in zip(sample.emissivity, j, strict=True)]
+            alpha = [dr.fma(scale, a, b) for a, b in zip(sample.extinction, alpha, strict=True)]
+            first += part.state_count
+        if self.others:
+            k = self.emissions
+            j = [values[first + c] + v for c, v in zip(chosen, j, strict=True)]
+            alpha = [values[first + k + c] + v for c, v in zip(chosen, alpha, strict=True)]
+        # In units of channels, as tables of coefficients.
+        units = [self.context.kept_number(1.0 / float(np.ravel(self.unit)[c])) for c in chosen]
+        return [u * v for u, v in zip(units, j, strict=True)], alpha
+
+    def steps(self, first: list[Float], last: list[Float], resolution: float) -> list[Float]:
+        """Return, per channel, the number of steps that resolve lines between two states."""
+        found, place = [first[0] * 0.0] * self.emissions, 0
+        for part in self.lines:
+            own = slice(place, place + part.state_count)
+            counts = part.steps(first[own], last[own], resolution, self.context)
+            found = [dr.select(a > b, a, b) for a, b in zip(counts, found, strict=True)]
+            place += part.state_count
+        return found
+
+
 def some_channels(numbers: ChannelLayout, values: list[float], channels: slice) -> list[float]:
     """Return those of a layout's numbers that belong to some channels."""
     k = numbers.emissions
@@ -310,6 +405,13 @@ class SharedProfiles:
     def __post_init__(self) -> None:
         self.emissions = self.count = len(self.parts)
         self.radiance = self.error_unit = self.faintest_unit = self.unit
+
+    @property
+    def signed(self) -> int:
+        return self.emissions
+
+    def table_values(self, fields: dict[str, Float], context: Context, scale: Float) -> list[Float]:
+        return [v * scale for v in self.values(fields, context)]
 
     def key(self) -> Hashable:
         # Tables do not contain colours and opacities, which may differ.
@@ -409,6 +511,8 @@ ChannelLayout: TypeAlias = PerChannel | SharedProfiles
 
 def choose_layout(medium: Medium, scheme: Scheme, backend: Backend) -> ChannelLayout:
     """Return the layout of a medium's numbers: shapes where that is possible and fewer."""
+    if scheme.states:
+        return GasStates(medium)
     parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.mixes)
     mixed = len(parts) < len(medium.components())
     # Of shared profiles colours and opacities are no numbers of kernels.
