@@ -303,6 +303,9 @@ def test_catalogues_have_the_rates_of_the_leiden_database(tmp_path):
     # a power law between temperatures a factor of two apart
     t = np.array([12.0, 50.0, 220.0])
     np.testing.assert_allclose(co.partition_function(t), rotor(60).partition_function(t), rtol=5e-3)
+    path.write_text(JPL.replace("-4.1197", "       "))
+    with pytest.raises(InputError, match="line 3: expected a line of a catalogue"):
+        Molecule.open(path, partition=CO_PARTITION)
     path.write_text(JPL.splitlines()[2])  # energies count from the ground state all the same
     part = Molecule.open(path, partition=CO_PARTITION)
     assert (part.labels, part.line("2-1")) == (("ground", "1", "2"), 0)

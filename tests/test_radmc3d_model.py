@@ -230,7 +230,11 @@ def test_files_that_are_missing_have_names(folder, attribute, file):
             "species ice has input of kind 20",
         ),
         ({"dustopac": "2\n1\n--\n1\n0\nice\n--\n"}, "opacities", "no file .*dustkappa_ice.inp"),
-        ({"lines": "2\n1\nh2o linelist 0 0 0\n"}, "molecules", "h2o: expected input 'leiden'"),
+        (
+            {"lines": "2\n1\nh2o linelist 0 0 0\n"},
+            "molecules",
+            "line 3: expected a molecule as 'NAME leiden",
+        ),
         ({"lines": "2\n1\nco leiden 0 0 0\n"}, "molecules", "no file .*molecule_co.inp"),
         ({"stars": "2\n1 3\n1 1 0 0\n"}, "stars", "stars.inp: line 3: radius, mass and position"),
         ({"wavelength_micron": "2\n1\n-1\n"}, "wavelengths", "must be positive"),

@@ -43,7 +43,12 @@ def read(
             from astropy.table import Table
 
             return _of_catalogue(_columns(Table.read(path)), name or path.stem, partition)
-        cards = _cards(path)
+        try:
+            cards = _cards(path)
+        except ValueError as error:
+            raise FileFormatError(
+                f"a line does not have a catalogue's 80 columns: {error}"
+            ) from error
         if cards is not None:
             return _of_catalogue(cards, name or path.stem, partition)
         with TextFile(path) as source:
@@ -64,9 +69,9 @@ def _of_leiden(source: TextFile, name: str | None) -> Molecule:
     (lines,) = source.integers(1, "the number of lines")
     source.tokens("a comment")
     rows, _ = _rows(source, lines, 5, "line")
-    up, low = (rows[:, k].astype(int) - 1 for k in (1, 2))
-    if np.any((up < 0) | (up >= count) | (low < 0) | (low >= count)):
+    if not np.all((rows[:, 1:3] >= 1) & (rows[:, 1:3] <= count)):
         raise FileFormatError(f"lines must go between levels 1 to {count}")
+    up, low = (rows[:, k].astype(int) - 1 for k in (1, 2))
     return Molecule(
         name or named,
         weight,
@@ -105,6 +110,11 @@ def _cards(path: Path) -> dict[str, Any] | None:
     cards = [line.ljust(int(_ENDS[-1])) for line in text if _CARD.match(line)]
     if not cards or not any(_CARD.match(line) for line in text[:3]):
         return None
+    for number, line in enumerate(text, start=1):
+        if re.match(r"\s*\d*\.\d", line) and not _CARD.match(line):
+            raise FileFormatError(
+                f"line {number}: expected a line of a catalogue, got {line!r:.60}"
+            )
     rows = [[card[first:end] for first, end in pairwise(_ENDS)] for card in cards]
     nu, _, intensity, _, energy, weight, tag, _, up, low = zip(*rows, strict=True)
     return {

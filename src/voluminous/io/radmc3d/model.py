@@ -27,6 +27,7 @@ _FLUX_TO_INTENSITY = 3.0308410e36
 # Wavelengths of stars must be the model's to this relative difference, as RADMC-3D asks for.
 _SAME = 1e-3
 _OPACITY_FILES = {1: "dustkappa_{}.inp", 10: "dustkapscatmat_{}.inp"}
+_MOLECULE = re.compile(r"(\S+) leiden \d+ \d+(?: (\d{1,3})(?= |$)|$)")
 _SETTING = re.compile(r"\s*(\w+)\s*=\s*([^\s;#!]+)")
 
 
@@ -104,16 +105,15 @@ class ModelFolder:
             number = _expect(source, (1, 2))
             (count,) = source.integers(1, "the number of molecules")
             for _ in range(count):
-                name, style, *rest = (
-                    token.decode("ascii", "replace") for token in source.tokens("a molecule")
-                )
-                if style != "leiden":
+                row = b" ".join(source.tokens("a molecule")).decode("ascii", "replace")
+                match = _MOLECULE.match(row)
+                if match is None:
                     raise FileFormatError(
-                        f"molecule {name}: expected input 'leiden', got {style!r}"
+                        f"line {source.line}: expected a molecule as 'NAME leiden 0 0 0', the last "
+                        f"being the number of collision partners, got {row!r:.60}"
                     )
-                names.append(name)
-                partners = int(rest[2]) if number == 2 and len(rest) > 2 else 0
-                for _ in range(partners):
+                names.append(match[1])
+                for _ in range(int(match[2] or 0) if number == 2 else 0):
                     source.tokens("a collision partner")
         return {name: self._molecule(name) for name in names}
 
