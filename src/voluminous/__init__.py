@@ -49,6 +49,7 @@ _PUBLIC = {
     "Scene": "scene",
     "SpectralMedium": "media",
     "Spheres": "objects",
+    "Spectrum": "image",
     "SphericalGrid": "grids",
     "Stars": "objects",
     "Table": "media",
@@ -131,6 +132,7 @@ __all__ = [
     "Rectangle",
     "Scene",
     "SpectralMedium",
+    "Spectrum",
     "Spheres",
     "SphericalGrid",
     "Stars",
@@ -178,7 +180,7 @@ if TYPE_CHECKING:
     )
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
-    from .image import Cube, Image, channels
+    from .image import Cube, Image, Spectrum, channels
     from .image.row import plot_row
     from .io import open
     from .measuring import (

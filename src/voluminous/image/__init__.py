@@ -1,14 +1,18 @@
 """Images, the result of a render: intensities with coordinates, units and provenance.
 
-`image.py` holds the class, `cube.py` that of images with a spectrum in every pixel (its places are
-a `spectral_axis.py`), `tone.py` maps intensities to display values, `plot.py` draws an image
+`image.py` holds the class, `tone.py` maps intensities to display values, `plot.py` draws an image
 with axes, `row.py` draws several, `annotate/` adds a scale bar and other annotations, `sky.py`,
 `hdu.py`, `beam.py` and `conversion.py` handle sky coordinates, beams and units, and `formats/` has
 one module per file format.
+
+`cube.py` holds the class of images with a spectrum in every pixel; its channels are places on a
+`spectral_axis.py` (in files: `spectral_fits.py`). `spectra.py` makes moments, continua and spectra
+(`spectrum.py`) of it, `position_velocity.py` cuts; `channel_plot.py` draws its channels.
 """
 
 from .cube import Cube
 from .image import Image
 from .spectral_axis import SpectralAxis, channels
+from .spectrum import Spectrum
 
-__all__ = ["Cube", "Image", "SpectralAxis", "channels"]
+__all__ = ["Cube", "Image", "SpectralAxis", "Spectrum", "channels"]

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..units import degrees, parse_unit, plain, unit_of
+from .sky import radians_per_unit
 
 if TYPE_CHECKING:
     from astropy import units as u
@@ -27,6 +28,8 @@ _REACH = 5.5
 _WIDEST = 2.0
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
+# Channels that are convolved together.
+_TOGETHER = 8
 # Minimum fraction of the kernel on valid pixels; below it a pixel is missing (rounding: 1e-16).
 _LEAST = 1e-6
 
@@ -44,7 +47,7 @@ def convolve(image: Image, beam: Any) -> Image:
     """Return the image convolved with a beam; see `Image.convolve`."""
     how = image.provenance or {}
     kind = str(how.get("map", how.get("kind", "mean" if "weight" in how else "column")))
-    if kind.split()[:1] != ["column"]:  # or "column of …"
+    if kind.split()[0] not in ("column", "integrated"):  # or "column of …"
         raise InputError(
             f"a map of the {kind} cannot be convolved: its numbers do not add up. Convolve "
             "columns, such as those of a weight and of what is weighted, and divide"
@@ -93,11 +96,12 @@ def beam_area(image: Image, beam: Beam) -> float:
     unit = beam.unit
     if unit is not None and unit.is_equivalent("rad"):
         return float(2.0 * np.pi * (_SIGMA * unit.to("rad")) ** 2 * beam.major * beam.minor)
-    to_sky = sky_matrix(image)
+    to_sky = angle_matrix(image)
     if to_sky is None:
         raise UnitsError(
             "the beam's solid angle is not known: give its width as an angle such as "
-            "0.5 * u.arcsec, or put the image on the sky with image.on_sky(distance=, position=)"
+            "0.5 * u.arcsec, or say how far the image is: image.replace(distance=140 * u.pc), or "
+            "image.on_sky(distance=, position=)"
         )
     on_sky = to_sky @ _in_pixels(image, beam) @ to_sky.T
     return float(2.0 * np.pi * math.sqrt(np.linalg.det(on_sky)) * np.deg2rad(1.0) ** 2)
@@ -105,7 +109,7 @@ def beam_area(image: Image, beam: Beam) -> float:
 
 def fits_beam(image: Image) -> tuple[float, float, float] | None:
     """Return BMAJ, BMIN and BPA in degrees of the beam of a convolved image on the sky."""
-    known, to_sky = (image.provenance or {}).get("beam"), sky_matrix(image)
+    known, to_sky = (image.provenance or {}).get("beam"), angle_matrix(image)
     if known is None or to_sky is None:
         return None
     covariance = to_sky @ _in_pixels(image, as_beam(known)) @ to_sky.T
@@ -122,17 +126,28 @@ def sky_matrix(image: Image) -> np.ndarray | None:
     return np.asarray(image.wcs.celestial.pixel_scale_matrix, dtype=np.float64)
 
 
+def angle_matrix(image: Image) -> np.ndarray | None:
+    """Return the matrix from pixels to degrees left and up; None if a pixel has no known angle.
+
+    On the sky left and up are east and north (`sky_matrix`).
+    """
+    scale = radians_per_unit(image)
+    if (to_sky := sky_matrix(image)) is not None or scale is None or image.wcs is not None:
+        return to_sky
+    return np.diag(np.rad2deg(scale * np.array(image.pixel_size)) * [-1.0, 1.0])
+
+
 def _in_pixels(image: Image, beam: Beam) -> np.ndarray:
     """Return the covariance of a beam in pixels along x and y.
 
     Position angles run from north to east on the sky, and from up to the left on a plane.
     """
-    own, to_sky, unit = parse_unit(image.unit), sky_matrix(image), beam.unit
+    own, to_sky, unit = parse_unit(image.unit), angle_matrix(image), beam.unit
     is_angle = unit is not None and unit.is_equivalent("rad")
     if is_angle and to_sky is not None:
         to_plane, own = to_sky, parse_unit("deg")
     elif unit is not None and (own is None or not unit.is_equivalent(own)):
-        advice = "; put the image on the sky first: image.on_sky(distance=, position=)"
+        advice = "; say how far it is: image.replace(distance=140 * u.pc)"
         raise UnitsError(
             f"the beam is in {unit}, the image's plane in {image.unit or 'no unit'}"
             + advice * is_angle
@@ -160,16 +175,28 @@ def _kernel(covariance: np.ndarray) -> Any:
 
 
 def _smoothed(planes: np.ndarray, kernel: Any) -> np.ndarray:
-    """Return the planes convolved one by one, with zeros beyond the edges.
+    """Return the planes convolved with zeros beyond the edges, a few channels at a time.
 
     Missing pixels (NaN) are interpolated from their surroundings within the kernel's radius.
     """
     from astropy.convolution import convolve_fft
+    from scipy.signal import fftconvolve
 
-    # astropy treats NaN as missing and renormalises the rest of the kernel there.
-    options = {"boundary": "fill", "allow_huge": True, "min_wt": _LEAST}
-    channels = np.moveaxis(np.atleast_3d(planes), -1, 0)
-    smooth = np.stack([convolve_fft(plane, kernel, **options) for plane in channels], axis=-1)
-    if not np.any(planes < 0.0):
-        np.maximum(smooth, 0.0, out=smooth)  # rounding of the FFT can make values negative
-    return smooth.reshape(planes.shape).astype(planes.dtype)
+    weights = np.asarray(kernel.array / kernel.array.sum(), np.float64)[..., None]
+    channels, result = np.atleast_3d(planes), np.empty_like(planes)
+    smooth = np.atleast_3d(result)  # a view
+    for first in range(0, channels.shape[-1], _TOGETHER):
+        some = slice(first, first + _TOGETHER)
+        block = channels[..., some].astype(np.float64)
+        if np.isfinite(block).all():
+            block = fftconvolve(block, weights, mode="same", axes=(0, 1))
+        else:
+            # astropy treats NaN as missing and renormalises the rest of the kernel there.
+            options = {"boundary": "fill", "allow_huge": True, "min_wt": _LEAST}
+            block = np.stack(
+                [convolve_fft(plane, kernel, **options) for plane in np.moveaxis(block, -1, 0)], -1
+            )
+        if not np.any(channels[..., some] < 0.0):
+            np.maximum(block, 0.0, out=block)  # rounding of the FFT can make values negative
+        smooth[..., some] = block
+    return result

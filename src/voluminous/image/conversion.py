@@ -1,29 +1,34 @@
-"""Unit conversion of images: lengths on the plane, and intensities, per beam or per pixel."""
+"""Unit conversion of images: lengths on the plane, and intensities, per beam, pixel or channel."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import UnitsError
 from ..units import parse_unit
-from .arguments import known_unit
-from .beam import as_beam, beam_area, sky_matrix
+from .arguments import Array, known_unit
+from .beam import angle_matrix, as_beam, beam_area
+from .cube import Cube
+from .sky import radians_per_unit
 
 if TYPE_CHECKING:
     from ..units import UnitLike
-    from .image import Image
+    from .image import Image, Own
+
+# Rows of a cube are treated together up to so many numbers: what is made on the way stays small.
+_TOGETHER = 2**20
 
 
-def to_unit(image: Image, unit: UnitLike, beam: Any = None) -> Image:
+def to_unit(image: Own, unit: UnitLike, beam: Any = None) -> Own:
     """Return the image in another unit; see `Image.to`."""
     target, on_plane = parse_unit(unit), known_unit(image.unit)
-    if on_plane is not None and target is not None and on_plane.is_equivalent(target):
-        factor = float(on_plane.to(target))
+    if on_plane is not None and (scale := _plane_factor(image, on_plane, target)) is not None:
         width, height = image.pixel_size
-        size = (factor * width, factor * height)
-        x, y = factor * image.x, factor * image.y
+        size = (scale * width, scale * height)
+        x, y = scale * image.x, scale * image.y
         image = image.replace(unit=str(target), x=x, y=y, pixel_size=size)
         own = known_unit(image.intensity_unit)
         if own is None or not own.is_equivalent(target):  # else a map of depths: convert both
@@ -35,26 +40,64 @@ def to_unit(image: Image, unit: UnitLike, beam: Any = None) -> Image:
             f"the image's intensities have no unit{plane_unit}, so there is no {unit}; "
             "give Image(..., intensity_unit=, unit=), or emissivities with units (vm.Coefficients)"
         )
-    factor = _factor(image, own, target, beam)
+    factor = conversion(image, own, target, beam)
     scaled = {
         name: _scaled(plane, factor)
-        for name in ("intensity", "error", "lower", "upper")
+        for name in ("intensity", "lower", "upper")
         if (plane := image.plane(name)) is not None
     }
+    if image.error is not None:  # a fraction of the largest intensity, in every channel
+        largest = [np.nanmax(np.abs(v)) for v in (image.intensity, scaled["intensity"])]
+        same = np.ndim(factor) == 0 or not 0 < largest[0] < np.inf
+        factor = np.max(factor) if same else largest[1] / largest[0]
+        scaled["error"] = _scaled(image.error, factor)
     return image.replace(intensity_unit=target, **scaled)
 
 
-def _scaled(values: np.ndarray, factor: float) -> np.ndarray:
+def _plane_factor(image: Image, own: Any, target: Any) -> float | None:
+    """Return the factor to a length or an angle; None if `target` is not for the plane."""
+    if target is None:
+        return None
+    if own.is_equivalent(target):
+        return float(own.to(target))
+    angle = radians_per_unit(image)
+    if angle is not None and target.is_equivalent("rad"):
+        return float(angle / target.to("rad"))
+    if image.distance is not None and own.is_equivalent("rad") and target.is_equivalent("cm"):
+        return float(own.to("rad") * image.distance / target.to("cm"))
+    return None
+
+
+def rows_of(cube: Image) -> Iterator[slice]:
+    """Return slices of a few rows each, which cover the picture."""
+    ny, nx, count = cube.shape
+    step = max(1, _TOGETHER // (nx * count))
+    return (slice(first, min(first + step, ny)) for first in range(0, ny, step))
+
+
+def _scaled(values: Array, factor: Any) -> Array:
     """Return values times a factor, in double precision if single over- or underflows."""
-    wide = values.astype(np.float64) * factor
     info = np.finfo(values.dtype)
-    before, after = np.abs(values), np.abs(wide)
-    lost = (before >= info.tiny) & (after < info.tiny) | (before <= info.max) & (after > info.max)
-    return wide if lost.any() else wide.astype(values.dtype)
+    result = np.empty(values.shape, values.dtype)
+    parts = max(1, values.size // _TOGETHER)
+    for old, new in zip(np.array_split(values, parts), np.array_split(result, parts), strict=True):
+        wide = old.astype(np.float64) * factor
+        before, after = np.abs(old), np.abs(wide)
+        lost = before >= info.tiny
+        lost &= after < info.tiny
+        lost |= (before <= info.max) & (after > info.max)
+        if lost.any() and values.dtype != np.float64:
+            return np.asarray(values * np.asarray(factor, np.float64), np.float64)
+        new[...] = wide
+    return result
 
 
-def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
-    """Return the factor from one unit to another, with solid angles of beams and pixels."""
+def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
+    """Return the factor from one unit to another, with solid angles of beams and pixels.
+
+    Of a cube it may differ between channels: brightness temperatures by the law of Rayleigh and
+    Jeans, T = c² I / (2 k ν²), as radio astronomers define them, and what is per wavelength.
+    """
     from astropy import units as u
 
     target = u.dimensionless_unscaled if target is None else target
@@ -69,8 +112,17 @@ def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
         if any(powers):
             angle = u.Unit(area(image, beam) * u.sr / base)
             own, target = own * angle ** powers[0], target * angle ** powers[1]
-    try:
+    if own.is_equivalent(target):
         return float((own / target).to(u.dimensionless_unscaled))
+    if not isinstance(image, Cube):
+        hint = "a beam or a pixel is a solid angle, and leads from Jy / sr to Jy / beam"
+        if target.is_equivalent(u.K):
+            hint = "a temperature needs the frequency of each channel: see vm.Cube"
+        raise UnitsError(f"{message}: {hint}")
+    nu = image.spectral.frequencies * u.Hz
+    laws = u.brightness_temperature(nu) + u.spectral_density(nu)
+    try:
+        return np.asarray(own.to(target, np.ones(len(nu)), equivalencies=laws), np.float64)
     except u.UnitConversionError as error:
         raise UnitsError(
             f"{message}: a beam or a pixel is a solid angle, and leads from Jy / sr to Jy / beam"
@@ -86,10 +138,10 @@ def _beam_area(image: Image, beam: Any) -> float:
 
 
 def _pixel_area(image: Image, beam: Any) -> float:
-    to_sky = sky_matrix(image)
+    to_sky = angle_matrix(image)
     if to_sky is None:
         raise UnitsError(
-            "per pixel needs to know the pixels' solid angle: put the image on the sky with "
-            "image.on_sky(distance=, position=)"
+            "per pixel needs to know the pixels' solid angle: say how far the image is with "
+            "image.replace(distance=140 * u.pc), or image.on_sky(distance=, position=)"
         )
     return abs(float(np.linalg.det(to_sky))) * float(np.deg2rad(1.0)) ** 2

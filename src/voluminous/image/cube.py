@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..packages import room
 from .image import Image
 from .spectral_axis import SpectralAxis, as_spectral
+
+if TYPE_CHECKING:
+    from ..units import UnitLike
+    from .spectrum import Spectrum
 
 
 class Cube(Image):
@@ -47,6 +52,163 @@ class Cube(Image):
     def at_rest(self, rest: Any) -> Cube:
         """Return the cube with a frequency (or wavelength) at rest, for velocities."""
         return self.replace(spectral=self.spectral.at_rest(rest))
+
+    def moment(self, order: int, *, threshold: Any = None) -> Image:
+        """Return a moment of the lines along velocity.
+
+        Parameters
+        ----------
+        order : {0, 1, 2}
+            0: the integral over velocity, in the cube's unit times km/s. 1: the mean velocity,
+            Σ I v Δv / Σ I Δv, in km/s. 2: the dispersion about it, the root of the variance, in
+            km/s.
+        threshold : float, str or Quantity, optional
+            Fainter channels of a pixel count as empty; plain numbers are in the cube's unit.
+
+        Returns
+        -------
+        Image
+            NaN where there is nothing: in moment 0 if every channel is below the threshold, in the
+            others also where the sum is zero.
+
+        Raises
+        ------
+        InputError
+            If velocities need a frequency at rest (`at_rest`), or there is only one channel.
+
+        Notes
+        -----
+        Of each channel its value times its width Δv. For a Gaussian line of dispersion σ this sum
+        is exact to 2 exp(-2 π² σ² / Δv²), which is 5e-9 for Δv = σ.
+        """
+        image: Image = room("image.spectra").moment(self, order, threshold)
+        return image
+
+    def subtract_continuum(self, channels: Any = None, *, order: int = 0) -> Cube:
+        """Return the cube without its continuum: that of channels without lines, in every pixel.
+
+        Parameters
+        ----------
+        channels : slice, list of slices, mask or numbers, optional
+            Channels without lines. Default: a tenth of all at each end.
+        order : {0, 1}
+            0 takes off their mean, 1 a straight line through them (least squares).
+
+        Raises
+        ------
+        InputError
+            If there are no such channels, or too few.
+        """
+        cube: Cube = room("image.spectra").subtract_continuum(self, channels, order)
+        return cube
+
+    def channel_maps(self, count: int | None = None) -> Cube:
+        """Return means of neighbouring channels: ``cube.channel_maps().plot()`` fits on a page.
+
+        Parameters
+        ----------
+        count : int, optional
+            Most maps there shall be. Default: 24. A cube with fewer channels stays as it is; what
+            is left over after means of equally many channels is dropped at both ends.
+        """
+        cube: Cube = room("image.spectra").channel_maps(self, count)
+        return cube
+
+    def plot(
+        self,
+        ax: Any = None,
+        *,
+        unit: UnitLike = None,
+        scale_bar: bool = False,
+        colorbar: bool = True,
+        **options: Any,
+    ) -> Any:
+        """Draw a panel for each channel, with one colour scale and the beam, or one picture.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or sequence of them, optional
+            One for each panel. Default: a new figure.
+        unit : str or unit, optional
+            As in `Image.plot`.
+        scale_bar, colorbar : bool
+            As in `Image.plot`.
+        **options
+            Those of `to_rgb`. ``channels`` or ``mix`` choose channels for one picture, as an
+            `Image` has it; so does a cube of one channel.
+
+        Returns
+        -------
+        array of matplotlib Axes, or matplotlib Axes for one picture
+        """
+        if self.channels == 1 or {"channels", "mix"} & set(options):
+            bars = {"scale_bar": scale_bar, "colorbar": colorbar}
+            return super().plot(ax, unit=unit, **bars, **options)
+        draw = room("image.channel_plot").plot_maps
+        return draw(self, ax, unit=unit, scale_bar=scale_bar, colorbar=colorbar, **options)
+
+    def spectrum_at(self, x: Any, y: Any, *, pixel: bool = False) -> Spectrum:
+        """Return the spectrum of the pixel at a place, in the cube's unit.
+
+        Parameters
+        ----------
+        x, y : float, str or Quantity
+            A place on the image plane; plain numbers are in `unit`. Angles count from its origin,
+            x to the right, if the cube has a `distance`.
+        pixel : bool
+            Take x and y as numbers of a column and a row, from 0.
+
+        Raises
+        ------
+        InputError
+            If it is outside the picture.
+        """
+        spectrum: Spectrum = room("image.spectra").spectrum_at(self, x, y, pixel)
+        return spectrum
+
+    def total(self, *, beam: Any = None) -> Spectrum:
+        """Return the flux density of the whole picture in each channel, in Jy.
+
+        Missing pixels (NaN) count as dark.
+
+        Parameters
+        ----------
+        beam : optional
+            As in `to`, for a cube in units per beam.
+
+        Raises
+        ------
+        UnitsError
+            If a pixel has no known solid angle: give the cube a `distance`.
+        """
+        spectrum: Spectrum = room("image.spectra").total(self, beam)
+        return spectrum
+
+    def position_velocity(self, *points: Any, width: Any = None) -> Image:
+        """Return a cut through the cube: positions along a path, and velocities.
+
+        Parameters
+        ----------
+        *points : (x, y)
+            Two places on the image plane or more, which the path joins by straight lines. Plain
+            numbers are in `unit`; angles as in `spectrum_at`.
+        width : float, str or Quantity, optional
+            Mean over a strip so wide. Default: values on the path, between pixels linear.
+
+        Returns
+        -------
+        Image
+            With world coordinates: the offset from the first point (of type OFFSET, in arcsec if
+            angles are known), and the third axis of the cube, as pvextractor writes them. NaN
+            outside the cube.
+
+        Raises
+        ------
+        InputError
+            If a path has no length, or channels are not evenly spaced.
+        """
+        image: Image = room("image.position_velocity").cut(self, points, width)
+        return image
 
     def __repr__(self) -> str:
         return super().__repr__().replace("<Image", "<Cube", 1)

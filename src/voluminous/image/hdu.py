@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import metadata
+from . import metadata, spectral_fits
 from .beam import fits_beam
-from .sky import on_sky
+from .cube import Cube
+from .sky import offsets, on_sky
 
 if TYPE_CHECKING:
     from astropy.io.fits import Header, PrimaryHDU
@@ -46,10 +47,11 @@ def to_hdu(
     header["BUNIT"] = (unit_card(image.intensity_unit), "unit of intensity")
     for keyword, value, comment in _cards(image):
         header[keyword] = (value, comment)
-    # Quotes and ampersands are special in FITS strings; JSON can escape them.
-    text = metadata.dumps(image, coordinates=False)
-    header[TEXT] = text.replace("'", "\\u0027").replace("&", "\\u0026")
-    return fits.PrimaryHDU(channels_first(image.intensity), header=header)
+    header[TEXT] = metadata.fits_text(metadata.dumps(image, coordinates=False))
+    planes = channels_first(image.intensity)
+    if isinstance(image, Cube) and planes.ndim == 2:
+        planes = planes[None]  # a single channel, too, has an axis that says which
+    return fits.PrimaryHDU(planes, header=header)
 
 
 def channels_first(planes: np.ndarray) -> np.ndarray:
@@ -61,18 +63,22 @@ def channels_first(planes: np.ndarray) -> np.ndarray:
 
 def _cards(image: Image) -> Iterator[Card]:
     """Yield the cards for x, y, the channels if there are several, the camera and the beam."""
-    several = image.channels > 1
+    several = image.channels > 1 or isinstance(image, Cube)
     yield "WCSAXES", 2 + several, "number of axes"
-    key = ""
-    if image.wcs is not None:
-        world = image.wcs.to_header(relax=True).cards
+    key, wcs = "", offsets(image) if image.wcs is None else image.wcs
+    if wcs is not None:
+        world = wcs.to_header(relax=True).cards
         yield from (tuple(card) for card in world if card.keyword != "WCSAXES")
+        if image.wcs is None:
+            yield "WCSNAME", wcs.wcs.name, "from the origin; its position is not known"
         key = _PLANE
         yield f"WCSAXES{key}", 2, "number of axes"
         yield f"WCSNAME{key}", _PLANE_NAME, "coordinates on the image plane"
     yield from _axis_cards(f"1{key}", "X", image.x, image.pixel_size[0], image.unit)
     yield from _axis_cards(f"2{key}", "Y", image.y, image.pixel_size[1], image.unit)
-    if several:
+    if isinstance(image, Cube):
+        yield from spectral_fits.cards(image.spectral)
+    elif several:
         yield from _axis_cards("3", "CHANNEL", np.arange(float(image.channels)), 1.0, "")
     camera = image.camera or {}
     if isinstance(camera.get("type"), str):
@@ -84,6 +90,16 @@ def _cards(image: Image) -> Iterator[Card]:
         yield "BMAJ", beam[0], "[deg] full width of the beam at half maximum"
         yield "BMIN", beam[1], "[deg] across"
         yield "BPA", beam[2], "[deg] from north to east"
+
+
+def beam_of(header: Header) -> dict[str, Any] | None:
+    """Return the beam of a header (BMAJ, BMIN, BPA) as an image's provenance has it."""
+    widths = [header.get(name) for name in ("BMAJ", "BMIN", "BPA")]
+    if not all(isinstance(width, (int, float)) for width in widths[:2]) or not min(widths[:2]) > 0:
+        return None
+    return dict(zip(("major", "minor", "pa"), (*widths[:2], widths[2] or 0.0), strict=True)) | {
+        "unit": "deg"
+    }
 
 
 def _axis_cards(

@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError
+from .cube import Cube
 
 if TYPE_CHECKING:
     from .image import Image
@@ -29,9 +30,18 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
     if coordinates:
         # Python's decimal representation of floats restores the same bits.
         entries |= {"x": image.x.tolist(), "y": image.y.tolist()}
+    if isinstance(image, Cube):
+        entries["spectral"] = image.spectral.describe()
+        if not coordinates:
+            del entries["spectral"]["values"]
     if image.wcs is not None:
         entries["wcs"] = str(image.wcs.to_header_string(relax=True))
     return json.dumps(entries)
+
+
+def fits_text(text: str) -> str:
+    """Return JSON without quotes and ampersands, which are special in the strings of FITS."""
+    return text.replace("'", "\\u0027").replace("&", "\\u0026")
 
 
 def texts(image: Image) -> dict[str, str]:
@@ -58,4 +68,7 @@ def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
     if "x" in entries and (len(entries["y"]), len(entries["x"])) != tuple(shape[:2]):
         for name in ("x", "y", "unit", "pixel_size", "wcs"):
             entries.pop(name, None)
+    places = (entries.get("spectral") or {}).get("values", ())
+    if len(places) not in (0, *shape[2:]):
+        del entries["spectral"]
     return dict(entries)

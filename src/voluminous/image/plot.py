@@ -59,7 +59,7 @@ def plot(
         if isinstance(locator, AutoLocator) and low <= max(map(abs, extent[:2])) < high:
             locator.set_params(nbins=4)  # or long tick labels would overlap
     if scale_bar and (wcs is None or has_lengths(wcs)):
-        _add_scale_bar(axes, image, extent)
+        add_scale_bar(axes, image, extent)
     return axes
 
 
@@ -100,7 +100,8 @@ def add_bars(
         bar.ax.set_facecolor(options.get("background") or "black")
 
 
-def _add_scale_bar(axes: Axes, image: Image, extent: tuple[float, float, float, float]) -> None:
+def add_scale_bar(axes: Axes, image: Image, extent: tuple[float, float, float, float]) -> None:
+    """Draw a bar of a round length into axes that show the image in `extent`."""
     from matplotlib.patheffects import withStroke
 
     left, right, bottom, top = extent

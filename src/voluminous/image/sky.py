@@ -11,6 +11,8 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..units import degrees, parse_unit, plain
+from .arguments import known_unit
+from .cube import Cube
 
 if TYPE_CHECKING:
     from astropy.coordinates import SkyCoord
@@ -70,7 +72,7 @@ def wcs_of_header(header: Header) -> Any:
     from astropy.wcs import WCS
 
     kinds = [str(header.get(f"CTYPE{n}", "")).strip() for n in (1, 2)]
-    if not all(kinds) or kinds == ["X", "Y"]:
+    if not all(kinds) or kinds == ["X", "Y"] or header.get("WCSNAME") == _OFFSETS:
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -156,6 +158,8 @@ def _unit(wcs: WCS, number: int) -> Any:
     return next((u for u in known if unit.is_equivalent(u)), unit)
 
 
+# Name of celestial coordinates whose origin is arbitrary.
+_OFFSETS = "offsets"
 # Tolerance for uniform pixel spacing, in pixels: a header stores only one pixel size.
 _EVEN_TO = 1e-6
 
@@ -189,7 +193,27 @@ def on_sky(image: Image, distance: Any, position: Any, posang: Any) -> Image:
     wcs.wcs.pc = [[c, -s * ratio], [s / ratio, c]]
     wcs.pixel_shape = (image.shape[1], image.shape[0])
     wcs.wcs.set()
-    return image.replace(wcs=wcs)
+    unit = known_unit(image.unit)
+    if distance is None or unit is None:
+        return image.replace(wcs=wcs)
+    return image.replace(wcs=wcs, distance=float(unit.to("cm")) / scale)
+
+
+def offsets(image: Image) -> WCS | None:
+    """Return coordinates for a file: offsets on the sky from the origin of a distant image's plane.
+
+    Programs such as CASA, CARTA and spectral-cube want a right ascension and a declination; both
+    are 0 at the origin. None without a `distance` (or angles of a cube), or for uneven pixels.
+    """
+    if radians_per_unit(image) is None or (image.distance is None and not isinstance(image, Cube)):
+        return None
+    try:
+        wcs = on_sky(image, None, (0.0, 0.0), 0.0).wcs
+    except InputError:
+        return None
+    assert wcs is not None
+    wcs.wcs.name = _OFFSETS
+    return wcs
 
 
 def _plane(image: Image, distance: Any) -> tuple[float, str]:
@@ -207,6 +231,8 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
             )
         dome = (image.camera or {}).get("projection") == "spherical"
         return float(unit.to("rad")), "ARC" if dome else "TAN"
+    if distance is None and (scale := radians_per_unit(image)) is not None:
+        return scale, "TAN"
     if distance is None:
         raise InputError(
             "a picture on the sky needs distance=, such as 140 * u.pc, and position= of its origin"
@@ -221,6 +247,16 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
     if not np.isfinite(length) or length <= 0:
         raise InputError(f"distance must be positive and finite, got {distance!r}")
     return 1.0 / length, "TAN"
+
+
+def radians_per_unit(image: Image) -> float | None:
+    """Return radians per unit of the image plane, by its distance; None if it is not known."""
+    unit = known_unit(image.unit)
+    if unit is not None and unit.is_equivalent("rad"):
+        return float(unit.to("rad"))
+    if image.distance is None or unit is None or not unit.is_equivalent("cm"):
+        return None
+    return float(unit.to("cm")) / image.distance
 
 
 def as_position(position: Any) -> SkyCoord:

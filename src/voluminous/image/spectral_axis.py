@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 # Speed of light (exact): km/s, and micron Hz.
 _LIGHT, _LIGHT_MICRON = 299792.458, 2.99792458e14
-# Kind of axis, and the unit of plain numbers.
-_KINDS = {"velocity": "km / s", "frequency": "Hz", "wavelength": "micron"}
+# Kind of axis, and the unit of its `places`.
+UNITS = {"velocity": "km / s", "frequency": "Hz", "wavelength": "micron"}
 # Channels this near to even spacing (in channels) count as even; rounding is far below.
 _EVEN_TO = 1e-6
 
@@ -68,8 +68,8 @@ class SpectralAxis(Value):
         frame: str = "SOURCE",
     ) -> None:
         given = as_given(values, "a channel's place", "1.3 mm")
-        parsed = parse_unit(unit) or unit_of(given) or parse_unit(_KINDS["wavelength"])
-        kinds = [kind for kind, own in _KINDS.items() if parsed.is_equivalent(own)]
+        parsed = parse_unit(unit) or unit_of(given) or parse_unit(UNITS["wavelength"])
+        kinds = [kind for kind, own in UNITS.items() if parsed.is_equivalent(own)]
         if not kinds:
             raise UnitsError(
                 f"channels are wavelengths, frequencies or velocities, got the unit {parsed}"
@@ -121,6 +121,15 @@ class SpectralAxis(Value):
             return self._in("velocity")
         return _LIGHT * (1.0 - self.frequencies / self._rest("velocities"))
 
+    def places(self, kind: str) -> Axis:
+        """Return velocities (km/s), frequencies (Hz) or wavelengths (micron): `kind` names one."""
+        match kind:
+            case "velocity":
+                return self.velocities
+            case "frequency":
+                return self.frequencies
+        return self.wavelengths
+
     @property
     def is_even(self) -> bool:
         """True if the values have equal distances, so that a number for the step says all."""
@@ -158,8 +167,9 @@ class SpectralAxis(Value):
         return f"<{len(self)} channel{plural}{name}, {first:.6g} … {last:.6g} {self.unit}>"
 
     def _in(self, kind: str) -> Axis:
-        own, unit = parse_unit(self.unit), parse_unit(_KINDS[kind])
-        return self.values if own == unit else self.values * float(own.to(unit))
+        own, unit = parse_unit(self.unit), parse_unit(UNITS[kind])
+        # To astropy a millimetre is 1000.0000000000001 micron: 15 digits make it 1000.
+        return self.values if own == unit else self.values * float(f"{own.to(unit):.15g}")
 
     def _rest(self, what: str) -> float:
         if self.rest is None:
@@ -202,9 +212,9 @@ def channels(
     """
     if not is_count(count, 2**31):
         raise InputError(f"the number of channels must be a positive whole number, got {count!r}")
-    low, high = (float(plain(v, _KINDS["velocity"], "a channel's velocity")) for v in (first, last))
+    low, high = (float(plain(v, UNITS["velocity"], "a channel's velocity")) for v in (first, last))
     values = np.linspace(low, high, int(count)) if count > 1 else [0.5 * (low + high)]
-    return SpectralAxis(values, _KINDS["velocity"], rest=rest, line=line)
+    return SpectralAxis(values, UNITS["velocity"], rest=rest, line=line)
 
 
 def as_spectral(value: Any) -> SpectralAxis:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import check_name
 from ...files import check_start, expecting, replacing
+from ..cube import Cube
 from ..tone import OPTIONS, check_options
 from . import exr, fits, npz, png, radmc3d, tiff
 
@@ -92,8 +93,9 @@ def save(image: Image, path: Path, **options: Any) -> None:
 
 
 def load(path: Path, make: Callable[..., Image]) -> Image:
-    """Read a file and pass its content to `make` (the class `Image`); see `Image.load`."""
+    """Read a file and pass its content to `make`, or to `Cube` if it has channels of a spectrum."""
     form = format_of(path)
     check_start(path, form.magic, form.name)
     with expecting(path, form.name):
-        return make(**form.read(path))
+        content = form.read(path)
+        return (Cube if content.get("spectral") else make)(**content)

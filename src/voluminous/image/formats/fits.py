@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from ...errors import FileFormatError
-from .. import hdu, metadata
+from .. import hdu, metadata, spectral_fits
 from ..arguments import PLANES
+from ..cube import Cube
 from ..sky import wcs_of_header
 
 if TYPE_CHECKING:
     from ..image import Image
 
 _COUNT = "NEXTEND"
+# Bytes of a block of a file, and channels that are written together: a line of the cache.
+_BLOCK, _TOGETHER = 2880, 16
 
 
 def write(
@@ -28,15 +31,33 @@ def write(
     """
     from astropy.io import fits
 
-    hdus = [hdu.to_hdu(image, distance, position, posang)]
+    large = [hdu.to_hdu(image, distance, position, posang)]
     for name in PLANES:
         plane = image.plane(name)
         if plane is not None:
-            hdus.append(fits.ImageHDU(hdu.channels_first(plane), name=name.upper()))
+            large.append(fits.ImageHDU(hdu.channels_first(plane), name=name.upper()))
     # A header can only express uniform spacing; these extensions hold the exact coordinates.
-    hdus += [fits.ImageHDU(image.x, name="X"), fits.ImageHDU(image.y, name="Y")]
-    hdus[0].header[_COUNT] = (len(hdus) - 1, "number of extensions")
-    fits.HDUList(hdus).writeto(path)
+    small = [fits.ImageHDU(image.x, name="X"), fits.ImageHDU(image.y, name="Y")]
+    if isinstance(image, Cube):
+        small += spectral_fits.hdus(image.spectral)
+    last_axis = f"NAXIS{large[0].data.ndim}"
+    large[0].header.set("EXTEND", True, "extensions follow", after=last_axis)
+    large[0].header[_COUNT] = (len(large) + len(small) - 1, "number of extensions")
+    with open(path, "wb") as file:
+        for one in large:
+            _write(one, file)
+    with fits.open(path, mode="append", memmap=False) as hdus:
+        hdus.extend(small)
+
+
+def _write(one: Any, file: BinaryIO) -> None:
+    """Write an image, a few channels at a time: astropy would copy all of them."""
+    file.write(one.header.tostring().encode("ascii"))
+    planes = one.data if one.data.ndim == 3 else one.data[None]
+    kind = planes.dtype.newbyteorder(">")
+    for first in range(0, len(planes), _TOGETHER):
+        file.write(np.ascontiguousarray(planes[first : first + _TOGETHER], kind).data)
+    file.write(bytes(-planes.nbytes % _BLOCK))
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -55,13 +76,21 @@ def read(path: Path) -> dict[str, Any]:
             first = next((h for h in hdus if h.is_image and h.header.get("NAXIS", 0) >= 2), None)
             if first is None:
                 raise FileFormatError("expected an image with two axes or more; there is none")
-            intensity, header = _channels_last(first.data), first.header
+            header = first.header
+            intensity = _channels_last(first.data, spectral_fits.number(header))
+            known = metadata.loads(header.get(hdu.TEXT), intensity.shape)
+            axis = spectral_fits.read(header, hdus, intensity.shape[2], known.pop("spectral", None))
             extras = {h.name: np.array(h.data) for h in hdus[1:] if h.is_image and h is not first}
             found, count = len(hdus) - 1, header.get(_COUNT, 0)
     if hdu.TEXT in header and found < count:
         raise FileFormatError(f"expected {count} extensions, found {found}: the file is cut short")
     shape = intensity.shape
-    image = metadata.loads(header.get(hdu.TEXT), shape)
+    image = known
+    if axis is not None:
+        how, beam = known.get("provenance") or {}, hdu.beam_of(header)
+        image = {**known, "spectral": axis}
+        if beam is not None and "beam" not in how:
+            image["provenance"] = {**how, "beam": beam}
     unit, bright = image.pop("unit", ""), image.pop("intensity_unit", "")
     axes = hdu.read(header, shape, extras, image.pop("pixel_size", None))
     if axes and axes["unit"] in (None, hdu.unit_card(unit)):
@@ -75,10 +104,12 @@ def read(path: Path) -> dict[str, Any]:
     return {**image, "intensity_unit": bright if card == hdu.unit_card(bright) else card}
 
 
-def _channels_last(data: Any) -> np.ndarray:
+def _channels_last(data: Any, spectral: int = 0) -> np.ndarray:
+    """Return an array (ny, nx, channel); `spectral` is the number of the axis of channels."""
     array = np.asarray(data)
-    while array.ndim > 3 and array.shape[0] == 1:  # radio images have an axis of one polarisation
-        array = array[0]
+    spare = [k for k in range(array.ndim - 2) if array.shape[k] == 1 and array.ndim - k != spectral]
+    # Radio images have an axis of one polarisation.
+    array = np.squeeze(array, tuple(spare[: max(array.ndim - 3, 0)]))
     if array.ndim > 3:
         raise FileFormatError(f"expected an image of two or three axes, got shape {array.shape}")
     return np.moveaxis(array, 0, -1) if array.ndim == 3 else array[..., None]

@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import FileFormatError
 from .. import metadata
 from ..arguments import PLANES
+from ..cube import Cube
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -19,6 +20,8 @@ def write(image: Image, path: Path) -> None:
     """Write all arrays uncompressed: compression takes time and hardly shrinks intensities."""
     arrays: dict[str, Any] = {"intensity": image.intensity, "x": image.x, "y": image.y}
     arrays |= {name: plane for name in PLANES if (plane := image.plane(name)) is not None}
+    if isinstance(image, Cube):
+        arrays["spectral"] = image.spectral.values
     with open(path, "wb") as file:
         np.savez(file, metadata=np.array(metadata.dumps(image, coordinates=False)), **arrays)
 
@@ -33,4 +36,7 @@ def read(path: Path) -> dict[str, Any]:
         names = ("intensity", "x", "y", *PLANES)
         image = {name: archive[name] for name in names if name in archive}
         text = str(archive["metadata"]) if "metadata" in archive else None
-    return image | metadata.loads(text, image["intensity"].shape)
+        image |= metadata.loads(text, image["intensity"].shape)
+        if "spectral" in image:
+            image["spectral"] = {**image["spectral"], "values": archive["spectral"]}
+    return image

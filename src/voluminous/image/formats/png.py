@@ -94,7 +94,8 @@ def read(path: Path) -> dict[str, Any]:
     values = pixels[::-1] / np.float32(np.iinfo(pixels.dtype).max)
     has_alpha = values.shape[-1] in (2, 4)
     known = metadata.loads(text, pixels.shape)
-    known.pop("intensity_unit", None)  # display values have none
+    for name in ("intensity_unit", "spectral"):  # display values have none
+        known.pop(name, None)
     return (over_black(values) if has_alpha else {"intensity": values}) | known
 
 

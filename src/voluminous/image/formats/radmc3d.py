@@ -15,6 +15,8 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit, plain
+from ..cube import Cube
+from ..spectral_axis import SpectralAxis
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -65,7 +67,9 @@ def read(path: Path) -> dict[str, Any]:
         planes = values.reshape(waves, ny, nx, parameters).transpose(1, 2, 3, 0)
     x, y = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip((nx, ny), size, strict=True))
     stokes = _STOKES[:parameters]
+    spectral = {} if parameters > 1 else {"spectral": SpectralAxis(wavelengths, "micron")}
     return {
+        **spectral,
         "intensity": np.ascontiguousarray(planes, np.float64).reshape(ny, nx, -1),
         "x": x,
         "y": y,
@@ -83,10 +87,12 @@ def read(path: Path) -> dict[str, Any]:
 def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
     """Write the intensities unchanged; the format has no place for other metadata.
 
-    `wavelengths` (micron) are those of the channels, by default those in the provenance of an image
-    read from such a file. A plane without a unit is in cm.
+    `wavelengths` (micron) are those of the channels, by default those of a cube, or in the
+    provenance of an image read from such a file. A plane without a unit is in cm.
     """
     provenance = image.provenance or {}
+    if wavelengths is None and isinstance(image, Cube):
+        wavelengths = image.spectral.wavelengths
     if wavelengths is None and _WAVELENGTHS not in provenance:
         raise InputError(
             "RADMC-3D's images have wavelengths; give that of each channel in micron, such as "

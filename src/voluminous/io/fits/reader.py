@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ...volume import Volume
 
 _MAGIC = b"SIMPLE  ="
-# Mark that `Image.save` writes into the first header; volumes lack it.
-_CREATOR, _TEXT = "CREATOR", "VOLMETA"
+# Mark that `Image.save` writes into the first header; volumes lack it. Cubes have an extension.
+_CREATOR, _TEXT, _SPECTRAL = "CREATOR", "VOLMETA", "SPECTRAL"
 # Cards about the observation, stored in `Volume.meta` under their lower-case names.
 _META_CARDS = (
     *("OBJECT", "TELESCOP", "INSTRUME", "OBSERVER", "DATE-OBS", "BUNIT", "BMAJ", "BMIN", "BPA"),
@@ -101,6 +101,14 @@ class FITSReader(Reader):
 
 
 def _is_picture(candidates: list[FITSImage]) -> bool:
+    """Return whether `Image.save` wrote the file, and it is no cube with a spectrum."""
+    if not _is_ours(candidates):
+        return False
+    has_spectrum = any(image.title.upper() == _SPECTRAL for image in candidates)
+    return not (has_spectrum and len(candidates[0].real_axes) >= 3)
+
+
+def _is_ours(candidates: list[FITSImage]) -> bool:
     header = candidates[0].header if candidates and candidates[0].number == 0 else {}
     return card(header, _CREATOR) == "voluminous" and _TEXT in header
 
@@ -110,6 +118,8 @@ def _cubes(path: Path, options: dict[str, Any]) -> tuple[list[Cube], ThirdAxis |
     candidates = images(path)
     if _is_picture(candidates):
         raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
+    if _is_ours(candidates) and options.get("hdu") is None:
+        candidates = candidates[:1]  # the others are errors, optical depths …
     every = cubes(candidates, options.get("hdu"), options.get("plane"))
     third = place_of(every[0], options).third
     known = third is not None and third.name in {cube.name for cube in every}

@@ -1,0 +1,151 @@
+"""The spectral axis of a cube in FITS files, as radio astronomy software reads it.
+
+Greisen et al. (2006), "Representations of spectral coordinates in FITS", A&A 446, 747: CTYPE3 is
+VRAD, FREQ or WAVE, with RESTFRQ and SPECSYS. Uneven channels are a table, as SKIRT writes it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..units import parse_unit
+from .spectral_axis import UNITS, SpectralAxis
+
+if TYPE_CHECKING:
+    from astropy.io.fits import HDUList, Header
+
+    from .arguments import Axis
+
+Card = tuple[str, Any, str]
+Linear = tuple[str, str, float, float]  # type, unit, first value and step
+
+# Kind → type of the axis, its unit, and that of `SpectralAxis.places` in it.
+_TYPES = {
+    "velocity": ("VRAD", "m/s", 1e3),
+    "frequency": ("FREQ", "Hz", 1.0),
+    "wavelength": ("WAVE", "m", 1e-6),
+}
+# Types that wcslib converts to frequencies.
+_OTHERS = ("VOPT", "VELO", "AWAV", "ZOPT", "BETA", "ENER", "WAVN")
+# Extension with the places of uneven channels, in SKIRT's files and ours.
+_TABLE, _COLUMN = "Z-axis coordinate values", "GRID_POINTS"
+# Extension with the exact numbers: cards have 16 digits, and even steps only.
+_EXACT = "SPECTRAL"
+# Steps between header and exact numbers, at most, unless the header was edited.
+_SAME = 1e-6
+# Width that a file says of a single channel, as a part of its place, and of velocities in m/s.
+_SINGLE, _SINGLE_VELOCITY = 1e-5, 1e3
+
+
+def linear(axis: SpectralAxis) -> Linear:
+    """Return an axis of even channels as a header has it."""
+    kind, unit, factor = _TYPES[axis.kind]
+    values = factor * axis.places(axis.kind)
+    step = _SINGLE_VELOCITY if axis.kind == "velocity" else _SINGLE * values[0]
+    if len(values) > 1:
+        step = (values[-1] - values[0]) / (len(values) - 1)
+    return kind, unit, float(values[0]), float(step)
+
+
+def cards(axis: SpectralAxis) -> Iterator[Card]:
+    """Yield the cards of the third axis."""
+    kind, unit, first, step = linear(axis) if axis.is_even else ("CHANNEL", "", 0.0, 1.0)
+    yield "CTYPE3", kind, "linear" if unit else "their places are in a table"
+    yield "CRPIX3", 1.0, "reference pixel; centre of the first is 1"
+    yield "CRVAL3", first, "coordinate there"
+    yield "CDELT3", step, "from one channel to the next"
+    if unit:
+        yield "CUNIT3", unit, "unit"
+    if axis.rest is not None:
+        yield "RESTFRQ", axis.rest, "[Hz] frequency at rest"
+    if axis.frame and (axis.kind == "velocity" or axis.rest is not None):
+        yield "SPECSYS", axis.frame, "frame of velocities"
+    if axis.line:
+        yield "LINE", axis.line, "name of the line"
+
+
+def hdus(axis: SpectralAxis) -> Iterator[Any]:
+    """Yield the extensions: exact numbers, and the table of uneven channels."""
+    from astropy.io import fits
+
+    yield fits.ImageHDU(axis.values, name=_EXACT)
+    if not axis.is_even:
+        unit, values = UNITS[axis.kind].replace(" ", ""), axis.places(axis.kind)
+        column = fits.Column(_COLUMN, "D", unit=unit.replace("micron", "um"), array=values)
+        yield fits.BinTableHDU.from_columns([column], name=_TABLE)
+
+
+def number(header: Header) -> int:
+    """Return the number (from 1) of the spectral axis of a header; 0 if there is none."""
+    kinds = (*(kind for kind, *_ in _TYPES.values()), *_OTHERS)
+    count = max(int(header.get("NAXIS", 0)), 2)
+    types = {k: str(header.get(f"CTYPE{k}", ""))[:4] for k in range(3, count + 1)}
+    return next((k for k, kind in types.items() if kind in kinds), 0)
+
+
+def read(
+    header: Header, hdus: HDUList, count: int, known: dict[str, Any] | None
+) -> SpectralAxis | None:
+    """Return the axis of so many channels; None if there is none.
+
+    `known` are arguments that our own description has. The exact numbers are valid unless the
+    header was edited afterwards.
+    """
+    exact, table = (_values(hdus, name) for name in (_EXACT.upper(), _TABLE.upper()))
+    axis = _of_header(header, count)
+    rest = header.get("RESTFRQ", header.get("RESTFREQ"))
+    if known and exact is not None and len(exact[0]) == count:
+        own = SpectralAxis(exact[0], **known)
+        edited = own.rest is None or not np.isclose(rest or 0.0, own.rest, rtol=1e-12, atol=0.0)
+        own = own.at_rest(rest) if rest and edited else own
+        if not own.is_even or axis is None or _agree(own, axis):
+            return own
+    if axis is None and table is not None and len(table[0]) == count:
+        axis = SpectralAxis(*table)
+    if axis is None:
+        return None
+    line, frame = str(header.get("LINE", "")), str(header.get("SPECSYS", ""))
+    return axis.replace(rest=rest or None, line=line or None, frame=frame)
+
+
+def _of_header(header: Header, count: int) -> SpectralAxis | None:
+    """Return the axis that the cards describe, without what is at rest."""
+    from astropy.wcs import WCS
+
+    k = number(header)
+    if not k or header[f"NAXIS{k}"] != count:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            wcs = WCS(header).sub([k])
+            kinds = {kind: name for name, (kind, *_) in _TYPES.items()}
+            if wcs.wcs.ctype[0] not in kinds:
+                wcs.wcs.sptr("FREQ-???")
+            values = wcs.wcs_pix2world(np.arange(count, dtype=float)[:, None], 0)[:, 0]
+        except Exception:  # the picture is readable even if its WCS is not
+            return None
+    kind = kinds.get(wcs.wcs.ctype[0], "frequency")
+    return SpectralAxis(values / _TYPES[kind][2], UNITS[kind])
+
+
+def _agree(own: SpectralAxis, other: SpectralAxis) -> bool:
+    if own.kind != other.kind:
+        return False
+    values, seen = own.places(own.kind), other.places(own.kind)
+    step = abs(linear(own)[3]) / _TYPES[own.kind][2]
+    return bool(np.abs(values - seen).max() <= _SAME * step + 1e-14 * np.abs(values).max())
+
+
+def _values(hdus: HDUList, name: str) -> tuple[Axis, Any] | None:
+    """Return the numbers of an extension, and the unit of a table's column."""
+    found = next((hdu for hdu in hdus if hdu.name.upper() == name), None)
+    if found is None:
+        return None
+    if found.is_image:
+        return np.array(found.data, np.float64), None
+    return np.array(found.data.field(0), np.float64), parse_unit(found.columns[0].unit)
