@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..packages import room
@@ -14,6 +15,10 @@ from .spectral_axis import SpectralAxis, as_spectral
 if TYPE_CHECKING:
     from ..units import UnitLike
     from .spectrum import Spectrum
+
+
+# Options of `to_rgb` that say which channels are shown, and how.
+_OF_CHANNELS = ("channels", "mix", "colormap")
 
 
 class Cube(Image):
@@ -52,6 +57,29 @@ class Cube(Image):
     def at_rest(self, rest: Any) -> Cube:
         """Return the cube with a frequency (or wavelength) at rest, for velocities."""
         return self.replace(spectral=self.spectral.at_rest(rest))
+
+    @property
+    def exposure(self) -> float:
+        """The automatic exposure of the picture in colours; see `Image.exposure`."""
+        return super().exposure if self.channels == 1 else self.in_colors().exposure
+
+    def in_colors(self) -> Image:
+        """Return a picture of red, green and blue: what recedes, or has long waves, is red.
+
+        The spectrum of the whole picture makes grey. `to_rgb`, PNG files and notebooks show it; for
+        the same colours in several pictures give them a ``mix``.
+        """
+        image: Image = room("image.spectra").in_colors(self)
+        return image
+
+    def to_rgb(self, *args: Any, **options: Any) -> NDArray[np.float32]:
+        """Return display values of `in_colors`; options as `Image.to_rgb` has them.
+
+        With ``channels``, ``mix`` or ``colormap`` channels are shown as in any `Image`.
+        """
+        if self.channels == 1 or any(options.get(o) is not None for o in _OF_CHANNELS):
+            return super().to_rgb(*args, **options)
+        return self.in_colors().to_rgb(*args, **options)
 
     def moment(self, order: int, *, threshold: Any = None) -> Image:
         """Return a moment of the lines along velocity.
@@ -128,7 +156,8 @@ class Cube(Image):
         Parameters
         ----------
         ax : matplotlib Axes or sequence of them, optional
-            One for each panel. Default: a new figure.
+            One for each panel, in any arrangement; or one for a picture in colours. Default: a new
+            figure.
         unit : str or unit, optional
             As in `Image.plot`.
         scale_bar, colorbar : bool
@@ -141,7 +170,8 @@ class Cube(Image):
         -------
         array of matplotlib Axes, or matplotlib Axes for one picture
         """
-        if self.channels == 1 or {"channels", "mix"} & set(options):
+        alone = ax is not None and np.ndim(np.array(ax, dtype=object)) == 0
+        if self.channels == 1 or alone or any(options.get(o) is not None for o in _OF_CHANNELS[:2]):
             bars = {"scale_bar": scale_bar, "colorbar": colorbar}
             return super().plot(ax, unit=unit, **bars, **options)
         draw = room("image.channel_plot").plot_maps

@@ -581,8 +581,10 @@ class Image:
     def __repr__(self) -> str:
         ny, nx, count = self.shape
         left, right, bottom, top = self.extent
-        finite = self.intensity[np.isfinite(self.intensity)]
-        span = f"{finite.min():.4g} … {finite.max():.4g}" if finite.size else "not finite"
+        finite = np.isfinite(self.intensity)
+        low = self.intensity.min(where=finite, initial=np.inf)
+        high = self.intensity.max(where=finite, initial=-np.inf)
+        span = f"{low:.4g} … {high:.4g}" if finite.any() else "not finite"
         return (
             f"<Image {nx}×{ny} pixels, {count} channel{'s' * (count > 1)}, "
             f"{abs(right - left):.4g}×{abs(top - bottom):.4g} {self.unit}".rstrip()

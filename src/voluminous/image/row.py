@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..figures import new_figure
+from .cube import Cube
 from .image import Image
 from .plot import add_bars, new_axes
 from .scales import scales_of
@@ -79,6 +80,8 @@ def plot_row(
     """
     shown = _in_one_unit(list(images), unit)
     check_options("display option", options, OPTIONS)
+    if not any(options.get(name) is not None for name in ("channels", "mix", "colormap")):
+        shown = [i.in_colors() if isinstance(i, Cube) and i.channels > 1 else i for i in shown]
     options = plain_options(options, shown[0].intensity_unit)
     pixels = [image.intensity.reshape(-1, 1, image.channels) for image in shown]
     together = Image(np.concatenate(pixels), intensity_unit=shown[0].intensity_unit)

@@ -25,6 +25,8 @@ _VELOCITY = "km / s"
 _MAPS = ("integrated intensity", "velocity", "velocity dispersion")
 # At most so many channel maps are drawn unless a number is given.
 _MAPS_DRAWN = 24
+# The purest red and blue are so many standard deviations from the middle of a spectrum.
+_REACH = 1.5
 # Arguments of `Image` that a picture made from a cube shares with it.
 _PLACE = ("x", "y", "unit", "pixel_size", "wcs", "distance", "camera", "provenance")
 
@@ -50,7 +52,8 @@ def moment(cube: Cube, order: int, threshold: Any = None) -> Image:
         block = cube.intensity[rows].astype(np.float64)
         there = block >= faintest  # false for NaN
         block[~there] = 0.0
-        total, *higher = np.moveaxis(block @ powers, -1, 0)
+        sums = block.reshape(-1, cube.channels) @ powers
+        total, *higher = sums.T.reshape(-1, *block.shape[:2])
         with np.errstate(divide="ignore", invalid="ignore"):
             if order == 0:
                 values[rows] = np.where(there.any(axis=-1), total, np.nan)
@@ -94,12 +97,12 @@ def subtract_continuum(cube: Cube, channels: Any, order: int) -> Cube:
     places = cube.spectral.values
     scaled = (places - places.mean()) / (np.ptp(places) or 1.0)
     powers = scaled[:, None] ** np.arange(order + 1)
-    # Least squares: from the intensities of the chosen channels to the continuum in all.
-    fit = np.linalg.pinv(powers[free]).T @ powers.T
+    fit = np.linalg.pinv(powers[free]).T  # least squares
     values = np.empty_like(cube.intensity)
     for rows in rows_of(cube):
         block = cube.intensity[rows].astype(np.float64)
-        values[rows] = block - block[..., free] @ fit
+        block -= (block[..., free] @ fit) @ powers.T
+        values[rows] = block
     return cube.replace(intensity=values, lower=None, upper=None)
 
 
@@ -120,6 +123,28 @@ def _chosen(count: int, channels: Any) -> np.ndarray:
             f"{shown(channels)}: {error}"
         ) from error
     return free
+
+
+def in_colors(cube: Cube) -> Image:
+    """Return a picture of three channels; see `Cube.in_colors`."""
+    axis, bright = cube.spectral, np.nan_to_num(np.abs(_sums(cube)), posinf=0.0)
+    places = axis.velocities if axis.kind == "velocity" else np.log(axis.wavelengths)
+    bright = bright if bright.sum() > 0 else np.ones(cube.channels)
+    middle = np.average(places, weights=bright)
+    reach = _REACH * np.sqrt(np.average((places - middle) ** 2, weights=bright)) or 1.0
+    red = np.clip((places - middle) / reach, -1.0, 1.0)
+    colors = np.stack([np.maximum(red, 0.0), 1.0 - np.abs(red), np.maximum(-red, 0.0)], axis=-1)
+    share = bright @ colors / bright.sum()
+    colors /= np.where(share > 0.0, share, 1.0)  # what all shines together is grey
+    values = np.empty((*cube.shape[:2], 3), cube.intensity.dtype)
+    for rows in rows_of(cube):
+        values[rows] = np.nan_to_num(cube.intensity[rows].astype(np.float64)) @ colors
+    transparency = cube.plane("transparency")
+    if transparency is not None:
+        transparency = transparency.mean(axis=-1)
+    return image_of(cube, values, parse_unit(cube.intensity_unit)).replace(
+        transparency=transparency
+    )
 
 
 def channel_maps(cube: Cube, count: int | None) -> Cube:
@@ -199,13 +224,18 @@ def total(cube: Cube, beam: Any = None) -> Spectrum:
     if own is None:
         raise UnitsError("a flux needs intensities with a unit: cube.replace(intensity_unit=…)")
     factor = conversion(cube, own, parse_unit("Jy / pix"), beam)
-    sums = np.zeros(cube.channels)
-    for rows in rows_of(cube):
-        sums += np.nansum(cube.intensity[rows], axis=(0, 1), dtype=np.float64)
     return Spectrum(
         cube.spectral,
-        sums * factor,
+        _sums(cube) * factor,
         unit="Jy",
         distance=cube.distance,
         provenance=cube.provenance,
     )
+
+
+def _sums(cube: Cube) -> Axis:
+    """Return the sum over all pixels in each channel; missing ones count as zero."""
+    sums = np.zeros(cube.channels)
+    for rows in rows_of(cube):
+        sums += np.nansum(cube.intensity[rows], axis=(0, 1), dtype=np.float64)
+    return sums

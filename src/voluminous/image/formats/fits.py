@@ -107,6 +107,8 @@ def read(path: Path) -> dict[str, Any]:
 def _channels_last(data: Any, spectral: int = 0) -> np.ndarray:
     """Return an array (ny, nx, channel); `spectral` is the number of the axis of channels."""
     array = np.asarray(data)
+    if array.dtype.byteorder == ">" and array.flags.writeable:  # in place: no second cube
+        array = array.byteswap(inplace=True).view(array.dtype.newbyteorder("="))
     spare = [k for k in range(array.ndim - 2) if array.shape[k] == 1 and array.ndim - k != spectral]
     # Radio images have an axis of one polarisation.
     array = np.squeeze(array, tuple(spare[: max(array.ndim - 3, 0)]))
