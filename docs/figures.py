@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from convergence import CELLS, VIEWS, convergence
 from drawing import compressed, saved
+from figures_cubes import CUBE_FIGURES
 from figures_data import DATA_FIGURES
 from figures_explorer import EXPLORER_FIGURES
 from figures_grids import GRID_FIGURES, example
@@ -199,6 +200,7 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     **GRID_FIGURES,
     **DATA_FIGURES,
     **IMAGE_FIGURES,
+    **CUBE_FIGURES,
     **OUTFLOW_FIGURES,
     **PROBE_FIGURES,
     **STAR_FIGURES,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError
+from .arguments import PLANES, Array
 from .cube import Cube
 
 if TYPE_CHECKING:
@@ -37,6 +39,19 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
     if image.wcs is not None:
         entries["wcs"] = str(image.wcs.to_header_string(relax=True))
     return json.dumps(entries)
+
+
+def planes(image: Image) -> Iterator[tuple[str, Array]]:
+    """Yield the arrays of an image beside its intensities, with their names.
+
+    The optical depth of a cube is left out where it is still to be drawn: that may take as long,
+    and as much memory, as the cube itself.
+    """
+    for name in PLANES:
+        waits = name == "optical_depth" and isinstance(image, Cube) and image.waits_for_depth
+        plane = None if waits else image.plane(name)
+        if plane is not None:
+            yield name, plane
 
 
 def fits_text(text: str) -> str:

@@ -37,9 +37,8 @@ def write(image: Image, path: Path, *, half: bool = False) -> None:
 
     kind = np.float16 if half else np.float32
     layers = _layers(narrowed(image.intensity, kind, "intensity"), "")
-    for name in _PLANES:
-        plane = image.plane(name)
-        if plane is not None:
+    for name, plane in metadata.planes(image):
+        if name in _PLANES:
             layers |= _layers(narrowed(plane, np.float32, name), f"{name}.")
     if image.transparency is not None:
         layers["A"] = (1 - image.transparency.mean(axis=-1)).astype(kind)

@@ -32,10 +32,8 @@ def write(
     from astropy.io import fits
 
     large = [hdu.to_hdu(image, distance, position, posang)]
-    for name in PLANES:
-        plane = image.plane(name)
-        if plane is not None:
-            large.append(fits.ImageHDU(hdu.channels_first(plane), name=name.upper()))
+    for name, plane in metadata.planes(image):
+        large.append(fits.ImageHDU(hdu.channels_first(plane), name=name.upper()))
     # A header can only express uniform spacing; these extensions hold the exact coordinates.
     small = [fits.ImageHDU(image.x, name="X"), fits.ImageHDU(image.y, name="Y")]
     if isinstance(image, Cube):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def write(image: Image, path: Path) -> None:
     """Write all arrays uncompressed: compression takes time and hardly shrinks intensities."""
     arrays: dict[str, Any] = {"intensity": image.intensity, "x": image.x, "y": image.y}
-    arrays |= {name: plane for name in PLANES if (plane := image.plane(name)) is not None}
+    arrays |= dict(metadata.planes(image))
     if isinstance(image, Cube):
         arrays["spectral"] = image.spectral.values
     with open(path, "wb") as file:
