@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...backend import dr
-from ...backend.functions import unit_interval
+from ...backend.functions import precision_of, unit_interval
 from ...backend.types import Float, Int, Mask
 from ...geometry import is_uniform
 from ..box_walk import AxisTrack, BoxWalk
@@ -24,6 +24,10 @@ from .tree import Cell, Orientation, Tree, TreeLookup
 if TYPE_CHECKING:
     from ...backend.device import Backend
     from .vertices import LeafGrid
+
+# Rays come in on walls. Nearer to one than this part of a cell they are on it: what rounding mixes
+# in of the other side may be larger by many powers of ten, as in the wing of a line.
+_ON_WALL = {"single": 1e-6, "double": 1e-11}
 
 
 @dataclass
@@ -147,7 +151,9 @@ class TreeWalk(BoxWalk):
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
         base, strides = self._vertices(track, cursor.cell, cursor.inside)
-        return trilinear(base, self.fractions(track, cursor.cell, cursor.t), strides)
+        fractions = self.fractions(track, cursor.cell, cursor.t)
+        near = _ON_WALL[precision_of(self.backend.Float)]
+        return trilinear(base, [dr.select(f < near, 0.0, f) for f in fractions], strides)
 
     def exit_corners(self, track: TreeTrack, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
