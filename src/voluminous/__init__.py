@@ -70,6 +70,7 @@ _PUBLIC = {
     "probe": "measuring",
     "project": "measuring",
     "render": "rendering",
+    "spectrum": "observing",
     "suggest_medium": "calibration",
     "tau_surface": "measuring",
     "view": "viewer",
@@ -162,6 +163,7 @@ __all__ = [
     "project",
     "regions",
     "render",
+    "spectrum",
     "suggest_medium",
     "tau_surface",
     "view",
@@ -207,7 +209,7 @@ if TYPE_CHECKING:
     )
     from .movies import movie, orbit
     from .objects import Axes, Boxes, Curves, Spheres, Stars
-    from .observing import observe
+    from .observing import observe, spectrum
     from .physics import Blackbody, Molecule, Opacity
     from .rendering import render
     from .scene import Scene

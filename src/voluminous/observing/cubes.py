@@ -97,7 +97,7 @@ def observe(
     --------
     >>> import voluminous as vm
     >>> core = vm.models.prestellar_core(16)
-    >>> dust = vm.Dust("density * 2e-26", 15.0, vm.Opacity.power_law(3.5, 870.0, 1.8))
+    >>> dust = vm.Dust("density * 2e-26 g", 15.0, vm.Opacity.power_law(3.5, 870.0, 1.8))
     >>> vm.observe(core, dust, wavelengths=[870.0, 1300.0]).shape
     (400, 400, 2)
     """

@@ -1,0 +1,261 @@
+"""`spectrum`: the flux of a volume at frequencies, through an aperture or of all of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..cameras import Orthographic
+from ..errors import InputError
+from ..geometry import CARTESIAN
+from ..image.spectrum import Spectrum
+from ..objects import SceneObject
+from ..progress import Progress, with_progress
+from ..units import as_given, parse_unit, plain, radians
+from .cubes import observe
+from .light import model_stars
+from .rings import Rings
+
+if TYPE_CHECKING:
+    from ..image.cube import Cube
+    from ..media import Medium
+    from ..volume import Volume
+
+# Pixels across the first picture, rings and azimuths of the first rings; and the most of them.
+_FIRST, _FINEST = 64, 2048
+_FLUX = "erg / (s cm2 Hz)"
+# Rings within the innermost wall of a grid.
+_INNER_RINGS = 8
+
+
+@with_progress
+def spectrum(
+    volume: Volume,
+    medium: Medium,
+    camera: Any = None,
+    *,
+    incl: Any = 0.0,
+    phi: Any = 0.0,
+    wavelengths: Any = None,
+    frequencies: Any = None,
+    velocities: Any = None,
+    aperture: Any = None,
+    distance: Any = None,
+    tolerance: float | None = 1e-3,
+    antialias: str | None = None,
+    objects: Any = None,
+    progress: Progress = None,
+    **options: Any,
+) -> Spectrum:
+    """Return the flux of a volume at frequencies: its spectrum, or spectral energy distribution.
+
+    Parameters
+    ----------
+    volume, medium, wavelengths, frequencies, velocities
+        As in `observe`.
+    camera : Orthographic, optional
+        The flux is that of this picture. Default: of the whole volume, or the aperture.
+    incl, phi : float or Quantity
+        Instead of a camera, as in `Orthographic`.
+    aperture : Quantity, optional
+        Radius of a circle around the volume's centre (of spherical grids the origin): an angle, for
+        which the distance is needed, or a length.
+    distance : Quantity
+        Of the observer. Default: 1 pc.
+    tolerance : float or None
+        Error allowed in each flux: the picture is drawn again with twice the pixels each way,
+        until fluxes change by no more than this fraction; and as in `observe`. None: once.
+    antialias : {None, "adaptive", "radmc3d"}
+        Given, one picture is drawn, with rays as in `render`; with ``"radmc3d"`` pixels have parts
+        no wider than the cells. Default: as the tolerance needs it.
+    objects : sequence of SceneObject, optional
+        As in `observe`; of an aperture and of rings points only (stars with luminosities).
+    progress : bool or callable, optional
+        As in `render`.
+    **options
+        Those of `observe`: ``scheme``, ``constants``, ``precision``, ``background`` …
+
+    Returns
+    -------
+    Spectrum
+        Fluxes in erg/s/cm²/Hz: intensity times solid angle, summed.
+
+    Warns
+    -----
+    UserWarning
+        If the finest picture does not keep the tolerance; it says by how much fluxes changed.
+
+    Raises
+    ------
+    InputError, UnitsError
+        As in `observe`; if the camera is not at infinity, or an angle is given without a distance.
+
+    Notes
+    -----
+    Without a camera, spherical and cylindrical volumes and apertures are drawn on rings around
+    their centre, which follow the radial walls of the grid; others in a frame around the volume.
+
+    Examples
+    --------
+    >>> import voluminous as vm
+    >>> from astropy import units as u
+    >>> core = vm.models.prestellar_core(16)
+    >>> dust = vm.Dust("density * 2e-26 g", 15.0, vm.Opacity.power_law(3.5, 870.0, 1.8))
+    >>> sed = vm.spectrum(core, dust, wavelengths=[350, 870] * u.micron, distance=140 * u.pc)
+    """
+    given = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
+    away = _distance(distance)
+    if camera is None:
+        camera = _first_camera(volume, incl, phi, aperture, away)
+    elif aperture is not None or not isinstance(camera, Orthographic):
+        raise InputError(
+            "a spectrum is of a circle (aperture=) or of the picture of a vm.Orthographic; give "
+            f"one of them, got {type(camera).__name__}"
+        )
+    things = model_stars(volume) if objects is None else objects
+    things = [things] if isinstance(things, SceneObject) else list(things)
+    options |= {"tolerance": tolerance, "progress": progress, **given}
+    cubes: list[Cube] = []
+    stars = np.zeros(1)
+    if isinstance(camera, Rings):
+        stars = _flux_of_points(volume, medium, camera, things, options)
+        things = []
+
+    def flux(view: Any, method: str | None) -> np.ndarray:
+        cube = observe(volume, medium, view, antialias=method, objects=things, **options)
+        cubes[:] = [cube]
+        light = cube.intensity.astype(np.float64) * _areas(view, cube)
+        return np.asarray(light.sum(axis=(0, 1)))
+
+    if antialias is not None or tolerance is None:
+        total = flux(camera, antialias)
+    else:
+        total = _converged(lambda view: flux(view, "adaptive"), camera, tolerance)
+    centimetres = 1.0 if volume.unit is None else float(volume.unit.to("cm"))
+    (cube,) = cubes
+    return Spectrum(
+        cube.spectral,
+        (total + stars) * (centimetres / away) ** 2,
+        unit=_FLUX,
+        distance=away,
+        provenance=cube.provenance,
+    )
+
+
+def _converged(
+    flux: Callable[[Any], np.ndarray], camera: Orthographic, tolerance: float
+) -> np.ndarray:
+    """Return fluxes of pictures with ever more pixels, once they keep the tolerance."""
+    total = flux(camera)
+    while max(camera.resolution) < _FINEST:
+        camera = _finer(camera)
+        last, total = total, flux(camera)
+        change = np.abs(total - last)
+        if np.all(change <= tolerance * np.abs(total)):
+            return total
+    worst = float(np.max(change / np.where(total != 0.0, np.abs(total), 1.0)))
+    warnings.warn(
+        f"fluxes still change by {worst:.1g} from {max(camera.resolution) // 2} to "
+        f"{max(camera.resolution)} pixels; the tolerance is {tolerance:g}. Give a camera whose "
+        "frame is around what is bright",
+        stacklevel=4,
+    )
+    return total
+
+
+def _finer(camera: Orthographic) -> Orthographic:
+    if isinstance(camera, Rings):
+        return camera.finer()
+    nx, ny = camera.resolution
+    return camera.replace(resolution=(2 * nx, 2 * ny))
+
+
+def _areas(camera: Orthographic, cube: Cube) -> Any:
+    """Return the area of pixels, as an array (ny, 1, 1) or a number."""
+    if isinstance(camera, Rings):
+        return camera.areas[:, :, None]
+    return abs(float(np.prod(cube.pixel_size)))
+
+
+def _distance(distance: Any) -> float:
+    """Return a distance in cm; plain numbers are in cm, too."""
+    if distance is None:
+        return float(parse_unit("pc").to("cm"))
+    away = float(plain(as_given(distance, "distance", "140 pc"), parse_unit("cm"), "distance"))
+    if not 0.0 < away < np.inf:
+        raise InputError(f"distance must be positive and finite, got {distance!r}")
+    return away
+
+
+def _first_camera(volume: Volume, incl: Any, phi: Any, aperture: Any, away: float) -> Orthographic:
+    """Return rings around an aperture or a round grid, or a frame around the volume."""
+    grid = volume.grid
+    if aperture is None and tuple(grid.coordinates) == CARTESIAN:
+        return Orthographic(incl, phi, resolution=_FIRST)
+    center = None if tuple(grid.coordinates) == CARTESIAN else (0.0, 0.0, 0.0)
+    outer = float(np.linalg.norm(np.abs(grid.bounds).max(axis=1)))
+    walls = np.linspace(0.0, outer, _FIRST // 2 + 1)
+    if center is not None:
+        # A ring for each wall of the grid, up to its largest distance from the origin.
+        radial = np.asarray(grid.edges[0], np.float64)
+        outer = radial[-1] if "theta" in grid.coordinates else outer
+        inner = np.linspace(0.0, radial[0], _INNER_RINGS + 1)
+        walls = np.unique(np.concatenate([inner, radial, [outer]]))
+    if aperture is not None:
+        radius = _aperture(aperture, away, grid.unit)
+        walls = np.append(walls[walls < radius], radius)
+        if len(walls) <= _FIRST // 2:
+            walls = np.linspace(0.0, radius, _FIRST // 2 + 1)
+    return Rings(walls, None, 2 * _FIRST, incl, phi, center=center)
+
+
+def _aperture(aperture: Any, away: float, unit: Any) -> float:
+    """Return the radius of an aperture in the grid's unit."""
+    given = as_given(aperture, "aperture", "2 arcsec")
+    own = getattr(given, "unit", None)
+    if own is not None and own.is_equivalent("rad"):
+        centimetres = away * float(radians(given, "aperture"))
+        radius = centimetres if unit is None else centimetres / float(unit.to("cm"))
+    else:
+        radius = float(plain(given, unit, "aperture"))
+    if not 0.0 < radius < np.inf:
+        raise InputError(f"aperture must be a positive angle or length, got {aperture!r}")
+    return radius
+
+
+def _flux_of_points(
+    volume: Volume,
+    medium: Medium,
+    rings: Rings,
+    things: Sequence[SceneObject],
+    options: dict[str, Any],
+) -> np.ndarray:
+    """Return the intensity times area of points of light within rings, as seen by the observer.
+
+    Each is drawn into a picture of one pixel around it, from which that without it is taken.
+    """
+    total = np.zeros(1)
+    for thing in things:
+        positions = getattr(thing, "positions", None)
+        if getattr(thing, "luminosities", None) is None or positions is None:
+            raise InputError(
+                "of rings and apertures objects must be points: vm.Stars with luminosities; got "
+                f"{thing!r}; give a camera"
+            )
+        places = np.atleast_2d(np.asarray(plain(positions, volume.unit, "positions")))
+        view, outer = rings.flat(), float(np.sqrt(rings.squares[-1]))
+        across, up, _ = view.project(places.T, volume.grid)
+        inside = np.hypot(across, up) <= outer
+        for place, seen in zip(np.stack([across, up], axis=1), inside, strict=True):
+            if not seen:
+                continue
+            near = view.replace(width=1e-3 * outer, resolution=1, shift=tuple(place))
+            both = [
+                observe(volume, medium, near, objects=some, **options).intensity[0, 0]
+                for some in ([thing], [])
+            ]
+            total = total + (both[0] - both[1]) * (1e-3 * outer) ** 2
+    return total

@@ -1,0 +1,153 @@
+"""Fluxes: closed forms of spheres, whatever is drawn: frames, rings, apertures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+
+import voluminous as vm
+from voluminous.observing.rings import Rings
+from voluminous.physics.constants import CODATA
+
+FREQUENCIES = np.array([1e11, 3e11, 1e12])
+TEMPERATURE, DENSITY, RADIUS = 20.0, 3e-15, 1e13
+PARSEC = (1 * u.pc).to_value("cm")
+KAPPA = vm.Opacity.power_law(3.5, 870.0, 1.5)
+DUST = vm.Dust("rho", TEMPERATURE, KAPPA)
+
+
+def flux_of_ball(radius=RADIUS, within=np.inf, distance=PARSEC):
+    """Return the flux of a uniform isothermal ball, or of the part of it within a circle.
+
+    I(p) = B (1 - exp(-2α √(R² - p²))); the integral over 2π p dp, with y = 2α √(R² - p²), has the
+    primitive (y²/2 + (1 + y) exp(-y)) / 4α² (Osterbrock 1974, appendix 2, has it with y = 2αR).
+    """
+    alpha = DENSITY * KAPPA.absorption(FREQUENCIES)
+
+    def primitive(y):
+        return 0.5 * y**2 + (1.0 + y) * np.exp(-y)
+
+    inner = 2.0 * alpha * np.sqrt(max(radius**2 - within**2, 0.0))
+    total = primitive(2.0 * alpha * radius) - primitive(inner)
+    planck = CODATA.planck(FREQUENCIES, TEMPERATURE)
+    return 2.0 * np.pi * planck * total / (4.0 * alpha**2) / distance**2
+
+
+@pytest.fixture(scope="module")
+def shells():
+    """A ball on a spherical grid, whose innermost cells are a thousandth of it."""
+    r = np.concatenate([[1e-3], np.geomspace(0.01, 1.0, 12)]) * RADIUS
+    grid = vm.SphericalGrid(r, [0.0, np.pi], [0.0, 2.0 * np.pi], unit="cm")
+    return vm.Volume(grid, rho=np.full(grid.shape, DENSITY) * u.g / u.cm**3)
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """A cube: its flux along an axis is that of a slab."""
+    edges = np.linspace(-0.5, 0.5, 5) * RADIUS
+    grid = vm.CartesianGrid(edges, edges, edges, unit="cm")
+    return vm.Volume(grid, rho=np.full(grid.shape, DENSITY) * u.g / u.cm**3)
+
+
+def test_a_ball_on_rings(shells):
+    """The cavity of a thousandth holds 1e-9 of the ball."""
+    found = vm.spectrum(shells, DUST, incl=30, frequencies=FREQUENCIES, tolerance=1e-3)
+    assert found.unit == "erg / (Hz s cm2)" or u.Unit(found.unit).is_equivalent("Jy")
+    np.testing.assert_allclose(found.flux, flux_of_ball(), rtol=1e-3)
+    near = vm.spectrum(shells, DUST, frequencies=FREQUENCIES, distance=0.1 * u.pc)
+    np.testing.assert_allclose(near.flux, 100.0 * found.flux, rtol=1e-3)
+
+
+def test_an_aperture(shells):
+    """A circle of 0.4 of the ball's radius, as an angle and as a length."""
+    distance = 10 * u.pc
+    radius = 0.4 * RADIUS
+    angle = np.arctan(radius / (10 * PARSEC)) * u.rad
+    expected = flux_of_ball(within=radius, distance=10 * PARSEC)
+    for aperture in (angle.to("arcsec"), radius * u.cm):
+        found = vm.spectrum(
+            shells, DUST, frequencies=FREQUENCIES, aperture=aperture, distance=distance
+        )
+        np.testing.assert_allclose(found.flux, expected, rtol=1e-3)
+
+
+def test_a_frame_around_a_cube(cube):
+    """Seen along an axis: a slab's intensity on the area of a face."""
+    alpha = DENSITY * KAPPA.absorption(FREQUENCIES)
+    intensity = CODATA.planck(FREQUENCIES, TEMPERATURE) * -np.expm1(-alpha * RADIUS)
+    found = vm.spectrum(cube, DUST, frequencies=FREQUENCIES, distance=1 * u.pc)
+    np.testing.assert_allclose(found.flux, intensity * (RADIUS / PARSEC) ** 2, rtol=1e-5)
+    # Seen at an angle the flux does not depend on how it is turned in the picture.
+    turned = [
+        vm.spectrum(
+            cube,
+            DUST,
+            vm.Orthographic(50, 20, posang, width=2 * RADIUS, resolution=64),
+            frequencies=FREQUENCIES,
+        ).flux
+        for posang in (0, 35)
+    ]
+    np.testing.assert_allclose(*turned, rtol=1e-3)
+
+
+def test_thin_dust_weighs_what_its_flux_says(cube):
+    """F = M κ B / d² where the optical depth is small."""
+    thin = vm.Dust("1e-6 * rho", TEMPERATURE, KAPPA)
+    found = vm.spectrum(cube, thin, incl=50, phi=20, frequencies=FREQUENCIES, distance=1 * u.pc)
+    mass = 1e-6 * DENSITY * RADIUS**3
+    expected = mass * KAPPA.absorption(FREQUENCIES) * CODATA.planck(FREQUENCIES, TEMPERATURE)
+    np.testing.assert_allclose(found.flux, expected / PARSEC**2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("shape", ["rings", "frame"])
+def test_a_star_adds_its_flux(shape, shells, cube):
+    """π R² B / d², through what is in front of it: half of the ball, or of the cube."""
+    volume = shells if shape == "rings" else cube
+    radius, hot = 1e9, 5000.0
+    star = vm.Stars([(0.0, 0.0, 0.0)], [vm.Blackbody(hot)], luminosities=[np.pi * radius**2])
+    dark, lit = (
+        vm.spectrum(volume, DUST, frequencies=FREQUENCIES, objects=objects, tolerance=1e-3).flux
+        for objects in ([], [star])
+    )
+    half = RADIUS if shape == "rings" else 0.5 * RADIUS
+    through = np.exp(-DENSITY * KAPPA.absorption(FREQUENCIES) * half)
+    surface = np.pi * radius**2 * CODATA.planck(FREQUENCIES, hot) / PARSEC**2
+    np.testing.assert_allclose(lit - dark, surface * through, rtol=2e-3)
+
+
+def test_rings_of_one_ray(shells):
+    """Rings are annuli: a medium of constant brightness has the flux of the circle."""
+    rings = Rings(np.linspace(0.0, 0.5, 6) * RADIUS, None, 8)
+    assert rings.areas.sum() * 8 == pytest.approx(np.pi * (0.5 * RADIUS) ** 2)
+    fine = rings.finer()
+    assert fine.resolution == (16, 10)
+    assert fine.areas.sum() * 16 == pytest.approx(np.pi * (0.5 * RADIUS) ** 2)
+    image = vm.render(shells, vm.Coefficients("1", 0), rings, scheme="first-order")
+    radii = np.sqrt(rings.squares[1::2])
+    expected = 2.0 * np.sqrt(RADIUS**2 - radii**2)
+    outside = radii > 1e-3 * RADIUS
+    np.testing.assert_allclose(
+        image.intensity[outside, :, 0], np.tile(expected[:, None], 8)[outside], rtol=1e-5
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"distance": -1 * u.pc}, "distance must be positive"),
+        ({"aperture": 0 * u.arcsec}, "aperture must be a positive angle or length"),
+        ({"camera": vm.Perspective((0, 0, -9e13), (0, 0, 0))}, "picture of a vm.Orthographic"),
+        ({"camera": vm.Orthographic(), "aperture": 1 * u.arcsec}, "give one of them"),
+    ],
+)
+def test_what_cannot_be_is_refused(arguments, message, cube):
+    with pytest.raises(vm.InputError, match=message):
+        vm.spectrum(cube, DUST, frequencies=FREQUENCIES, **arguments)
+
+
+def test_a_tolerance_that_is_not_kept_warns(cube, monkeypatch):
+    monkeypatch.setattr("voluminous.observing.spectra._FINEST", 128)
+    far = vm.Orthographic(50, 20, width=100 * RADIUS, resolution=64)
+    with pytest.warns(UserWarning, match="fluxes still change"):
+        vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-5)
