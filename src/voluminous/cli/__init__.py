@@ -16,11 +16,23 @@ from types import ModuleType
 
 from ..errors import VoluminousError
 from ..packages import VERSION
-from . import convert, demo, doctor, formats, info, measure, movie, probe, render, view
+from . import convert, demo, doctor, formats, info, measure, movie, probe, radmc3d, render, view
 
 COMMANDS: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
-    for module in (demo, render, view, movie, info, measure, probe, convert, formats, doctor)
+    for module in (
+        demo,
+        render,
+        view,
+        movie,
+        radmc3d,
+        info,
+        measure,
+        probe,
+        convert,
+        formats,
+        doctor,
+    )
 }
 
 FAILED, INTERRUPTED = 2, 130

@@ -127,3 +127,9 @@ def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
             line = " ".join(["%.16e"] * parameters) + "\n"
             for plane in values.transpose(3, 0, 1, 2).reshape(len(waves), -1):
                 file.write((line * (nx * ny) % tuple(plane.tolist()) + "\n").encode())
+
+
+def write_spectrum(path: Path, wavelengths: np.ndarray, fluxes: np.ndarray) -> None:
+    """Write ``spectrum.out``: wavelengths in micron, and fluxes at 1 pc in erg/s/cm²/Hz."""
+    rows = [f"{wave:21.13e}{flux:22.13e}" for wave, flux in zip(wavelengths, fluxes, strict=True)]
+    path.write_text("\n".join(["1", str(len(rows)), "", *rows]) + "\n")

@@ -1,0 +1,306 @@
+"""Against images and spectra of the real RADMC-3D: dust, lines, free-free emission and stars.
+
+Each reference is drawn from the model's own files by RADMC-3D's own words. Where RADMC-3D has a
+defect that is not copied, the case is in one of the lists below, which say what is compared.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import radmc3d_cases
+import voluminous as vm
+from radmc3d_cases import case_of, reference_of, stored_model, write_model, write_settings
+from reference import data_directory
+from voluminous.backend import dr
+from voluminous.cli import main
+from voluminous.cli.radmc3d_session import Session, drawn
+from voluminous.cli.radmc3d_words import request_of
+from voluminous.physics.constants import RADMC3D
+from voluminous.schemes.base import Solution
+from voluminous.schemes.first_order import FirstOrder
+
+# Cases that are drawn whenever the tests run, one or two of each kind; all others are exhaustive.
+QUICK = {
+    "dust_cart": ("first_face_stars", "second_obl", "second_tau", "local_proj2", "first_tausurf1"),
+    "dust_octree": ("first_fluxcons", "second_obl"),
+    "dust_spher2d": ("second_obl2",),
+    "dust_spher3d": ("first_obl", "local_inside"),
+    "external": ("first_obl", "spec_obl"),
+    "extras_partition": ("first",),
+    "freefree": ("first_ff_dust",),
+    "line_cart": ("first_co21", "second_co21", "catch_co21", "first_lambdas"),
+    "line_octree": ("second_co21",),
+    "line_spher3d": ("first_obl2",),
+    "spectra_cart": ("first_co21",),
+    "spectra_spher2d": ("nostar", "circ_sed"),
+    "star_table": ("first",),
+}
+# A ray from a star within a cell begins with j = α = 0 in second order (SPEC.md, 14.3); a star's
+# place in the picture does not depend on posang, nor on a local observer's projection (14.14). All
+# pixels but those of stars are compared.
+STAR_ELSEWHERE = {
+    ("dust_cart", "second_face_stars"),
+    ("dust_cart", "second_obl_stars"),
+    ("dust_cart", "first_posang_stars"),
+    ("dust_cart", "local_proj1"),
+    ("dust_octree", "second_obl"),
+    ("external", "second_obl"),
+    ("external", "local"),
+    ("star_table", "second"),
+}
+
+# Rays exactly along the edges of cells, as (row, column): which cells they meet is decided by
+# rounding in RADMC-3D; where cells of unequal size meet, second order has several values there.
+ALONG_EDGES = {("dust_octree", "second_obl"): [(17, 15), (21, 15)]}
+
+
+def cases(*quantities: str, catching: bool = False) -> list:
+    """Return a parameter for each case of these quantities; the longer ones are exhaustive."""
+    chosen = []
+    for name in radmc3d_cases.MODELS:
+        path = data_directory() / "radmc3d_physics" / f"{name}.npz"
+        if not path.is_file():
+            continue
+        meta = json.loads(str(np.load(path)["meta"]))
+        for case in meta["cases"]:
+            if case["quantity"] not in quantities or case["doppler_catching"] != catching:
+                continue
+            marks = () if case["id"] in QUICK[name] else pytest.mark.exhaustive
+            chosen.append(pytest.param(name, case["id"], marks=marks, id=f"{name}-{case['id']}"))
+    skip = pytest.mark.skip(reason="no radmc3d_physics; set VOLUMINOUS_TEST_DATA")
+    return chosen or [pytest.param("", "", marks=skip, id="no data")]
+
+
+class SmallDepths(FirstOrder):
+    """First order with RADMC-3D's branch: 1 - exp(-τ) is τ up to τ = 1e-4, and wrong by τ²/2."""
+
+    def solve(self, segment, source, carried):
+        solution, carried = super().solve(segment, source, carried)
+        j, _ = source.at(segment)
+        depth = solution.depth
+        emission = []
+        for c, (jc, b) in enumerate(zip(j, solution.emission, strict=True)):
+            tau = depth[c if len(depth) > 1 else 0]
+            emission.append(dr.select(tau > 1e-4, b, jc * segment.length))
+        return Solution(emission, solution.transparency, depth), carried
+
+
+class AsRadmc3d(Session):
+    """A session that copies RADMC-3D's branch for small optical depths."""
+
+    def scheme(self):
+        return super().scheme() if self.request.second else SmallDepths()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Give a function that returns the folder of a model, with the files of a case."""
+    base = tmp_path_factory.mktemp("models")
+
+    def written(name, case_id):
+        stored, meta = stored_model(name)
+        if not (base / name).is_dir():
+            write_model(stored, meta, base / name)
+        case = case_of(meta, case_id)
+        write_settings(meta, case, base / name)
+        return base / name, reference_of(stored, case), case
+
+    return written
+
+
+@pytest.fixture
+def model(folder):
+    """Give a function that returns reference, session and case of a model."""
+
+    def opened(name, case_id):
+        path, expected, case = folder(name, case_id)
+        session = AsRadmc3d.of(request_of(case["arguments"].split()), path)
+        np.testing.assert_allclose(session.frequencies, case["nu_hz"], rtol=1e-14)
+        return expected, session, case
+
+    return opened
+
+
+def differences(found, expected, seen=slice(None)):
+    """Return the largest difference of each channel, relative to its maximum."""
+    off = np.abs(found - expected)[seen].reshape(-1, expected.shape[-1]).max(axis=0)
+    peaks = np.abs(expected).max(axis=(0, 1))
+    return np.where(off > 0.0, off / np.where(peaks > 0.0, peaks, 1.0), 0.0)
+
+
+@pytest.mark.parametrize(("name", "case_id"), cases("intensity", "tau"))
+def test_images_are_radmc3ds(name, case_id, model):
+    """To 1e-7 in first order and 1e-8 in second, of the brightest pixel of each channel."""
+    expected, session, case = model(name, case_id)
+    image = session.result(precision="double")
+    seen = np.ones(expected.shape[:2], bool)
+    if (name, case_id) in STAR_ELSEWHERE:
+        seen = without_stars(image, session)
+    for pixel in ALONG_EDGES.get((name, case_id), ()):
+        seen[pixel] = False
+    limit = 1e-8 if case["order"] == 2 else 1e-7
+    assert differences(image.intensity, expected, seen).max() <= limit
+
+
+def without_stars(image, session):
+    """Return which pixels have no star, in the picture or in RADMC-3D's."""
+    positions = np.array([star.position for star in session.model.stars]).T
+    camera, grid = session.camera(), session.volume.grid
+    places = [camera.project(positions, grid)[:2]]
+    if session.request.local:  # RADMC-3D's are direction cosines
+        eye, *axes = camera.frame(grid).vectors
+        away = positions - eye[:, None]
+        places.append((np.stack(axes) @ (away / np.linalg.norm(away, axis=0)))[:2])
+    else:
+        places.append(camera.replace(posang=0.0).project(positions, grid)[:2])
+    seen = np.ones(image.shape[:2], bool)
+    x, y = np.meshgrid(image.x, image.y)
+    reach = 0.5000001 * np.array(image.pixel_size)  # a star may be on the edge of pixels
+    for u, v in np.hstack(places).T:
+        seen &= (np.abs(x - u) > reach[0]) | (np.abs(y - v) > reach[1])
+    assert np.count_nonzero(~seen) <= 4 * positions.shape[1]
+    return seen
+
+
+@pytest.mark.parametrize(("name", "case_id"), cases("tausurf"))
+def test_tau_surfaces_are_radmc3ds(name, case_id, model):
+    expected, session, _ = model(name, case_id)
+    found = session.result(precision="double").intensity
+    reached = expected > -1e90
+    np.testing.assert_array_equal(found > -1e90, reached)
+    bounds = session.volume.grid.bounds
+    size = float(np.max(bounds[:, 1] - bounds[:, 0]))
+    assert np.abs(found - expected)[reached].max() <= 1e-10 * size
+
+
+@pytest.mark.parametrize(("name", "case_id"), cases("spectrum"))
+def test_spectra_are_radmc3ds(name, case_id, model):
+    """To 1e-7 of each flux."""
+    expected, session, _ = model(name, case_id)
+    found = session.result(precision="double").flux
+    # Fluxes below 1e-97 are written as 0.
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-97)
+
+
+@pytest.mark.parametrize(("words", "name"), [("", "image.out"), ("imageunform", "image.bout")])
+def test_the_command_line_writes_radmc3ds_file(words, name, folder, capsys):
+    """In first order to RADMC-3D's branch for small depths: up to 5e-5 of a segment."""
+    path, expected, case = folder("dust_octree", "first_fluxcons")
+    code = main(["radmc3d", "--model", str(path), *case["arguments"].split(), *words.split()])
+    assert code == 0
+    assert "12 x 12 pixels, 2 wavelengths" in capsys.readouterr().out
+    image = vm.Image.load(path / name)
+    assert differences(image.intensity, expected).max() <= 2e-5
+    waves = image.provenance["wavelengths_micron"]
+    np.testing.assert_allclose(waves, case["wavelength_micron"], rtol=1e-14)
+    camera = case["camera"]
+    np.testing.assert_allclose(image.pixel_size, 2 * camera["half_size"][0] / 12, rtol=1e-12)
+
+
+def test_the_command_line_writes_a_spectrum(folder):
+    path, expected, case = folder("spectra_spher2d", "nostar")
+    assert main(["radmc3d", "-q", "--model", str(path), *case["arguments"].split()]) == 0
+    lines = (path / "spectrum.out").read_text().splitlines()
+    assert lines[:3] == ["1", "5", ""]
+    rows = np.array([line.split() for line in lines[3:]], dtype=float)
+    np.testing.assert_allclose(rows[:, 0], 2.99792458e14 / np.array(case["nu_hz"]), rtol=1e-12)
+    np.testing.assert_allclose(rows[:, 1], expected, rtol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words", "message"),
+    [
+        ("camera_interpol_jnu = 0", "", "camera_interpol_jnu must be 1"),
+        ("thermal_boundary_xl = 30", "", "thermal boundaries are drawn with one ray per pixel"),
+        ("lines_mode = 3", "inclline", "not in LTE"),
+        ("", "nodust", "nothing is on"),
+        ("", "ilambda 99", "61 wavelengths"),
+        ("", "nrrefine 3", "nrrefine 3"),
+    ],
+)
+def test_models_that_draw_another_picture_are_refused(setting, words, message, folder, capsys):
+    path, _, _ = folder("star_table", "first")
+    (path / "radmc3d.inp").write_text(f"scattering_mode_max = 0\n{setting}\n")
+    channels = "" if "ilambda" in words else "lambda 10"
+    assert main(["radmc3d", "--model", str(path), "image", *f"{channels} {words}".split()]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_scattering_needs_noscat(folder, capsys):
+    """A table with κ_scat: Monte Carlo, unless noscat is given; then κ_scat does not dim."""
+    path, _, _ = folder("star_table", "first")
+    (path / "radmc3d.inp").write_text("")
+    table = np.loadtxt(path / "dustkappa_grain0.inp", skiprows=2)
+    kept = (path / "dustkappa_grain0.inp").read_text()
+    rows = "\n".join(f"{w!r} {k!r} {2 * k!r}" for w, k in table.tolist())
+    (path / "dustkappa_grain0.inp").write_text(f"2\n{len(table)}\n{rows}\n")
+    try:
+        words = ["image", "lambda", "10", "npix", "4", "nofluxcons", "nostar"]
+        assert main(["radmc3d", "--model", str(path), *words]) == 2
+        assert "give noscat" in capsys.readouterr().err
+        dimmed = drawn(path, " ".join(words) + " tracetau")
+        plain = drawn(path, " ".join(words) + " tracetau noscat")
+    finally:
+        (path / "dustkappa_grain0.inp").write_text(kept)
+    np.testing.assert_allclose(dimmed.intensity, 3.0 * plain.intensity, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("words", "wall"), [("incl 0", "zl"), ("incl 180", "zr"), ("incl 90 phi 90", "xr")]
+)
+def test_a_thermal_boundary_shines_through(words, wall, folder):
+    """I = I₀ + B(T) exp(-τ) within the grid: light enters by the face away from the observer."""
+    path, _, _ = folder("star_table", "first")
+    common = f"image lambda 1000 npix 12 nofluxcons nostar {words}"
+    dark, depth = (drawn(path, f"{common} {more}").intensity for more in ("", "tracetau"))
+    (path / "radmc3d.inp").write_text(f"scattering_mode_max = 0\nthermal_boundary_{wall} = 30\n")
+    lit = drawn(path, common).intensity
+    within = np.where(depth > 0.0, RADMC3D.planck(2.99792458e11, 30.0) * np.exp(-depth), 0.0)
+    assert np.any(within == 0.0)
+    np.testing.assert_allclose(lit, dark + within, rtol=1e-12)
+
+
+def test_a_column_is_the_mass_of_the_dust(folder):
+    """All of the box is in the default frame; the finer the pixels, the closer the sum."""
+    path, _, _ = folder("dust_cart", "first_obl")
+    image = drawn(path, "image tracecolumn npix 150 incl 57 phi 33")
+    volume = vm.open(path)
+    density = volume.evaluate("dust_density_1 + dust_density_2")
+    mass = float(np.sum(density * np.asarray(volume.grid.cell_volumes)))
+    assert np.sum(image.intensity) * np.prod(image.pixel_size) == pytest.approx(mass, rel=1e-3)
+
+
+def test_free_free_by_a_word(folder):
+    """RADMC-3D knows the setting, but not the word."""
+    path, expected, case = folder("freefree", "first_ff")
+    (path / "radmc3d.inp").write_text("scattering_mode_max = 0\n")
+    image = drawn(path, case["arguments"] + " inclfreefree")
+    assert differences(image.intensity, expected).max() <= 2e-5
+    with pytest.raises(vm.InputError, match="nothing is on"):
+        drawn(path, case["arguments"])
+
+
+def test_channels_of_files_and_numbers(folder):
+    """A frequency, a global wavelength by its number, and several of these."""
+    path, _, _ = folder("star_table", "first")
+    (path / "camera_frequency.inp").write_text("2\n1e12\n3e11\n")
+    waves = np.loadtxt(path / "wavelength_micron.inp", skiprows=1)
+    (path / "color_inus.inp").write_text("1\n2\n30\n40\n")
+
+    def frequencies(words):
+        return Session.of(request_of(["image", *words.split()]), path).frequencies
+
+    np.testing.assert_allclose(frequencies("loadlambda"), [1e12, 3e11], rtol=1e-14)
+    np.testing.assert_allclose(frequencies("ilambda 30"), 2.99792458e14 / waves[29], rtol=1e-14)
+    np.testing.assert_allclose(frequencies("color"), 2.99792458e14 / waves[[29, 39]], rtol=1e-14)
+    np.testing.assert_allclose(frequencies("nuhz 1e11"), [1e11], rtol=1e-14)
+    (path / "camera_frequency.inp").unlink()
+
+
+def test_a_folder_without_a_model_is_refused(tmp_path, capsys):
+    assert main(["radmc3d", "--model", str(tmp_path), "image", "lambda", "10"]) == 2
+    assert "has no amr_grid.inp" in capsys.readouterr().err
