@@ -1,5 +1,6 @@
 """Cubes: closed forms of moments, fluxes, temperatures and cuts, and files of other programs."""
 
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -11,7 +12,7 @@ from astropy.wcs import WCS
 
 import voluminous as vm
 from voluminous.errors import InputError, UnitsError
-from voluminous.image import SpectralAxis
+from voluminous.image import SpectralAxis, conversion
 from voluminous.image.beam import fits_beam
 
 CO = 230.538 * u.GHz
@@ -244,6 +245,17 @@ def test_plots_have_a_panel_for_each_channel():
         cube.plot(ax=[panels[0]])
 
 
+def test_what_recedes_is_red():
+    cube = gaussian()
+    left, right = cube.to_rgb()[15, [12, 28]]  # approaching and receding by 0.8 km/s
+    assert left[2] > 2 * left[0]
+    assert right == pytest.approx(left[::-1], abs=1e-6)
+    total = cube.in_colors().intensity.sum(axis=(0, 1))
+    assert total == pytest.approx(total.mean(), rel=1e-9)  # grey
+    assert np.array_equal(cube.to_rgb(channels=30), vm.Image(cube.intensity[..., 30]).to_rgb())
+    assert cube.to_rgb(exposure=cube.exposure) == pytest.approx(cube.to_rgb())
+
+
 # Cuts.
 
 
@@ -406,3 +418,25 @@ def test_images_of_radmc3d_are_cubes(tmp_path):
     assert isinstance(again, vm.Cube)
     assert np.array_equal(again.intensity, values)
     assert again.spectral.wavelengths.tolist() == [870, 1300]
+
+
+def test_moments_and_files_hold_no_second_cube(tmp_path, monkeypatch):
+    monkeypatch.setattr(conversion, "_TOGETHER", 2**14)
+    axis = vm.channels(-6, 6, 400, rest=CO)
+    cube = vm.Cube(np.ones((64, 64, 400), np.float32), spectral=axis, unit="au")
+    cube.moment(2)
+    vm.Cube(np.ones((2, 2, 2)), spectral=[1, 2]).save(tmp_path / "first.fits")  # imports
+    tracemalloc.start()
+    for work in (cube.moment, lambda _: cube.save(tmp_path / "a.fits")):
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        work(2)
+        assert tracemalloc.get_traced_memory()[1] - before < 0.2 * cube.intensity.nbytes
+    tracemalloc.stop()
+
+
+def test_optical_depths_that_wait_are_not_drawn_for_a_file(tmp_path):
+    cube = vm.Cube(np.ones((2, 3, 4)), spectral=[1, 2, 3, 4], optical_depth=lambda: 1 / 0)
+    for suffix in (".fits", ".npz", ".exr"):
+        cube.save(tmp_path / f"a{suffix}")
+        assert vm.Image.load(tmp_path / f"a{suffix}").optical_depth is None

@@ -25,8 +25,8 @@ Linear = tuple[np.ndarray, float]  # coordinates and their step
 TEXT = "VOLMETA"
 # Key and name of the WCS of the image plane in files whose first one is of the sky.
 _PLANE, _PLANE_NAME = "A", "image plane"
-# The spelling that radio astronomy software writes and expects.
-_PER_BEAM = "Jy/beam"
+# How radio astronomy software spells what is per beam or pixel.
+_PER = {"beam": "/beam", "pix": "/pixel"}
 # Coordinates this near to a linear axis (in pixels) count as linear; rounding is far below.
 _LINEAR_TO = 1e-6
 # Kinds of axes that are in degrees unless their header says otherwise.
@@ -135,7 +135,11 @@ def unit_card(unit: str) -> str:
 
     try:
         parsed = u.Unit(unit)
-        return _PER_BEAM if parsed == u.Unit(_PER_BEAM) else parsed.to_string("fits")
+        for name, ending in _PER.items():
+            above = (parsed * u.Unit(name)).to_string("fits")
+            if above.isalpha() and name not in above:
+                return f"{above}{ending}"
+        return str(parsed.to_string("fits"))
     except (ValueError, TypeError):
         return unit.encode("ascii", "replace").decode()[:68]
 

@@ -329,7 +329,8 @@ class Image:
         """Read an image written by `save` or by another program.
 
         NPZ and FITS restore everything bit for bit, TIFF and EXR the intensities in float32
-        (EXR also optical depth and transparency). A PNG gives its display values, from 0 to 1;
+        (EXR also optical depth and transparency). A file whose channels have wavelengths,
+        frequencies or velocities gives a `Cube`. A PNG gives its display values, from 0 to 1;
         with 16 bits per colour it needs the package imagecodecs (``voluminous[tiff]``).
 
         Raises
@@ -410,8 +411,9 @@ class Image:
         Parameters
         ----------
         distance : Quantity, str or float
-            Distance of the object, e.g. ``140 * u.pc``; plain numbers are in the image's unit. Not
-            for perspective cameras, whose image coordinates are angles.
+            Distance of the object, e.g. ``140 * u.pc``; plain numbers are in the image's unit.
+            Default: that of the image. Not for perspective cameras, whose image coordinates are
+            angles.
         position : SkyCoord, (ra, dec) or str
             Position of the plane's origin, x = y = 0; plain numbers are degrees (ICRS).
         posang : float or Quantity
@@ -438,8 +440,8 @@ class Image:
         ----------
         beam : float, Quantity, tuple or radio_beam.Beam
             Full width at half maximum; or (major, minor), or (major, minor, position angle).
-            Lengths in the image's plane, or angles if it is on the sky; plain numbers are in its
-            unit. The angle runs from north to east (from up to the left).
+            Lengths in the image's plane, or angles if it is on the sky or has a `distance`; plain
+            numbers are in its unit. The angle runs from north to east (from up to the left).
 
         Returns
         -------
@@ -464,9 +466,10 @@ class Image:
         Parameters
         ----------
         unit : str or unit
-            A length (or an angle, if the plane has angles) converts `x`, `y` and `pixel_size`; any
-            other unit, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``, converts intensities,
-            errors and bounds. For maps whose values are lengths (depths), a length converts both.
+            A length or an angle converts `x`, `y` and `pixel_size`, from one to the other by
+            `distance`; any other unit, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``,
+            converts intensities, errors and bounds; of a `Cube` also to ``"K"``. For maps whose
+            values are lengths (depths), a length converts both.
         beam : optional
             As in `convolve`, for units per beam. Default: the one the image was convolved with.
 
