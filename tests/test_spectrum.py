@@ -151,3 +151,17 @@ def test_a_tolerance_that_is_not_kept_warns(cube, monkeypatch):
     far = vm.Orthographic(50, 20, width=100 * RADIUS, resolution=64)
     with pytest.warns(UserWarning, match="fluxes still change"):
         vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-5)
+
+
+def test_a_star_where_dust_is_dark():
+    """At 0.3 micron dust of 10 K is 1e-2000 of a star, whose flux is all there is."""
+    edges = np.linspace(-0.5, 0.5, 3) * RADIUS
+    grid = vm.CartesianGrid(edges, edges, edges, unit="cm")
+    haze = vm.Volume(grid, rho=np.full(grid.shape, 1e-24) * u.g / u.cm**3)
+    star = vm.Stars([(0.0, 0.0, 0.0)], [vm.Blackbody(5000.0)], radii=1e9, points=True)
+    waves = [0.3, 1.0, 870.0]
+    found = vm.spectrum(
+        haze, vm.Dust("rho", 10.0, KAPPA), wavelengths=waves, objects=star, tolerance=None
+    )
+    expected = np.pi * 1e18 * CODATA.planck(2.99792458e14 / np.array(waves), 5000.0) / PARSEC**2
+    np.testing.assert_allclose(found.flux, expected, rtol=1e-4)

@@ -25,7 +25,7 @@ from ..rendering.cache import Cache
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..units import unit_of
 from ..volume import Volume
-from .light import INTENSITY, intensities, lit, model_background, model_stars
+from .light import INTENSITY, intensities, lit, model_background, model_stars, with_room_for
 
 if TYPE_CHECKING:
     from ..progress import Progress
@@ -109,7 +109,7 @@ def observe(
     things = [things] if isinstance(things, SceneObject) else list(things)
     behind = model_background(volume) if background is None else background
     bands = bands_of(volume, medium, axis.frequencies, known)
-    bands = replace(bands, once=len(axis) > _TOGETHER)
+    bands = with_room_for([*things, behind], replace(bands, once=len(axis) > _TOGETHER))
     tuned, count = at_frequencies(medium, bands), len(axis)
     groups = [slice(0, count)] if count <= _TOGETHER else list(_groups(count))
     report = reporter()

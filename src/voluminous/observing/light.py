@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from ..media.spectral import Bands
     from ..volume import Volume
 
+# How many times the unit of a channel a light may be. Single precision ends at 2^128.
+_BRIGHTEST = 2.0**90
 INTENSITY = "erg / (s cm2 Hz sr)"
 
 
@@ -41,6 +44,22 @@ def model_background(volume: Volume) -> Any:
     folder = volume.meta.get("radmc3d")
     found = None if folder is None else room("io.radmc3d.model").read_model(folder).external
     return 0.0 if found is None else found
+
+
+def with_room_for(lights: list[Any], bands: Bands) -> Bands:
+    """Return bands in whose units single precision holds all lights: objects and the background.
+
+    Where dust is dark, far in Wien's tail, stars may be 1e60 times brighter, or more.
+    """
+    peaks = np.zeros(len(bands.unit))
+    for light in lights:
+        things = isinstance(light, SceneObject)
+        colors = getattr(lit(light, bands), "colors", 0.0) if things else intensities(light, bands)
+        if not _is_named(colors):
+            rows = np.atleast_2d(np.asarray(colors, dtype=np.float64))
+            peaks = np.maximum(peaks, rows.reshape(-1, rows.shape[-1]).max(axis=0))
+    beyond = np.ceil(np.log2(np.maximum(peaks / _BRIGHTEST, 1.0)))
+    return replace(bands, unit=bands.unit * 2.0**beyond) if beyond.any() else bands
 
 
 def lit(thing: SceneObject, bands: Bands) -> SceneObject:

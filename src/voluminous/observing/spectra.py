@@ -12,7 +12,7 @@ from ..cameras import Orthographic
 from ..errors import InputError
 from ..geometry import CARTESIAN
 from ..image.spectrum import Spectrum
-from ..objects import SceneObject
+from ..objects import SceneObject, Stars
 from ..progress import Progress, with_progress
 from ..units import as_given, parse_unit, plain, radians
 from .cubes import observe
@@ -237,25 +237,24 @@ def _flux_of_points(
 
     Each is drawn into a picture of one pixel around it, from which that without it is taken.
     """
-    total = np.zeros(1)
+    total, (view, outer) = np.zeros(1), (rings.flat(), float(np.sqrt(rings.squares[-1])))
     for thing in things:
-        positions = getattr(thing, "positions", None)
-        if getattr(thing, "luminosities", None) is None or positions is None:
+        if not isinstance(thing, Stars) or not (thing.points or thing.radii is None):
             raise InputError(
-                "of rings and apertures objects must be points: vm.Stars with luminosities; got "
-                f"{thing!r}; give a camera"
+                "objects on rings and in apertures must be points: vm.Stars with luminosities, or "
+                f"with radii and points=True; got {thing!r}; give a camera"
             )
-        places = np.atleast_2d(np.asarray(plain(positions, volume.unit, "positions")))
-        view, outer = rings.flat(), float(np.sqrt(rings.squares[-1]))
+        places = np.atleast_2d(np.asarray(plain(thing.positions, volume.unit, "positions")))
+        discs = 0.0 if thing.radii is None else plain(thing.radii, volume.unit, "radii")
+        side = max(1e-3 * outer, 4.0 * float(np.max(discs)))
         across, up, _ = view.project(places.T, volume.grid)
-        inside = np.hypot(across, up) <= outer
-        for place, seen in zip(np.stack([across, up], axis=1), inside, strict=True):
-            if not seen:
+        for x, y in zip(across, up, strict=True):
+            if np.hypot(x, y) > outer:
                 continue
-            near = view.replace(width=1e-3 * outer, resolution=1, shift=tuple(place))
-            both = [
+            near = view.replace(width=side, resolution=1, shift=(x, y))
+            lit, dark = (
                 observe(volume, medium, near, objects=some, **options).intensity[0, 0]
                 for some in ([thing], [])
-            ]
-            total = total + (both[0] - both[1]) * (1e-3 * outer) ** 2
+            )
+            total = total + (lit - dark) * side**2
     return total
