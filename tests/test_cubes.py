@@ -122,6 +122,15 @@ def test_pixels_of_a_distant_plane_are_solid_angles():
         vm.Image(np.ones((2, 2)), intensity_unit="Jy / sr").to("K")
 
 
+def test_a_beam_turns_with_the_plane():
+    smooth = gaussian().convolve((0.5 * u.arcsec, 0.3 * u.arcsec, 20))
+    turned = smooth.on_sky(position=(30, 10), posang=25)
+    assert np.array(fits_beam(turned)) * (3600, 3600, 1) == pytest.approx((0.5, 0.3, 45))
+    per_beam = smooth.to("Jy / beam").intensity
+    for other in (turned, smooth.to("K"), smooth.to("arcsec"), smooth.to("arcsec").to("pc")):
+        assert other.to("Jy / beam").intensity == pytest.approx(per_beam, rel=1e-6)
+
+
 def test_errors_and_tiny_intensities_are_converted():
     cube = gaussian(dtype=np.float32)
     tiny = cube.replace(
@@ -408,6 +417,17 @@ def test_cubes_of_telescopes(tmp_path, kind, unit, value, step):
     assert cube.spectral.frequencies == pytest.approx(nu.value, rel=1e-9)
     area = np.pi / (4 * np.log(2)) * np.deg2rad(3e-4) * np.deg2rad(2e-4)
     assert cube.to("Jy / sr").intensity == pytest.approx(cube.intensity / area, rel=1e-6)
+
+
+def test_velocities_of_telescopes_without_a_rest_frequency(tmp_path):
+    header = fits.Header({"CTYPE1": "RA---SFL", "CTYPE2": "DEC--SFL", "CTYPE3": "VOPT"})
+    for k, (at, by) in enumerate(((10, -1e-4), (20, 1e-4), (-2000, 500)), start=1):
+        header[f"CRVAL{k}"], header[f"CDELT{k}"], header[f"CRPIX{k}"] = at, by, 1.0
+    header["CUNIT3"] = "m/s"
+    fits.writeto(tmp_path / "a.fits", np.ones((5, 3, 2)), header)
+    cube = vm.Image.load(tmp_path / "a.fits")
+    assert cube.spectral.velocities == pytest.approx([-2, -1.5, -1, -0.5, 0], abs=1e-12)
+    assert cube.moment(1).intensity == pytest.approx(-1)
 
 
 def test_images_of_radmc3d_are_cubes(tmp_path):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..units import degrees, parse_unit, plain, unit_of
-from .sky import radians_per_unit
+from .sky import plane_factor, radians_per_unit
 
 if TYPE_CHECKING:
     from astropy import units as u
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .image import Image
 
 # Ratio of a Gaussian's standard deviation to its full width at half maximum.
-_SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
+SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
 # Radius of the kernel in standard deviations; 4e-7 of the Gaussian lies outside.
 _REACH = 5.5
 # Maximum full width in sides of the image: the size of a kernel grows with the square.
@@ -56,7 +56,7 @@ def convolve(image: Image, beam: Any) -> Image:
         raise InputError(f"the image was convolved before, with {how['beam']}")
     beam = as_beam(beam)
     covariance = _in_pixels(image, beam)
-    widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / _SIGMA / max(image.shape[:2])
+    widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / SIGMA / max(image.shape[:2])
     if not widest <= _WIDEST:
         raise InputError(
             f"the beam is {widest:.3g} times as wide as the image, expected at most {_WIDEST:g}; "
@@ -66,9 +66,22 @@ def convolve(image: Image, beam: Any) -> Image:
     names = ("intensity", "transparency", "error", "lower", "upper")
     planes = {name: image.plane(name) for name in names}
     smooth = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
+    beam = _of_plane(image, beam)
     described = {**beam._asdict(), "unit": str(beam.unit or "")}
     # A mean over the beam has no optical depth.
     return image.replace(optical_depth=None, provenance={**how, "beam": described}, **smooth)
+
+
+def _of_plane(image: Image, beam: Beam) -> Beam:
+    """Return a beam in the unit of a plane that is not on the sky yet.
+
+    Its angle is from up to the left, which need not be from north to east later.
+    """
+    own = parse_unit(image.unit)
+    if beam.unit is None or own is None or sky_matrix(image) is not None:
+        return beam
+    factor = plane_factor(image, beam.unit, own)
+    return beam if factor is None else Beam(factor * beam.major, factor * beam.minor, beam.pa, own)
 
 
 def as_beam(beam: Any) -> Beam:
@@ -95,7 +108,7 @@ def beam_area(image: Image, beam: Beam) -> float:
     """Return the solid angle of a beam on the sky in steradians: 2π σ₁ σ₂."""
     unit = beam.unit
     if unit is not None and unit.is_equivalent("rad"):
-        return float(2.0 * np.pi * (_SIGMA * unit.to("rad")) ** 2 * beam.major * beam.minor)
+        return float(2.0 * np.pi * (SIGMA * unit.to("rad")) ** 2 * beam.major * beam.minor)
     to_sky = angle_matrix(image)
     if to_sky is None:
         raise UnitsError(
@@ -116,7 +129,13 @@ def fits_beam(image: Image) -> tuple[float, float, float] | None:
     (minor, major), axes = np.linalg.eigh(covariance)
     east, north = axes[:, 1]
     angle = np.rad2deg(np.arctan2(east, north)) % 180.0
-    return math.sqrt(major) / _SIGMA, math.sqrt(minor) / _SIGMA, float(angle)
+    return math.sqrt(major) / SIGMA, math.sqrt(minor) / SIGMA, float(angle)
+
+
+def beam_in_pixels(image: Image) -> np.ndarray | None:
+    """Return the covariance in pixels of the beam that an image was convolved with, if any."""
+    known = (image.provenance or {}).get("beam")
+    return None if known is None else _in_pixels(image, as_beam(known))
 
 
 def sky_matrix(image: Image) -> np.ndarray | None:
@@ -142,19 +161,21 @@ def _in_pixels(image: Image, beam: Beam) -> np.ndarray:
 
     Position angles run from north to east on the sky, and from up to the left on a plane.
     """
-    own, to_sky, unit = parse_unit(image.unit), angle_matrix(image), beam.unit
+    own, to_sky, unit = parse_unit(image.unit), sky_matrix(image), beam.unit
     is_angle = unit is not None and unit.is_equivalent("rad")
-    if is_angle and to_sky is not None:
-        to_plane, own = to_sky, parse_unit("deg")
-    elif unit is not None and (own is None or not unit.is_equivalent(own)):
-        advice = "; say how far it is: image.replace(distance=140 * u.pc)"
-        raise UnitsError(
-            f"the beam is in {unit}, the image's plane in {image.unit or 'no unit'}"
-            + advice * is_angle
-        )
+    if unit is not None and is_angle and to_sky is not None:
+        to_plane, scale = to_sky, float(unit.to("deg"))
     else:
         to_plane = np.diag(np.array(image.pixel_size) * [-1.0, 1.0])
-    factor = _SIGMA if unit is None else _SIGMA * float(unit.to(own))
+        there = None if own is None else plane_factor(image, unit or own, own)
+        if there is None and unit is not None:
+            advice = "; say how far it is: image.replace(distance=140 * u.pc)"
+            raise UnitsError(
+                f"the beam is in {unit}, the image's plane in {image.unit or 'no unit'}"
+                + advice * is_angle
+            )
+        scale = 1.0 if there is None else there
+    factor = SIGMA * scale
     c, s = math.cos(math.radians(beam.pa)), math.sin(math.radians(beam.pa))
     axes = np.array([[s, c], [c, -s]]).T * (factor * np.array([beam.major, beam.minor]))
     from_plane = np.linalg.inv(to_plane) @ axes

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..figures import new_figure
 from ..units import UnitLike
-from .beam import fits_beam
+from .beam import SIGMA, beam_in_pixels, sky_matrix
 from .image import Image
 from .lengths import labelled, pretty_unit, readable
 from .plot import add_scale_bar
@@ -22,7 +22,13 @@ if TYPE_CHECKING:
 
     from .cube import Cube
 
+Extent = tuple[float, float, float, float]  # left, right, bottom, top
+
 _PANEL, _MARGIN = 1.9, 1.0  # inches
+# From a corner to the middle of the beam, in its width.
+_BESIDE = 0.7
+# North is up if a pixel to the right is so many pixels north, at most.
+_UPRIGHT = 1e-6
 # More columns than rows, by this factor; so many panels are in one row.
 _FLAT, _IN_A_ROW = 1.3, 4
 _COLORMAP = "inferno"
@@ -44,14 +50,13 @@ def plot_maps(
 
     check_options("display option", options, OPTIONS)
     shown = cube if unit is None else cube.to(unit)
-    shown, size, name = _in_readable_unit(shown)
     if not any(options.get(o) is not None for o in ("colormap", "norm", "background")):
         options["colormap"] = None if signed_exposure(shown.intensity) else _COLORMAP
     together = Image(shown.intensity.reshape(-1, 1), intensity_unit=shown.intensity_unit)
     look = one_channel(together, **options)
     panels = _panels(shown, ax)
-    left, right, bottom, top = (size * edge for edge in shown.extent)
-    extent, drawn = (left, right, bottom, top), None
+    extent, names = _frame(shown, own=shown.unit != cube.unit)
+    drawn = None
     for k, (panel, text) in enumerate(zip(panels, labels(shown), strict=True)):
         drawn = panel.imshow(
             shown.intensity[..., k],
@@ -70,8 +75,8 @@ def plot_maps(
     corner.tick_params(labelleft=True, labelbottom=True, labelsize="small")
     for axis in (corner.xaxis, corner.yaxis):  # numbers at an edge would reach into neighbours
         axis.set_major_locator(MaxNLocator(4, prune="both"))
-    corner.set(xlabel=labelled("x", name), ylabel=labelled("y", name))
-    _draw_beam(corner, shown, size)
+    corner.set(xlabel=names[0], ylabel=names[1])
+    _draw_beam(corner, shown, extent)
     if scale_bar:
         add_scale_bar(panels[-1], shown, extent)
     if colorbar and drawn is not None:
@@ -94,11 +99,25 @@ def labels(cube: Cube) -> list[str]:
     return [text.replace("-", "−") for text in texts]
 
 
-def _in_readable_unit(cube: Cube) -> tuple[Cube, float, str]:
-    """Return the cube, in angles if they are known, and the factor and name of a readable unit."""
-    shown = cube if radians_per_unit(cube) is None else cube.to("arcsec")
-    width = max(abs(shown.extent[1] - shown.extent[0]), abs(shown.extent[3] - shown.extent[2]))
-    return shown, *readable(width, shown.unit)
+def _frame(cube: Cube, *, own: bool) -> tuple[Extent, list[str]]:
+    """Return the edges and the labels of the axes: angles if they are known, in readable units.
+
+    On the sky they are offsets from the middle; `own` keeps the unit of the image plane.
+    """
+    edges, names, unit = np.array(cube.extent), ["x", "y"], cube.unit
+    to_sky, scale = sky_matrix(cube), radians_per_unit(cube)
+    if not own and to_sky is not None and cube.wcs is not None:
+        east, north = np.diag(to_sky) * (cube.shape[1], cube.shape[0]) * 0.5
+        if np.abs(to_sky[[0, 1], [1, 0]]).max() < _UPRIGHT * np.abs(to_sky).max():
+            edges, unit = 3600.0 * np.array([-east, east, -north, north]), "arcsec"
+            kinds = (str(kind).split("-")[0] for kind in cube.wcs.celestial.wcs.ctype)
+            names = [f"{kind} offset" for kind in kinds]
+    if not own and unit == cube.unit and scale is not None:
+        edges, unit = np.rad2deg(scale * edges) * 3600.0, "arcsec"
+    size = max(np.ptp(edges[:2]), np.ptp(edges[2:]))
+    factor, known = (1.0, unit) if own else readable(float(size), unit)
+    left, right, bottom, top = (factor * edges).tolist()
+    return (left, right, bottom, top), [labelled(name, known) for name in names]
 
 
 def _panels(cube: Cube, ax: Any) -> NDArray[Any]:
@@ -126,25 +145,18 @@ def _is_corner(panel: Any) -> bool:
     return spec is not None and bool(spec.is_first_col() and spec.is_last_row())
 
 
-def _draw_beam(panel: Any, cube: Cube, size: float) -> None:
+def _draw_beam(panel: Any, cube: Cube, extent: Extent) -> None:
     """Draw the beam into the lower left corner."""
     from matplotlib.patches import Ellipse
 
-    beam, scale = fits_beam(cube), radians_per_unit(cube)
-    if beam is None or scale is None:
+    covariance = beam_in_pixels(cube)
+    if covariance is None:
         return
-    major, minor = (size * math.radians(width) / scale for width in beam[:2])
-    left, _, bottom, _ = (size * edge for edge in cube.extent)
-    side = 0.7 * major
-    direction = np.sign(cube.extent[1] - cube.extent[0])
-    panel.add_patch(
-        Ellipse(
-            (left + direction * side, bottom + side),
-            minor,
-            major,
-            angle=beam[2],
-            facecolor="0.8",
-            edgecolor="black",
-            gid="beam",
-        )
-    )
+    left, right, bottom, top = extent
+    pixel = np.array([(right - left) / cube.shape[1], (top - bottom) / cube.shape[0]])
+    squares, axes = np.linalg.eigh(pixel * covariance * pixel[:, None])
+    minor, major = np.sqrt(squares) / SIGMA
+    place = np.array([left, bottom]) + _BESIDE * major * np.sign(pixel)
+    angle = np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1]))
+    look = {"facecolor": "0.8", "edgecolor": "black", "gid": "beam"}
+    panel.add_patch(Ellipse(place, major, minor, angle=angle, **look))

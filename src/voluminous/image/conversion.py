@@ -12,7 +12,7 @@ from ..units import parse_unit
 from .arguments import Array, known_unit
 from .beam import angle_matrix, as_beam, beam_area
 from .cube import Cube
-from .sky import radians_per_unit
+from .sky import plane_factor
 
 if TYPE_CHECKING:
     from ..units import UnitLike
@@ -25,7 +25,8 @@ _TOGETHER = 2**20
 def to_unit(image: Own, unit: UnitLike, beam: Any = None) -> Own:
     """Return the image in another unit; see `Image.to`."""
     target, on_plane = parse_unit(unit), known_unit(image.unit)
-    if on_plane is not None and (scale := _plane_factor(image, on_plane, target)) is not None:
+    known = on_plane is not None and target is not None
+    if known and (scale := plane_factor(image, on_plane, target)) is not None:
         width, height = image.pixel_size
         size = (scale * width, scale * height)
         x, y = scale * image.x, scale * image.y
@@ -52,20 +53,6 @@ def to_unit(image: Own, unit: UnitLike, beam: Any = None) -> Own:
         factor = np.max(factor) if same else largest[1] / largest[0]
         scaled["error"] = _scaled(image.error, factor)
     return image.replace(intensity_unit=target, **scaled)
-
-
-def _plane_factor(image: Image, own: Any, target: Any) -> float | None:
-    """Return the factor to a length or an angle; None if `target` is not for the plane."""
-    if target is None:
-        return None
-    if own.is_equivalent(target):
-        return float(own.to(target))
-    angle = radians_per_unit(image)
-    if angle is not None and target.is_equivalent("rad"):
-        return float(angle / target.to("rad"))
-    if image.distance is not None and own.is_equivalent("rad") and target.is_equivalent("cm"):
-        return float(own.to("rad") * image.distance / target.to("cm"))
-    return None
 
 
 def rows_of(cube: Image) -> Iterator[slice]:

@@ -252,11 +252,21 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
 def radians_per_unit(image: Image) -> float | None:
     """Return radians per unit of the image plane, by its distance; None if it is not known."""
     unit = known_unit(image.unit)
-    if unit is not None and unit.is_equivalent("rad"):
-        return float(unit.to("rad"))
-    if image.distance is None or unit is None or not unit.is_equivalent("cm"):
-        return None
-    return float(unit.to("cm")) / image.distance
+    return None if unit is None else plane_factor(image, unit, parse_unit("rad"))
+
+
+def plane_factor(image: Image, unit: Any, other: Any) -> float | None:
+    """Return the factor from a unit to another, from lengths to angles by the image's distance.
+
+    None if there is none.
+    """
+    if unit.is_equivalent(other):
+        return float(unit.to(other))
+    if image.distance is not None and unit.is_equivalent("cm") and other.is_equivalent("rad"):
+        return float(unit.to("cm") / image.distance / other.to("rad"))
+    if image.distance is not None and unit.is_equivalent("rad") and other.is_equivalent("cm"):
+        return float(unit.to("rad") * image.distance / other.to("cm"))
+    return None
 
 
 def as_position(position: Any) -> SkyCoord:

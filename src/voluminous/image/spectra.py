@@ -13,7 +13,7 @@ from ..errors import InputError, UnitsError
 from ..units import is_count, parse_unit, plain, shown, unit_of
 from .conversion import conversion, rows_of
 from .image import Image
-from .sky import radians_per_unit
+from .sky import plane_factor
 from .spectrum import Spectrum
 
 if TYPE_CHECKING:
@@ -206,11 +206,9 @@ def _nearest(cube: Cube, value: Any, axis: int) -> int:
 
 def on_plane(cube: Cube, value: Any, what: str) -> Any:
     """Return places along x or y in the unit of the image plane, also of angles."""
-    scale, unit = radians_per_unit(cube), parse_unit(cube.unit)
-    given = unit_of(value)
-    if scale is not None and given is not None and given.is_equivalent("rad"):
-        return plain(value, "rad", what) / scale
-    return plain(value, unit, what)
+    given, own = unit_of(value), parse_unit(cube.unit)
+    factor = None if given is None or own is None else plane_factor(cube, given, own)
+    return plain(value, own, what) if factor is None else factor * plain(value, given, what)
 
 
 def _edges(cube: Cube) -> str:

@@ -31,6 +31,8 @@ _TYPES = {
 }
 # Types that wcslib converts to frequencies.
 _OTHERS = ("VOPT", "VELO", "AWAV", "ZOPT", "BETA", "ENER", "WAVN")
+# Those of them whose convention does not show without a frequency at rest.
+_VELOCITIES = ("VOPT", "VELO")
 # Extension with the places of uneven channels, in SKIRT's files and ours.
 _TABLE, _COLUMN = "Z-axis coordinate values", "GRID_POINTS"
 # Extension with the exact numbers: cards have 16 digits, and even steps only.
@@ -124,6 +126,8 @@ def _of_header(header: Header, count: int) -> SpectralAxis | None:
         try:
             wcs = WCS(header).sub([k])
             kinds = {kind: name for name, (kind, *_) in _TYPES.items()}
+            if not (wcs.wcs.restfrq or wcs.wcs.restwav):
+                kinds |= dict.fromkeys(_VELOCITIES, "velocity")  # of no known frequency
             if wcs.wcs.ctype[0] not in kinds:
                 wcs.wcs.sptr("FREQ-???")
             values = wcs.wcs_pix2world(np.arange(count, dtype=float)[:, None], 0)[:, 0]

@@ -259,7 +259,8 @@ def with_colormap(image: Image, options: dict[str, Any]) -> dict[str, Any]:
     a diverging colormap around zero, because grey would show all negative values (half of a map
     of velocities) as black. A channel without positive values, such as depths in front of the
     middle, gets a grey colormap, because it would be entirely black otherwise; so do signed values
-    of a field, such as its maximum, as in radiology.
+    of a field, such as its maximum, as in radiology. Velocities of one sign, of what recedes as a
+    whole, get a diverging colormap around their middle.
     """
     options = plain_options(options, image.intensity_unit)
     given = {name for name, value in options.items() if value is not None}
@@ -273,10 +274,12 @@ def with_colormap(image: Image, options: dict[str, Any]) -> dict[str, Any]:
         return options
     values = image.intensity[..., shown[0]]
     if "exposure" not in given:
-        is_projection = (image.provenance or {}).get("how") in ("max", "min", "mean")
-        window = _window(values, is_projection)
+        how = image.provenance or {}
+        colormap, window = "gray", _window(values, how.get("how") in ("max", "min", "mean"))
+        if how.get("map") == "velocity" and signed_exposure(values) is None:
+            colormap, window = _SIGNED, _ends(values[np.isfinite(values)])
         if window is not None:
-            return {**options, "colormap": "gray", "vmin": window[0], "vmax": window[1]}
+            return {**options, "colormap": colormap, "vmin": window[0], "vmax": window[1]}
     automatic = signed_exposure(values)
     if automatic is None:
         return options
@@ -308,7 +311,12 @@ def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | Non
     most = valid.max() if valid.size else 1.0
     if (most > 0.0 and not projection) or valid.min(initial=0.0) >= -_SHARE * max(most, 0.0):
         return None
-    for ends in (_WINDOW, (0.0, 100.0)):
+    return _ends(valid)
+
+
+def _ends(valid: NDArray[Any]) -> tuple[float, float] | None:
+    """Return percentiles near both ends; the ends if these are equal, None if all are."""
+    for ends in (_WINDOW, (0.0, 100.0)) if valid.size else ():
         low, high = (float(v) for v in np.percentile(valid, ends))
         if low < high:
             return low, high
