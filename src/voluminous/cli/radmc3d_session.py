@@ -262,6 +262,7 @@ class Session:
             "constants": "radmc3d",
             "scheme": self.scheme(),
             "cutoff": 0.0,
+            "order": "back-to-front",  # which tells where rays along edges of cells are
             "objects": self.stars(),
             "antialias": antialias,
             **behind,

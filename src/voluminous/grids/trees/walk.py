@@ -132,9 +132,15 @@ class TreeWalk(BoxWalk):
             inside &= end < track.leave
 
         def place() -> list[Float]:
-            return [
+            # One wall at a time: along an edge, or beyond it by rounding, a ray comes to the cell
+            # between, in the middle of the last unit of its own, before it comes to the next.
+            places = [
                 axis.place(t, end, r)
                 for axis, t, r in zip(self.axes, track.axes, reached, strict=True)
+            ]
+            return [
+                dr.select(crossed, p, dr.minimum(p, low + s - 0.5))
+                for p, crossed, low, s in zip(places, through, cell.low, size, strict=True)
             ]
 
         entered = self.lookup.entered(cell, through, reached, place, track.way, inside)
