@@ -65,6 +65,8 @@ class Medium(Value):
         Order of convergence of `means` in the length of panels.
     kind : str
         Its type in scene files; the name of the class by default.
+    thermal : bool
+        Its source function is at most one in each channel.
     sight : tuple of str
         Axes whose directions relative to the line of sight it needs: ``fields["los.r"]`` is the
         cosine between r and the line of sight, away from the observer.
@@ -80,6 +82,7 @@ class Medium(Value):
     sensitivity: float = 1.0
     order: int = 4
     kind: ClassVar[str] = ""
+    thermal: bool = False
     sight: tuple[str, ...] = ()
 
     # --- required -----------------------------------------------------------------------------

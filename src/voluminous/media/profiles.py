@@ -294,7 +294,8 @@ class Shaped(Medium):
             change = self.change(*extremes(own))
             good &= change > 0.0
             means.append(mean * dr.select(good, factor, 1.0))
-            errors.append(dr.select(good, mean * error, change))
+            error = mean * error
+            errors.append(dr.select(good & (error < change), error, change))
         return [*means, 0.5 * (errors[0] + errors[1])]
 
     def centers(self, nodes: list[Float], faint: float) -> list[tuple[Float, Middle]]:

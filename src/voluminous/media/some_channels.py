@@ -28,6 +28,7 @@ class SomeChannels(Medium):
         self.medium, self.first, self.last = medium, first, last
         self.channels, self.grey = last - first, medium.grey
         self.names, self.discrete, self.sight = medium.names, medium.discrete, medium.sight
+        self.thermal = medium.thermal
         self.path_length, self.sensitivity = medium.path_length, medium.sensitivity
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:

@@ -121,6 +121,7 @@ class SpectralMedium(Medium):
     """
 
     grey = False
+    thermal = True
     channels = 0
     names: tuple[str, ...] = ()
     bands: Bands | None = None
@@ -211,6 +212,8 @@ class SpectralMedium(Medium):
 
 class SpectralFunction(SpectralMedium):
     """Emissivity and extinction by a function of fields and frequency."""
+
+    thermal = False
 
     def __init__(
         self,

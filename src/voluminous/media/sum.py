@@ -37,6 +37,7 @@ class Sum(Medium):
         self.parts = parts
         self.channels = parts[0].channels
         self.grey = all(part.grey for part in parts)
+        self.thermal = all(part.thermal for part in parts)
         self.discrete = all(part.discrete for part in parts)
         self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
         self.sight = tuple(dict.fromkeys(axis for part in parts for axis in part.sight))

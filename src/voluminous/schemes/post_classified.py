@@ -60,10 +60,11 @@ class PostClassified(Scheme):
     def start(self, position: Position, source: Any) -> list[Float]:
         """Carry the scalars at the ray's position (NaN: not computed yet), and what lies in front.
 
-        That is the largest transparency; one where the walk goes towards the observer.
+        That is the transparency per extinction; one where the walk goes towards the observer.
         """
-        unknown = source.context.real(math.nan)
-        return [*(unknown for _ in source.scalars), source.backend.Float(1)]
+        unknown: Any = source.context.real(math.nan)
+        clear: Any = [source.backend.Float(1) for _ in range(source.numbers.extinctions)]
+        return [*(unknown for _ in source.scalars), clear]
 
     def after_skip(
         self, position: Position, source: Any, carried: list[Float], moved: Mask
@@ -88,15 +89,16 @@ class PostClassified(Scheme):
         numbers, (allowed, dim) = source.numbers, source.tolerance
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
         through = dr.detach(through)  # what is accepted has no derivative
-        behind = 1.0 / dr.select(through > 1e-6, through, 1e-6)
+        clearest = most(through)
+        behind = 1.0 / dr.select(clearest > 1e-6, clearest, 1e-6)
         path = branch(
-            args=(values, Limits(allowed * behind, dim * behind), nothing),
+            args=(values, Limits(allowed * behind, dim * behind, through), nothing),
             cond=visible & segment.active,
             true_fn=functools.partial(_segment, ray),
             false_fn=last_argument,
         )
         if not segment.backward:
-            through = through * most(path.transparency)
+            through = [a * b for a, b in zip(through, path.transparency, strict=True)]
         after = [
             dr.select(segment.active, value, before)
             for value, before in zip(values[-1], scalars, strict=True)
@@ -138,15 +140,18 @@ class _Ray:
         panel: Panel = self.source.panel(fields, values, self.length * width, **options)
         return panel
 
-    def solved(self, begin: Float, width: Float, places: list[Place]) -> tuple[Path, Mask]:
+    def solved(
+        self, begin: Float, width: Float, places: list[Place], limits: Limits, front: Path
+    ) -> tuple[Path, Mask]:
         """Return the solution of a panel without an edge inside, and where it may miss something.
 
-        From the fields and scalars at five `PLACES`.
+        From the fields and scalars at five `PLACES`; `front` is the part of the segment before it.
         """
         panel = self.panel(begin, width, places)
         panel.edgeless = bool(self.source.edges)
         _, doubtful = self.source.medium.visible(panel, self.source.context)
-        return solve_with_error(self.source, panel, self.backward), doubtful
+        weights = [] if self.backward else limits.seen(front)
+        return solve_with_error(self.source, panel, self.backward, weights), doubtful
 
 
 def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path) -> Path:
@@ -175,7 +180,7 @@ def _as_one(
     if source.hollow:
         good = ~hidden & (count < 2)
         return _with_layer(ray, whole, good & (count > 0), nothing), good
-    found, doubtful = ray.solved(real(0), real(1), places)
+    found, doubtful = ray.solved(real(0), real(1), places, limits, nothing)
     return found, ~doubtful & limits.accept(found) & (count == 0) & ~hidden
 
 
@@ -256,7 +261,8 @@ def _tried(
         solved, good = nothing, ~hidden | least
     else:
         quarters = [ray.place(dr.fma(width, part, begin)) for part in (0.25, 0.75)]
-        solved, doubtful = ray.solved(begin, width, [first, quarters[0], middle, quarters[1], last])
+        places = [first, quarters[0], middle, quarters[1], last]
+        solved, doubtful = ray.solved(begin, width, places, limits, state.path)
         part = dr.select(width > _LEAST_PART, width, _LEAST_PART)
         good = (limits.times(part).accept(solved) & ~doubtful & ~hidden) | least
         good |= dr.isnan(solved.error[0] + solved.error[1]) & (width <= _NOT_FINITE)

@@ -23,19 +23,38 @@ _TOLD_BY_ORDER, _TOLD_IF_DENSE = 0.3, 1.0
 _THIN = 0.5
 # Optical depth from which on means over a half say little about what is seen of it.
 _OPAQUE = 0.7
+# Transparency behind which nothing is seen, and the inverse is in range.
+_INVISIBLE = 1e-30
 # Rounding error of a panel and its halves, as a fraction of the panel's brightness.
 _ROUNDING = {"single": 4e-6, "double": 1e-14}
 
 
 @dataclass
 class Limits:
-    """The errors of emission and transparency that are allowed in a panel."""
+    """The errors of emission and transparency that are allowed in a panel.
+
+    `through` is the transparency of what lies in front of its segment, per extinction.
+    """
 
     emission: Float
     transparency: Float
+    through: list[Float]
 
     def times(self, factor: Float) -> Limits:
-        return Limits(self.emission * factor, self.transparency * factor)
+        return Limits(self.emission * factor, self.transparency * factor, self.through)
+
+    def seen(self, front: Path) -> list[Float]:
+        """Return how much less of each channel is seen behind `front` than of the clearest one.
+
+        One channel of a spectrum may be opaque where another is clear: errors are those of what is
+        seen. (A real disc in an opaque line took 500 times as long without.)
+        """
+        if len(self.through) == 1:
+            return []
+        whole = most(self.through) * most(front.transparency)
+        per_whole = 1.0 / dr.select(whole > _INVISIBLE, whole, 1.0)
+        rows = zip(self.through, front.transparency, strict=True)
+        return [dr.detach(a * b * per_whole) for a, b in rows]
 
     def accept(self, path: Path) -> Mask:
         """Return where the error of a solved panel is accepted.
@@ -48,11 +67,14 @@ class Limits:
         return good & ((dim <= self.transparency) | (dim <= rounding))
 
 
-def solve_with_error(source: Any, panel: Panel, backward: bool) -> Path:
-    """Return a panel solved as two halves, which are in the order of the walk, and its error."""
-    brightness = source.numbers.brightness
+def solve_with_error(source: Any, panel: Panel, backward: bool, seen: list[Float]) -> Path:
+    """Return a panel solved as two halves, which are in the order of the walk, and its error.
+
+    `seen` are factors on errors, one per extinction; none if they are one.
+    """
+    numbers = source.numbers.seen(seen) if seen else source.numbers
     *means, off = source.integrate(panel)
-    solved = [_solved(source, own, 0.5 * panel.length) for own in means]
+    solved = [_solved(numbers, own, 0.5 * panel.length) for own in means]
     front, back = solved[::-1] if backward else solved
     found = over(front, back)
     dims = [t * a * panel.length for t, a in zip(found.transparency, off[1], strict=True)]
@@ -62,52 +84,70 @@ def solve_with_error(source: Any, panel: Panel, backward: bool) -> Path:
         if source.steady:
             wrong.append(found.transparency[k] * j * panel.length)
         else:
-            seen = any_attenuation(found.depth[k])[1]
-            wrong.append(dr.fma(found.emission[c] * off[1][k], seen, j * seen) * panel.length)
+            through = any_attenuation(found.depth[k])[1]
+            wrong.append(dr.fma(found.emission[c] * off[1][k], through, j * through) * panel.length)
     if not source.steady:
-        shares = source.numbers.shares(solved, panel, source.context)
-        uneven = [_most_uneven(one, other) for one, other in zip(*shares, strict=True)]
-        lopsided = most(uneven)
+        shares = numbers.shares(solved, panel, source.context)
+        uneven = [
+            [_most_uneven(*ends) for ends in zip(*halves, strict=True)]
+            for halves in zip(*shares, strict=True)
+        ]
+        lopsided = [most(list(own)) for own in zip(*uneven, strict=True)]
         for c, (b, d) in enumerate(zip(found.emission, _by_gradients(front, back), strict=True)):
-            depth = found.depth[c if len(dims) > 1 else 0]
-            known = dr.select(depth < _THIN, 1.0 - lopsided, 0.0)
+            k = c if len(found.depth) > 1 else 0
+            depth = found.depth[k]
+            known = dr.select(depth < _THIN, 1.0 - lopsided[k], 0.0)
             found.emission[c] = dr.fma(d, known, b)
             told = dr.fma(_TOLD_IF_DENSE, depth, _TOLD_BY_ORDER) + (1.0 - known)
             wrong[c] = dr.fma(dr.abs(d), told, wrong[c])
-    error = brightness(wrong)
+    error = numbers.brightness(wrong)
     if not source.steady:
-        error = error + _ordering_error(source, shares, uneven) + _hidden_error(front, back)
-    found.error = [error, most(dims), brightness(found.emission)]
+        error = (
+            error + _ordering_error(source, shares, uneven) + _hidden_error(numbers, front, back)
+        )
+    if seen:
+        dims = [d * w for d, w in zip(dims, seen, strict=True)]
+    found.error = [error, most(dims), numbers.brightness(found.emission)]
     return found
 
 
-def _ordering_error(
-    source: Any, shares: list[list[tuple[Float, Float]]], uneven: list[Float]
-) -> Float:
+# The brightness and the optical depth of a part of a medium, per extinction.
+Share = list[tuple[Float, Float]]
+
+
+def _ordering_error(source: Any, shares: list[list[Share]], uneven: list[list[Float]]) -> Float:
     """Return the error due to the unknown order of structures along the ray within each half.
 
     If all of one structure is in front of the other it dims that by its absorption; means over a
     half dim it by half of that. Structures alike in both halves are resolved: gradients tell
     their order.
     """
-    found: Float = 0.0 * shares[0][0][0]
-    for own in shares:
-        for i, (bright, _) in enumerate(own):
-            for k, (_, depth) in enumerate(own):
-                if i == k and source.alike[i]:
-                    continue
-                apart = dr.select(uneven[i] > uneven[k], uneven[i], uneven[k])
-                lost = dr.select(depth < 1.0, depth, 1.0)
-                found = found + 0.5 * (apart * apart) * bright * lost
-    return found
+    found = []
+    for c in range(len(uneven[0])):
+        total: Float = 0.0 * shares[0][0][c][0]
+        for own in shares:
+            for i, first in enumerate(own):
+                for k, other in enumerate(own):
+                    if i == k and source.alike[i]:
+                        continue
+                    (bright, _), (_, depth) = first[c], other[c]
+                    one, two = uneven[i][c], uneven[k][c]
+                    apart = dr.select(one > two, one, two)
+                    lost = dr.select(depth < 1.0, depth, 1.0)
+                    total = total + 0.5 * (apart * apart) * bright * lost
+        found.append(total)
+    return most(found)
 
 
-def _hidden_error(front: Path, back: Path) -> Float:
+def _hidden_error(numbers: Any, front: Path, back: Path) -> Float:
     """Return the error of opaque halves: only the front of each is seen, and not resolved."""
-    own, other = (
-        dr.select(most(half.depth) > _OPAQUE, 0.5 * half.error[2], 0.0) for half in (front, back)
-    )
-    return dr.fma(most(front.transparency), other, own)
+    grey, sums = len(front.depth) == 1, []
+    for c, (b, other) in enumerate(zip(front.emission, back.emission, strict=True)):
+        k = 0 if grey else c
+        own = dr.select(front.depth[k] > _OPAQUE, 0.5 * dr.abs(b), 0.0)
+        behind = dr.select(back.depth[k] > _OPAQUE, 0.5 * dr.abs(other), 0.0)
+        sums.append(dr.fma(front.transparency[k], behind, own))
+    return numbers.brightness(sums)
 
 
 def _most_uneven(one: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
@@ -131,8 +171,8 @@ def _by_gradients(front: Path, back: Path) -> list[Float]:
     return found
 
 
-def _solved(source: Any, means: Coefficients, length: Float) -> Path:
+def _solved(numbers: Any, means: Coefficients, length: Float) -> Path:
     path = solve_means(means, length)
     zero = type(length)(0)
-    path.error = [zero, zero, source.numbers.brightness(path.emission)]
+    path.error = [zero, zero, numbers.brightness(path.emission)]
     return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 from collections.abc import Callable, Hashable, Sequence
@@ -25,6 +26,9 @@ from ...schemes.path import Path, most
 
 # A maximum below this fraction of a channel's unit may be due to rounding.
 _LEAST_PEAK = 2.0**-60
+# Channels far in the wings of lines need not be as exact as others: their light is that of few
+# places, in steep tails. With the tolerance relative to it a real disc took 500 times as long.
+_FAINT_CHANNEL = 1e-7
 
 
 def unit_near(size: float) -> float:
@@ -151,7 +155,10 @@ class PerChannel:
         A channel without a maximum has the least one of the others.
         """
         some = peaks[peaks > 0.0]
-        peaks = np.where(peaks > 0.0, np.maximum(peaks, _LEAST_PEAK), some.min(initial=1.0))
+        least: Any = _LEAST_PEAK
+        if self.medium.thermal:  # intensities are at most one, emission per cell at most the unit
+            least = _FAINT_CHANNEL * np.minimum(1.0, 1.0 / self.unit)
+        peaks = np.where(peaks > 0.0, np.maximum(peaks, least), some.min(initial=1.0))
         growth = float(np.max(self.peaks[peaks > 0.0] / peaks[peaks > 0.0]))
         self.peaks, self.weights = peaks, [opaque(1.0 / peak) for peak in peaks]
         return growth
@@ -199,27 +206,44 @@ class PerChannel:
 
     def brightness(self, emission: list[Float]) -> Float:
         """Return the magnitude of the brightest channel, relative to its maximum if it has one."""
-        size = [dr.abs(b) for b in emission]
-        if self.weights:
-            size = [w * b for w, b in zip(self.weights, size, strict=True)]
-        return most(size)
+        return most(self._bright(emission))
+
+    def seen(self, factors: list[Float]) -> PerChannel:
+        """Return the layout for errors, with a factor on the brightness of each channel."""
+        part = copy.copy(self)
+        pairs = zip(self.weights, factors, strict=True) if self.weights else ()
+        part.weights = [w * f for w, f in pairs] or factors
+        return part
 
     def shares(
         self, solved: Sequence[Path], panel: Panel, context: Context
-    ) -> list[list[tuple[Float, Float]]]:
-        """Return the brightness and the optical depth of each part on both halves of a panel."""
+    ) -> list[list[list[tuple[Float, Float]]]]:
+        """Return brightness and optical depth of each part on both halves, per extinction."""
         parts = self.medium.components()
         if len(parts) == 1:
-            return [[(path.error[2], most(path.depth))] for path in solved]
+            if self.extinctions == 1:
+                return [[[(path.error[2], path.depth[0])]] for path in solved]
+            return [
+                [list(zip(self._bright(path.emission), path.depth, strict=True))] for path in solved
+            ]
         found, length = [integrated(part, panel, context) for part in parts], 0.5 * panel.length
         return [
             [self._share(getattr(one, name), length) for one in found] for name in ("first", "last")
         ]
 
-    def _share(self, means: MediumSample, length: Float) -> tuple[Float, Float]:
-        bright = self.brightness(means.emissivity) * length
-        depth = most(means.extinction) * length
-        return bright * any_attenuation(depth)[1], depth
+    def _share(self, means: MediumSample, length: Float) -> list[tuple[Float, Float]]:
+        depths = [a * length for a in means.extinction]
+        if self.extinctions == 1:
+            bright = [self.brightness(means.emissivity)]
+        else:
+            bright = self._bright(means.emissivity)
+            depths = depths if len(depths) > 1 else depths * len(bright)
+        rows = zip(bright, depths, strict=True)
+        return [(b * length * any_attenuation(depth)[1], depth) for b, depth in rows]
+
+    def _bright(self, emission: list[Float]) -> list[Float]:
+        size = [dr.abs(b) for b in emission]
+        return [w * b for w, b in zip(self.weights, size, strict=True)] if self.weights else size
 
     def mix(self, emission: list[np.ndarray]) -> np.ndarray:
         """Return the intensity (…, channel) from the integrated emissions."""
@@ -445,15 +469,15 @@ class SharedProfiles:
 
     def shares(
         self, solved: Sequence[Path], panel: Panel, context: Context
-    ) -> list[list[tuple[Float, Float]]]:
+    ) -> list[list[list[tuple[Float, Float]]]]:
         return [self._shares(path) for path in solved]
 
-    def _shares(self, path: Path) -> list[tuple[Float, Float]]:
+    def _shares(self, path: Path) -> list[list[tuple[Float, Float]]]:
         (depth,), (theta,) = path.depth, path.transparency
         dimmed = dr.select(depth > 0.0, (1.0 - theta) / dr.select(depth > 0.0, depth, 1.0), 1.0)
         thin = 1.0 / dr.select(dimmed > 0.0, dimmed, 1.0)
         return [
-            (dr.abs(b) * peak, dr.abs(b) * thin * opacity)
+            [(dr.abs(b) * peak, dr.abs(b) * thin * opacity)]
             for b, peak, opacity in zip(path.emission, self.peak, self.opacity, strict=True)
         ]
 
