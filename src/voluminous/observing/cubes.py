@@ -108,6 +108,11 @@ def observe(
     things = model_stars(volume) if objects is None else objects
     things = [things] if isinstance(things, SceneObject) else list(things)
     behind = model_background(volume) if background is None else background
+    moving = any(
+        isinstance(part, Lines) and part.velocity is not None for part in medium.components()
+    )
+    if volume.grid.mirror and moving and options.get("scheme") != "first-order":
+        volume = volume.unfolded()  # velocities change their sign where fields are interpolated
     bands = bands_of(volume, medium, axis.frequencies, known)
     bands = with_room_for([*things, behind], replace(bands, once=len(axis) > _TOGETHER))
     tuned, count = at_frequencies(medium, bands), len(axis)
