@@ -428,3 +428,18 @@ def test_channels_of_files_and_numbers(folder):
 def test_a_folder_without_a_model_is_refused(tmp_path, capsys):
     assert main(["radmc3d", "--model", str(tmp_path), "image", "lambda", "10"]) == 2
     assert "has no amr_grid.inp" in capsys.readouterr().err
+
+
+def test_a_star_as_a_sphere(folder):
+    """Pixels show it if their centres are within; a small one has the flux of its disc."""
+    path, _, _ = folder("star_table", "first")
+    (path / "radmc3d.inp").write_text("scattering_mode_max = 0\nistar_sphere = 1\n")
+    size = 3.2e12 / 3.08572e18  # pixels of 1e10 cm, and a star of 1e11
+    image = drawn(path, f"image lambda 5 npix 320 sizepc {size!r} nofluxcons")
+    away = np.hypot(*np.meshgrid(image.x, image.y))
+    bright = image.intensity[..., 0]
+    star = bright > 0.5 * bright.max()
+    np.testing.assert_array_equal(star, away < 1e11)
+    assert np.ptp(bright[star]) <= 0.1 * bright.max()  # through cells of several densities
+    small = drawn(path, f"image lambda 5 npix 3 sizepc {size!r} nofluxcons").intensity[..., 0]
+    assert small[1, 1] * (3.2e12 / 3) ** 2 == pytest.approx(np.pi * 1e22 * bright.max(), rel=0.06)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..objects import Stars
+from ..objects.contract import Layers, View
 from .radmc3d_words import DEEP, LIGHT, PARSEC, Request, request_of
 
 if TYPE_CHECKING:
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 # RADMC-3D's astronomical unit in apertures, and what it draws where a surface is not reached.
 _APERTURE_AU, _NOT_REACHED = 1.49598e13, -1e91
+# Pixels of less than this part of a star's radius are not divided at its edge.
+_RESOLVED = 0.1
 # With fewer pixels across an aperture is no circle. The first and the last frequency of a table of
 # apertures are moved apart by this much.
 _LEAST_APERTURE, _WIDENED = 10, (1.000001, 0.999999)
@@ -43,6 +47,23 @@ _FIXED = {
 _BOUNDARIES = ("xl", "xr", "yl", "yr", "zl", "zr")
 # Modes of level populations: LTE, stored or not; read from levelpop files.
 _LTE, _GIVEN = (1, -1), 50
+
+
+class Spheres(Stars):
+    """Stars as spheres, as RADMC-3D draws those of ten pixels and more: pixels' centres decide."""
+
+    def layers(self, view: View) -> Layers | None:
+        layers = super().layers(view)
+        pixel = max(view.frame.pixel)
+        radii = np.asarray(view.length(self.radii, "radii"))
+        if layers is None or not view.camera.parallel or pixel > _RESOLVED * radii.min():
+            return layers
+        x, y, _ = view.place(np.asarray(view.length(self.positions, "positions")))
+        row, column = np.divmod(layers.pixel, view.frame.pixels[0])
+        away = np.hypot(*(np.subtract.outer(a, b) for a, b in ((column, x), (row, y)))) * pixel
+        inside = layers.some(np.flatnonzero((away < radii).any(axis=1)))
+        whole = inside.opacity[:, None]
+        return inside._replace(emission=inside.emission / whole, opacity=np.ones(len(whole)))
 
 
 @dataclass(frozen=True)
@@ -323,11 +344,9 @@ class Session:
             return [self._spheres()]
         return model_stars(self.volume)
 
-    def _spheres(self) -> Any:
-        from ..objects import Stars
-
+    def _spheres(self) -> Stars:
         stars = self.model.stars
-        return Stars(
+        return Spheres(
             [star.position for star in stars],
             [star.spectrum for star in stars],
             radii=[star.radius for star in stars],
