@@ -376,6 +376,9 @@ def test_uneven_and_single_channels_in_files(tmp_path):
         places = hdus["Z-axis coordinate values"].data.field(0)
         assert places == pytest.approx([870, 1300, 3000], rel=1e-15)
         assert hdus["Z-axis coordinate values"].columns[0].unit == "um"
+        del hdus["SPECTRAL"], hdus[0].header["VOLMETA"]
+        hdus.writeto(tmp_path / "skirt.fits")
+    assert vm.Image.load(tmp_path / "skirt.fits").spectral.wavelengths.tolist() == [870, 1300, 3000]
     third = vm.open(tmp_path / "a.fits")["wavelength"]
     assert np.unique(third.to_value("um")) == pytest.approx([870, 1300, 3000])
 

@@ -48,7 +48,8 @@ def to_unit(image: Own, unit: UnitLike, beam: Any = None) -> Own:
         if (plane := image.plane(name)) is not None
     }
     if image.error is not None:  # a fraction of the largest intensity, in every channel
-        largest = [np.nanmax(np.abs(v)) for v in (image.intensity, scaled["intensity"])]
+        both = (image.intensity, scaled["intensity"])
+        largest = [max(np.nanmax(values), -np.nanmin(values)) for values in both]
         same = np.ndim(factor) == 0 or not 0 < largest[0] < np.inf
         factor = np.max(factor) if same else largest[1] / largest[0]
         scaled["error"] = _scaled(image.error, factor)

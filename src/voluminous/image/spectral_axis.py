@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .arguments import Axis
 
 # Speed of light (exact): km/s, and micron Hz.
-_LIGHT, _LIGHT_MICRON = 299792.458, 2.99792458e14
+_LIGHT, LIGHT_MICRON = 299792.458, 2.99792458e14
 # Kind of axis, and the unit of its `places`.
 UNITS = {"velocity": "km / s", "frequency": "Hz", "wavelength": "micron"}
 # Channels this near to even spacing (in channels) count as even; rounding is far below.
@@ -104,7 +104,7 @@ class SpectralAxis(Value):
             case "frequency":
                 return self._in("frequency")
             case "wavelength":
-                return _LIGHT_MICRON / self._in("wavelength")
+                return LIGHT_MICRON / self._in("wavelength")
         return self._rest("frequencies of velocities") * (1.0 - self._in("velocity") / _LIGHT)
 
     @property
@@ -112,7 +112,7 @@ class SpectralAxis(Value):
         """Wavelengths in vacuum in micron."""
         if self.kind == "wavelength":
             return self._in("wavelength")
-        return _LIGHT_MICRON / self.frequencies
+        return LIGHT_MICRON / self.frequencies
 
     @property
     def velocities(self) -> Axis:
@@ -228,7 +228,7 @@ def _hertz(rest: Any) -> float:
     """Return the frequency of a plain number of Hz, a frequency or a wavelength."""
     given = as_given(rest, "rest", "230.538 GHz")
     if is_quantity(given) and given.unit.is_equivalent("micron"):
-        given = _LIGHT_MICRON / np.asarray(plain(given, "micron", "rest"))
+        given = LIGHT_MICRON / np.asarray(plain(given, "micron", "rest"))
     frequency = np.asarray(plain(given, "Hz", "rest"))
     if frequency.ndim or not 0.0 < frequency < np.inf:
         raise InputError(f"rest must be one positive frequency or wavelength, got {rest!r}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..units import parse_unit
-from .spectral_axis import UNITS, SpectralAxis
+from .spectral_axis import LIGHT_MICRON, UNITS, SpectralAxis
 
 if TYPE_CHECKING:
     from astropy.io.fits import HDUList, Header
@@ -64,7 +64,7 @@ def cards(axis: SpectralAxis) -> Iterator[Card]:
         yield "CUNIT3", unit, "unit"
     if axis.rest is not None:
         yield "RESTFRQ", axis.rest, "[Hz] frequency at rest"
-    if axis.frame and (axis.kind == "velocity" or axis.rest is not None):
+    if axis.frame:
         yield "SPECSYS", axis.frame, "frame of velocities"
     if axis.line:
         yield "LINE", axis.line, "name of the line"
@@ -100,6 +100,8 @@ def read(
     exact, table = (_values(hdus, name) for name in (_EXACT.upper(), _TABLE.upper()))
     axis = _of_header(header, count)
     rest = header.get("RESTFRQ", header.get("RESTFREQ"))
+    if not rest and header.get("RESTWAV"):
+        rest = LIGHT_MICRON / (1e6 * header["RESTWAV"])
     if known and exact is not None and len(exact[0]) == count:
         own = SpectralAxis(exact[0], **known)
         edited = own.rest is None or not np.isclose(rest or 0.0, own.rest, rtol=1e-12, atol=0.0)

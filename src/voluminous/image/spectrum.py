@@ -140,10 +140,9 @@ class Spectrum(Value):
                 if values is not None
             }
         except u.UnitConversionError as error:
+            message = f"a spectrum in {self.unit} cannot be converted to {unit}"
             hint = "" if self.distance else "; a luminosity needs spectrum.replace(distance=…)"
-            raise UnitsError(
-                f"a spectrum in {self.unit} cannot be converted to {unit}{hint}"
-            ) from (error)
+            raise UnitsError(message + hint) from error
         return self.replace(**parts, unit=target)
 
     def plot(
@@ -196,7 +195,8 @@ class Spectrum(Value):
                 axes.set_yscale("log")
                 least, most = axes.get_ylim()
                 axes.set_ylim(max(least, most / 10**_DECADES), most)
-        axes.set(xlabel=_axis_label(kind), ylabel=labelled(_name(shown), pretty_unit(shown.unit)))
+        axes.set_xlabel(labelled(kind, pretty_unit(_SHOWN[kind])))
+        axes.set_ylabel(labelled(_name(shown), pretty_unit(shown.unit)))
         if shown.spectral.line and not axes.get_title():
             axes.set_title(shown.spectral.line)
         return axes
@@ -300,10 +300,6 @@ class Spectrum(Value):
         return f"<Spectrum of {channels}, {span} {self.unit}".rstrip() + ">"
 
 
-def _axis_label(kind: str) -> str:
-    return labelled(kind, pretty_unit(_SHOWN[kind]))
-
-
 def _name(spectrum: Spectrum) -> str:
     """Return the label of the values, by their unit."""
     unit = parse_unit(spectrum.unit)
@@ -318,4 +314,4 @@ def _name(spectrum: Spectrum) -> str:
     ):
         if unit is not None and any(unit.is_equivalent(kind) for kind in kinds):
             return name
-    return "flux" if unit is None else ""
+    return "flux"
