@@ -101,9 +101,6 @@ class Session:
         volume, model = open_volume(folder, format="radmc3d"), read_model(folder)
         session = cls(request, volume, model, np.zeros(0))
         session._refuse()
-        if request.second and session.lines and getattr(volume.grid, "mirror", False):
-            # A cell and its image move differently, seen by the observer.
-            session = cls(request, volume := volume.unfolded(), model, np.zeros(0))
         found = np.zeros(1) if session.quantity == "column" else session._frequencies()
         return cls(request, volume, model, found)
 
