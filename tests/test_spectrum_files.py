@@ -7,6 +7,7 @@ from astropy.table import Table
 
 import voluminous as vm
 from voluminous.errors import FileFormatError, InputError, UnitsError, UnknownNameError
+from voluminous.files import MissingPathError
 from voluminous.image import SpectralAxis
 
 LINE = vm.channels(-3, 3, 7, line="CO 2-1", rest=230.538 * u.GHz)
@@ -81,6 +82,8 @@ def test_tables_of_other_programs(tmp_path):
     Table({"flux": [3.0]}).write(tmp_path / "b.fits")
     with pytest.raises(FileFormatError, match="one of velocity"):
         vm.Spectrum.load(tmp_path / "b.fits")
+    with pytest.raises(MissingPathError, match=r"nothing\.fits"):
+        vm.Spectrum.load(tmp_path / "nothing.fits")
     with pytest.raises(UnknownNameError, match=r"\.ecsv"):
         spectrum.save(tmp_path / "a.txt")
 

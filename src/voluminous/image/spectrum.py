@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import FileFormatError, InputError, UnitsError, check_name
 from ..figures import new_figure
-from ..files import as_path, expecting, replacing
+from ..files import as_path, check_start, expecting, replacing
 from ..units import as_quantity, is_quantity, parse_unit, plain
 from ..value import Value
 from .arguments import distance as distance_of
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from ..units import UnitLike
     from .arguments import Axis
 
-# Suffix of a file, and astropy's name of its format.
-_FORMATS = {".fits": "fits", ".ecsv": "ascii.ecsv"}
+# Suffix of a file: astropy's name of its format, and its first bytes.
+_FORMATS = {".fits": ("fits", b"SIMPLE  ="), ".ecsv": ("ascii.ecsv", b"# %ECSV")}
 # Entry of a table's head with all that is not in its columns, as JSON.
 _TEXT = "VOLMETA"
 # Wavelengths or frequencies that reach over this factor are drawn on logarithmic axes, and fluxes
@@ -215,7 +215,7 @@ class Spectrum(Value):
         place = as_path(path)
         check_name("format of a spectrum", place.suffix.lower(), _FORMATS)
         with replacing(place) as temporary:
-            self.table().write(temporary, format=_FORMATS[place.suffix.lower()])
+            self.table().write(temporary, format=_FORMATS[place.suffix.lower()][0])
 
     @classmethod
     def load(cls, path: str | Path) -> Spectrum:
@@ -232,8 +232,10 @@ class Spectrum(Value):
 
         place = as_path(path)
         check_name("format of a spectrum", place.suffix.lower(), _FORMATS)
+        form, start = _FORMATS[place.suffix.lower()]
+        check_start(place, (start,), "a table of a spectrum")
         with expecting(place, "a table of a spectrum"):
-            table = Table.read(place, format=_FORMATS[place.suffix.lower()])
+            table = Table.read(place, format=form)
             known = json.loads(table.meta.get(_TEXT, "{}"))
             axis = known.pop("spectral", {})
             kind = next((k for k in [axis.pop("kind", None), *_SHOWN] if k in table.colnames), None)
