@@ -250,6 +250,7 @@ def test_plots_have_a_panel_for_each_channel():
     assert len({panel.images[0].norm for panel in panels}) == 1
     assert panels[3].get_xlabel() == "x [″]"
     assert cube.plot(channels=3).images[0].get_array().shape == (31, 41)
+    assert len(vm.plot_row([cube, cube])) == 2  # in colours
     with pytest.raises(InputError, match="one axes for each"):
         cube.plot(ax=[panels[0]])
 
