@@ -277,6 +277,19 @@ class Medium(Value):
         """Whether j/α is the same everywhere: an opaque medium then looks the same everywhere."""
         return False
 
+    def warmth(self, panel: Panel, context: Context) -> list[Float] | None:
+        """Return temperatures on a panel between which all matter is; None if that is unknown."""
+        return None
+
+    def spread_between(self, warmth: list[Float], context: Context) -> list[Float] | None:
+        """Return the relative change of the source function between temperatures, per channel."""
+        return None
+
+    def source_spread(self, panel: Panel, context: Context) -> list[Float] | None:
+        """Return how much the source function may change over a panel; None if that is unknown."""
+        warmth = self.warmth(panel, context)
+        return None if warmth is None else self.components()[0].spread_between(warmth, context)
+
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         """Return two masks: where the medium may be noticeable, and where panels may miss that.
 

@@ -87,6 +87,9 @@ class Dust(SpectralMedium):
     def quantities(self) -> Sequence[InCgs]:
         return [q for pair in self._fields for q in pair]
 
+    def heat(self) -> Sequence[InCgs]:
+        return [temperature for _, temperature in self._fields]
+
     def tuned(self, bands: Bands) -> SpectralMedium:
         densities = (InCgs.of(d, "g / cm3", "density", bands.volume) for d in self.density)
         kappa = []

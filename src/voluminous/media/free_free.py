@@ -88,6 +88,9 @@ class FreeFree(SpectralMedium):
     def quantities(self) -> Sequence[InCgs]:
         return self._fields
 
+    def heat(self) -> Sequence[InCgs]:
+        return self._fields[2:]
+
     def tuned(self, bands: Bands) -> SpectralMedium:
         volume, constants, nu = bands.volume, bands.constants, bands.frequencies
         is_radmc3d = (self.gaunt or constants.name) == "radmc3d"

@@ -169,6 +169,9 @@ class Lines(SpectralMedium):
         others = (q for q in (*self._fields, *self._levels) if q.expr.names)
         return (*map(Feature, (q.expr for q in others)), *moves)
 
+    def heat(self) -> Sequence[InCgs]:
+        return self._fields[1:2] if self.populations is None else ()
+
     def tuned(self, bands: Bands) -> SpectralMedium:
         medium = self if self.bands is not None else self._in_volume(bands)
         molecule, light = self.molecule, bands.constants.c

@@ -24,11 +24,15 @@ from .arguments import named
 from .context import Context, Feature, MediumSample
 from .contract import Medium
 from .function import Function
+from .panel import extremes
 
 if TYPE_CHECKING:
     from ..physics.constants import Constants
     from ..volume import Volume
+    from .panel import Panel
 
+# How far temperatures may be beyond those at five places, as a part of their range.
+_OVERSHOOT = 0.1
 # Beyond this hν/kT the Planck function is Wien's, in double precision, too.
 _WIEN = 40.0
 # The largest hν/kT of which the exponential can be represented.
@@ -155,6 +159,31 @@ class SpectralMedium(Medium):
 
     def features(self) -> tuple[Feature, ...]:
         return tuple(Feature(q.expr) for q in self.quantities() if q.expr.names)
+
+    def heat(self) -> Sequence[InCgs]:
+        """Return the temperatures of what emits, once it has frequencies."""
+        return ()
+
+    def warmth(self, panel: Panel, context: Context) -> list[Float] | None:
+        heat = self.heat()
+        if not heat:
+            return None
+        rows = ([q.value(panel.fields(s), context) for s in panel.where] for q in heat)
+        low, high = extremes([context.narrow(t + panel.length * 0.0) for row in rows for t in row])
+        over = _OVERSHOOT * (high - low)
+        return [low - over, high + over]
+
+    def spread_between(self, warmth: list[Float], context: Context) -> list[Float] | None:
+        """Return (T₂ - T₁)/T₁ (1 + hν/kT₁): d ln B/d ln T = x/(1 - e^-x) is at most 1 + x."""
+        assert self.bands is not None
+        exponents = self.bands.constants.planck_exponent * self.bands.frequencies
+        low, high = extremes(warmth)
+        cold = 1.0 / dr.select(low > 0.0, low, 1.0)
+        change = dr.select(low > 0.0, (high - low) * cold, 1e6)
+        steep = context.keep(
+            (id(self), "hν/k"), lambda: [context.narrow_number(float(x)) for x in exponents]
+        )
+        return [change * dr.fma(x, cold, 1.0) for x in steep]
 
     def describe(self) -> dict[str, Any]:
         """Return its arguments as plain values; of opacities and molecules the names."""

@@ -77,6 +77,11 @@ class Sum(Medium):
         some = [one for one in found if one is not None]
         return self._total(some) if some else None
 
+    def warmth(self, panel: Panel, context: Context) -> list[Float] | None:
+        found = [part.warmth(panel, context) for part in self.parts]
+        known = [own for own in found if own is not None]
+        return [t for own in known for t in own] if len(known) == len(found) else None
+
     @property
     def surface_only(self) -> bool:
         return all(part.surface_only for part in self.parts)

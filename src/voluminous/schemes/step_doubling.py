@@ -102,9 +102,15 @@ def solve_with_error(source: Any, panel: Panel, backward: bool, seen: list[Float
             wrong[c] = dr.fma(dr.abs(d), told, wrong[c])
     error = numbers.brightness(wrong)
     if not source.steady:
-        error = (
-            error + _ordering_error(source, shares, uneven) + _hidden_error(numbers, front, back)
-        )
+        ordering, hidden = _ordering_error(source, shares, uneven), _hidden(front, back)
+        error = error + most(ordering) + numbers.brightness(hidden)
+        spread = source.medium.source_spread(panel, source.context)
+        if spread is not None:
+            # What is seen is a mean of the source function, whatever the order.
+            rows = zip(found.transparency, off[0], spread, found.emission, strict=True)
+            most_wrong = [dr.fma(s, dr.abs(b), theta * j * panel.length) for theta, j, s, b in rows]
+            every = zip(*map(numbers.bright, (wrong, hidden, most_wrong)), ordering, strict=True)
+            error = most([dr.minimum(w + h + o, m) for w, h, m, o in every])
     if seen:
         dims = [d * w for d, w in zip(dims, seen, strict=True)]
     found.error = [error, most(dims), numbers.brightness(found.emission)]
@@ -115,7 +121,9 @@ def solve_with_error(source: Any, panel: Panel, backward: bool, seen: list[Float
 Share = list[tuple[Float, Float]]
 
 
-def _ordering_error(source: Any, shares: list[list[Share]], uneven: list[list[Float]]) -> Float:
+def _ordering_error(
+    source: Any, shares: list[list[Share]], uneven: list[list[Float]]
+) -> list[Float]:
     """Return the error due to the unknown order of structures along the ray within each half.
 
     If all of one structure is in front of the other it dims that by its absorption; means over a
@@ -136,10 +144,10 @@ def _ordering_error(source: Any, shares: list[list[Share]], uneven: list[list[Fl
                     lost = dr.select(depth < 1.0, depth, 1.0)
                     total = total + 0.5 * (apart * apart) * bright * lost
         found.append(total)
-    return most(found)
+    return found
 
 
-def _hidden_error(numbers: Any, front: Path, back: Path) -> Float:
+def _hidden(front: Path, back: Path) -> list[Float]:
     """Return the error of opaque halves: only the front of each is seen, and not resolved."""
     grey, sums = len(front.depth) == 1, []
     for c, (b, other) in enumerate(zip(front.emission, back.emission, strict=True)):
@@ -147,7 +155,7 @@ def _hidden_error(numbers: Any, front: Path, back: Path) -> Float:
         own = dr.select(front.depth[k] > _OPAQUE, 0.5 * dr.abs(b), 0.0)
         behind = dr.select(back.depth[k] > _OPAQUE, 0.5 * dr.abs(other), 0.0)
         sums.append(dr.fma(front.transparency[k], behind, own))
-    return numbers.brightness(sums)
+    return sums
 
 
 def _most_uneven(one: tuple[Float, Float], other: tuple[Float, Float]) -> Float:

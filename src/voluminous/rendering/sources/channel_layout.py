@@ -206,7 +206,7 @@ class PerChannel:
 
     def brightness(self, emission: list[Float]) -> Float:
         """Return the magnitude of the brightest channel, relative to its maximum if it has one."""
-        return most(self._bright(emission))
+        return most(self.bright(emission))
 
     def seen(self, factors: list[Float]) -> PerChannel:
         """Return the layout for errors, with a factor on the brightness of each channel."""
@@ -224,7 +224,7 @@ class PerChannel:
             if self.extinctions == 1:
                 return [[[(path.error[2], path.depth[0])]] for path in solved]
             return [
-                [list(zip(self._bright(path.emission), path.depth, strict=True))] for path in solved
+                [list(zip(self.bright(path.emission), path.depth, strict=True))] for path in solved
             ]
         found, length = [integrated(part, panel, context) for part in parts], 0.5 * panel.length
         return [
@@ -236,12 +236,13 @@ class PerChannel:
         if self.extinctions == 1:
             bright = [self.brightness(means.emissivity)]
         else:
-            bright = self._bright(means.emissivity)
+            bright = self.bright(means.emissivity)
             depths = depths if len(depths) > 1 else depths * len(bright)
         rows = zip(bright, depths, strict=True)
         return [(b * length * any_attenuation(depth)[1], depth) for b, depth in rows]
 
-    def _bright(self, emission: list[Float]) -> list[Float]:
+    def bright(self, emission: list[Float]) -> list[Float]:
+        """Return the magnitude of each channel, relative to its maximum if it has one."""
         size = [dr.abs(b) for b in emission]
         return [w * b for w, b in zip(self.weights, size, strict=True)] if self.weights else size
 
