@@ -77,7 +77,7 @@ def test_a_frame_around_a_cube(cube):
     alpha = DENSITY * KAPPA.absorption(FREQUENCIES)
     intensity = CODATA.planck(FREQUENCIES, TEMPERATURE) * -np.expm1(-alpha * RADIUS)
     found = vm.spectrum(cube, DUST, frequencies=FREQUENCIES, distance=1 * u.pc)
-    np.testing.assert_allclose(found.flux, intensity * (RADIUS / PARSEC) ** 2, rtol=1e-5)
+    np.testing.assert_allclose(found.flux, intensity * (RADIUS / PARSEC) ** 2, rtol=1e-3)
     # Seen at an angle the flux does not depend on how it is turned in the picture.
     turned = [
         vm.spectrum(
@@ -148,9 +148,9 @@ def test_what_cannot_be_is_refused(arguments, message, cube):
 
 def test_a_tolerance_that_is_not_kept_warns(cube, monkeypatch):
     monkeypatch.setattr("voluminous.observing.spectra._FINEST", 128)
-    far = vm.Orthographic(50, 20, width=100 * RADIUS, resolution=64)
+    far = vm.Orthographic(50, 20, width=6 * RADIUS, resolution=64)
     with pytest.warns(UserWarning, match="fluxes still change"):
-        vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-5)
+        vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-6)
 
 
 def test_a_star_where_dust_is_dark():
@@ -165,3 +165,22 @@ def test_a_star_where_dust_is_dark():
     )
     expected = np.pi * 1e18 * CODATA.planck(2.99792458e14 / np.array(waves), 5000.0) / PARSEC**2
     np.testing.assert_allclose(found.flux, expected, rtol=1e-4)
+
+
+def test_a_bright_centre_of_an_octree():
+    """Cells of 1/500 of the domain hold most of the light: pixels of 1/64 miss them."""
+    edges = np.linspace(-0.5, 0.5, 5) * RADIUS
+
+    def near(x, y, z, size):
+        return np.sqrt(x**2 + y**2 + z**2) < 2.0 * size
+
+    grid = vm.OctreeGrid.from_function(edges, edges, edges, near, 7, unit="cm")
+    radius = np.linalg.norm(np.array(grid.cell_centers(0, grid.size)), axis=0).reshape(grid.shape)
+    density = 1e-20 * (1.0 + 1e6 * (radius < 0.004 * RADIUS))
+    volume = vm.Volume(grid, rho=density * u.g / u.cm**3)
+    found = vm.spectrum(
+        volume, DUST, incl=30, frequencies=FREQUENCIES, scheme="first-order", tolerance=1e-2
+    )
+    mass = float(np.sum(density * grid.cell_volumes))
+    expected = mass * KAPPA.absorption(FREQUENCIES) * CODATA.planck(FREQUENCIES, TEMPERATURE)
+    np.testing.assert_allclose(found.flux, expected / PARSEC**2, rtol=1e-2)
