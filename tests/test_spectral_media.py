@@ -486,9 +486,8 @@ def test_constants_of_radmc3d_differ_in_their_digits_alone():
         ).intensity
         for name in ("codata", "radmc3d")
     )
-    seen = other > 1e-6 * other.max()
-    off = np.abs(one[seen] / other[seen] - 1.0).max()
-    assert 1e-6 < off < 1e-3
+    off = (np.abs(one - other).max(axis=(0, 1)) / other.max(axis=(0, 1))).max()
+    assert 1e-6 < off < 5e-3  # weights of molecules count protons there: 0.7 % in mass
     assert RADMC3D.name == "radmc3d"
 
 
