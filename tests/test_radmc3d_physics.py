@@ -21,6 +21,7 @@ from voluminous.backend import dr
 from voluminous.cli import main
 from voluminous.cli.radmc3d_session import Session, drawn
 from voluminous.cli.radmc3d_words import request_of
+from voluminous.observing.cubes import at_frequencies, bands_of
 from voluminous.physics.constants import CODATA, RADMC3D
 from voluminous.schemes.base import Solution
 from voluminous.schemes.first_order import FirstOrder
@@ -281,6 +282,14 @@ def test_catching_loses_no_lines_at_the_entry():
     )
     assert plain.intensity.max() > 0.0
     np.testing.assert_allclose(caught.intensity, plain.intensity, rtol=1e-6)
+    bands = bands_of(gas, medium, np.array([1.15271e11]), CODATA)
+    tuned, half = at_frequencies(medium, bands), 0.5 * float(plain.optical_depth[1, 1, 2])
+    first, other = (
+        vm.tau_surface(gas, tuned, camera, half, scheme=scheme).depth.intensity
+        for scheme in ("first-order", OlsonKunasz(catch_doppler_resolution=0.2))
+    )
+    assert np.all(np.isfinite(first))
+    np.testing.assert_allclose(other, first, atol=1e-6 * 1e15)
 
 
 @pytest.mark.parametrize("order", ["", "secondorder", "doppcatch"])

@@ -307,7 +307,7 @@ class _Surface(Scanner):
     def __init__(self, scheme: Scheme, tau: float) -> None:
         self.scheme, self.tau = scheme, tau
         self.name = f"{scheme.name} surface"
-        self.coefficients_at = scheme.coefficients_at
+        self.coefficients_at, self.states = scheme.coefficients_at, scheme.states
 
     def count(self, extinctions: int) -> int:
         return 2 * extinctions
