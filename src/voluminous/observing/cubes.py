@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 # More channels are drawn in groups: in one, 1000 of them would take seven times the cube's memory.
 _TOGETHER = 64
+# Values between cells, as a part of the largest in a cell.
+_BEYOND = 1.5
 
 
 @with_progress
@@ -262,8 +264,15 @@ def bands_of(
 
     def extremes(expr: Expression) -> tuple[float, float]:
         fields = {name: statistics.range_of(name) for name in expr.names}
-        found = IntervalOps().number(expr.evaluate(IntervalOps(), fields))
-        return float(found.lo), float(found.hi)
+        with np.errstate(all="ignore"):
+            found = IntervalOps().number(expr.evaluate(IntervalOps(), fields))
+        low, high = float(found.lo), float(found.hi)
+        if not (np.isfinite(low + high) and not np.any(found.nan)):
+            # Of p/ρ beside a vacuum there is no bound; fields between cells may be beyond these.
+            values = np.asarray(volume.evaluate(expr), dtype=np.float64)
+            values = values[np.isfinite(values)]
+            low, high = values.min(initial=np.inf), _BEYOND * values.max(initial=-np.inf)
+        return float(low), float(high)
 
     wrong = [part for part in medium.components() if not isinstance(part, SpectralMedium)]
     if wrong:
