@@ -42,6 +42,11 @@ def check_bounds(bounds: Any, max_panels: Any, job: RenderJob) -> int:
             "bounds are of fields interpolated between cell centres: take "
             f"scheme='post-classified', got {job.scheme.name!r}"
         )
+    if job.medium.thermal or job.medium.sight:
+        raise InputError(
+            "bounds are of media of expressions; of spectral media image.error is an estimate: "
+            "leave out bounds=True, or give a smaller tolerance"
+        )
     if job.adaptive or job.recursive:
         raise InputError("bounds need to know the rays of a pixel: leave out antialias")
     return min(int(max_panels), 1 << 31)

@@ -117,11 +117,12 @@ class Dust(SpectralMedium):
         alpha: list[Any] = [0.0] * self.channels
         for s, (density, temperature) in enumerate(self._fields):
             rho = density.value(fields, context)
-            if temperature not in emission:
-                own = temperature.value(fields, context)
-                emission[temperature] = planck.values(self, own, context)
+            own = density.expr.text, temperature
+            if own not in emission:
+                warm = temperature.where(rho, fields, context)
+                emission[own] = planck.values(self, warm, context)
             kappa = [self.row(context, f"κ {s} {n}", self._kappa[s, n]) for n in (0, 1)]
-            for c, bright in enumerate(emission[temperature]):
+            for c, bright in enumerate(emission[own]):
                 absorbed = rho * kappa[0][c]
                 j[c] = j[c] + absorbed * bright
                 alpha[c] = alpha[c] + (rho * kappa[1][c] if self.scattering else absorbed)

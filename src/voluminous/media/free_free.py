@@ -118,7 +118,8 @@ class FreeFree(SpectralMedium):
         return [self._absorbs, self._gaunt]
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        electrons, ions, temperature = (q.value(fields, context) for q in self._fields)
+        electrons, ions = (q.value(fields, context) for q in self._fields[:2])
+        temperature = self._fields[2].where(electrons, fields, context)
         assert self._planck is not None
         bright = self._planck.values(self, temperature, context)
         log = dr.log(temperature)

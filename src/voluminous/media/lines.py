@@ -315,7 +315,8 @@ class Lines(SpectralMedium):
 
     def _state(self, fields: dict[str, Any], context: Context) -> LineState:
         """Return the gas at a place."""
-        density, temperature, turbulence = (q.value(fields, context) for q in self._fields)
+        density, turbulence = (self._fields[k].value(fields, context) for k in (0, 2))
+        temperature = self._fields[1].where(density, fields, context)
         number = context.kept_number
         narrowness = self._narrowness(temperature, turbulence, context)
         velocity = self._velocity(fields, context) + narrowness * 0.0
@@ -351,7 +352,8 @@ class Lines(SpectralMedium):
 
         Of each line those of the upper and the lower level, over their statistical weights.
         """
-        density, temperature, turbulence = (q.value(fields, context) for q in self._fields)
+        density, turbulence = (self._fields[k].value(fields, context) for k in (0, 2))
+        temperature = self._fields[1].where(density, fields, context)
         velocity = self._velocity(fields, context) + 0.0 * temperature
         found = [velocity, turbulence + 0.0 * temperature, temperature]
         if self.populations is not None:

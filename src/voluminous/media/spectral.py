@@ -107,6 +107,10 @@ class InCgs:
         found = context.evaluate(self.expr, dict(fields))
         return found if self.factor == 1.0 else found * context.kept_number(self.factor)
 
+    def where(self, matter: Any, fields: Mapping[str, Any], context: Context) -> Any:
+        """Return the same where there is matter, elsewhere one: p/ρ is 0/0 in a vacuum."""
+        return dr.select(matter == 0.0, 1.0, self.value(fields, context))
+
     def extremes(self, bands: Bands) -> tuple[float, float]:
         """Return its least and largest value in the volume."""
         low, high = bands.extremes(self.expr)

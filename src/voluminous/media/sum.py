@@ -29,6 +29,11 @@ class Sum(Medium):
 
     def __init__(self, parts: tuple[Medium, ...]) -> None:
         counts = {part.channels for part in parts}
+        if len(counts) > 1 and 0 in counts:
+            raise InputError(
+                "media that emit at any frequency (vm.Dust, vm.Lines, …) and media of colours "
+                "cannot be added; draw them apart"
+            )
         if len(counts) > 1:
             raise InputError(
                 f"media with {' and '.join(map(str, sorted(counts)))} channels cannot be added; "
