@@ -19,6 +19,7 @@ from figures_explorer import EXPLORER_FIGURES
 from figures_grids import GRID_FIGURES, example
 from figures_images import IMAGE_FIGURES
 from figures_media import MEDIA_FIGURES, outflow_walls
+from figures_observations import OBSERVATION_FIGURES
 from figures_outflow import OUTFLOW_FIGURES
 from figures_probe import PROBE_FIGURES
 from figures_schemes import raw_or_derived, thin_shell
@@ -201,6 +202,7 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     **DATA_FIGURES,
     **IMAGE_FIGURES,
     **CUBE_FIGURES,
+    **OBSERVATION_FIGURES,
     **OUTFLOW_FIGURES,
     **PROBE_FIGURES,
     **STAR_FIGURES,
