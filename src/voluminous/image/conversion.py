@@ -102,6 +102,11 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
             own, target = own * angle ** powers[0], target * angle ** powers[1]
     if own.is_equivalent(target):
         return float((own / target).to(u.dimensionless_unscaled))
+    if target.is_equivalent(u.rad) and not own.is_equivalent(u.rad):
+        raise UnitsError(
+            f"{message}, nor lengths on the image plane: say how far it is with "
+            "image.replace(distance=140 * u.pc)"
+        )
     if not isinstance(image, Cube):
         hint = "a beam or a pixel is a solid angle, and leads from Jy / sr to Jy / beam"
         if target.is_equivalent(u.K):

@@ -164,7 +164,8 @@ class SpectralAxis(Value):
         first, last = self.values[0], self.values[-1]
         name = f" of {self.line}" if self.line else ""
         plural = "" if len(self) == 1 else "s"
-        return f"<{len(self)} channel{plural}{name}, {first:.6g} … {last:.6g} {self.unit}>"
+        ends = f"{first:.6g}" if len(self) == 1 else f"{first:.6g} … {last:.6g}"
+        return f"<{len(self)} channel{plural}{name}, {ends} {self.unit}>"
 
     def _in(self, kind: str) -> Axis:
         own, unit = parse_unit(self.unit), parse_unit(UNITS[kind])

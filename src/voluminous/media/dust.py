@@ -74,6 +74,11 @@ class Dust(SpectralMedium):
                 f"there are {count} densities of dust, {len(rows[1])} temperatures and "
                 f"{len(self.opacity)} opacities; give one of each for every species"
             )
+        if wrong := [own for own in self.opacity if not hasattr(own, "absorption")]:
+            raise InputError(
+                "opacity must be a vm.Opacity, such as vm.Opacity.open(path), .power_law(…) or "
+                f".published(name), got {wrong[0]!r}"
+            )
         self.density = tuple(given_field(v, "density") for v in rows[0])
         self.temperature = tuple(given_field(v, "temperature") for v in rows[1])
         self.scattering = bool(scattering)

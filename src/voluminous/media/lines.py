@@ -138,6 +138,15 @@ class Lines(SpectralMedium):
                 "turbulence": turbulence or _in(volume, "microturbulence"),
             }
             temperature, velocity, turbulence = given.values()
+        if not hasattr(molecule, "einstein_a"):
+            raise InputError(
+                f"lines need a vm.Molecule, such as vm.Molecule.open('co.dat'), got {molecule!r}"
+            )
+        is_vector = isinstance(velocity, (list, tuple)) and len(velocity) == 3
+        if not (velocity is None or isinstance(velocity, str) or is_vector):
+            raise InputError(
+                f"velocity must be a vector's name or three of x, y, z, got {velocity!r}"
+            )
         if temperature is None:
             raise InputError("lines need the temperature of the gas: temperature='T'")
         self.density = given_field(density, "density")
@@ -222,6 +231,11 @@ class Lines(SpectralMedium):
             _farthest=_MARGIN * widest + math.sqrt(sum(v * v for v in ends)),
         )
 
+    @property
+    def is_seen(self) -> bool:
+        """Whether any channel is near a line."""
+        return bool(self._lines)
+
     _width = 1.0
     _farthest = 0.0
     _level_numbers: Sequence[int] = ()
@@ -273,8 +287,6 @@ class Lines(SpectralMedium):
         if given is None:
             return (), ()
         if not isinstance(given, str):
-            if len(given) != 3:
-                raise InputError(f"velocity must be a vector's name or three of x, y, z: {given!r}")
             return tuple(InCgs.of(v, "cm / s", "velocity", volume) for v in given), CARTESIAN
         for system in (volume.grid.coordinates, CARTESIAN, SPHERICAL, CYLINDRICAL):
             names = [f"{given}_{axis}" for axis in system]

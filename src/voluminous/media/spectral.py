@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 _OVERSHOOT = 0.1
 # Beyond this hν/kT the Planck function is Wien's, in double precision, too.
 _WIEN = 40.0
+# The logarithm of what is nothing, in units of the hottest matter's intensity.
+_DARK = -600.0
 # The largest hν/kT of which the exponential can be represented.
 _COLDEST = {"single": 80.0, "double": 700.0}
 
@@ -189,6 +191,18 @@ class SpectralMedium(Medium):
         )
         return [change * dr.fma(x, cold, 1.0) for x in steep]
 
+    def __call__(self, values: Any) -> tuple[Any, Any]:
+        raise InputError(self._without_channels())
+
+    def plot(self, volume: Volume | None = None, ax: Any = None) -> Any:
+        raise InputError(self._without_channels())
+
+    def _without_channels(self) -> str:
+        return (
+            f"{type(self).__name__} has no transfer function: it emits at any frequency. Draw "
+            "vm.observe(volume, medium, camera, wavelengths=[0.87] * u.mm), or a spectrum"
+        )
+
     def describe(self) -> dict[str, Any]:
         """Return its arguments as plain values; of opacities and molecules the names."""
         parameters = inspect.signature(type(self)).parameters
@@ -257,6 +271,10 @@ class SpectralFunction(SpectralMedium):
     ) -> None:
         self.function = Function(function, fields, 1, grey=False, parameters=parameters)
 
+    def describe(self) -> dict[str, Any]:
+        own = self.function.describe()
+        return {"type": self.kind, **{k: own[k] for k in ("function", "fields") if k in own}}
+
     def quantities(self) -> Sequence[InCgs]:
         return tuple(map(InCgs, self.function.inputs))
 
@@ -273,7 +291,10 @@ class SpectralFunction(SpectralMedium):
         found = MediumSample([], [])
         for nu, unit in zip(self.row(context, "ν", bands.frequencies), bright, strict=True):
             try:
-                j, alpha = function.function(*arguments, nu, **keywords)
+                pair = function.function(*arguments, nu, **keywords)
+                if not isinstance(pair, tuple) or len(pair) != 2:
+                    raise TypeError(f"it returns {type(pair).__name__}")
+                j, alpha = pair
             except (TypeError, ValueError) as error:
                 raise InputError(
                     f"a spectral function is called with {len(arguments)} fields and the frequency "
@@ -305,7 +326,9 @@ class Planck:
         self.least = np.minimum(self.slope, _WIEN)
         with np.errstate(under="ignore", over="ignore"):
             lost = np.log(constants.planck_factor) + 3.0 * np.log(nu) - np.log(bands.unit)
-            self.factor = np.exp(lost - (self.slope - self.least))
+            size = lost - (self.slope - self.least)
+        # Where all is dark even in the smallest unit there is, products would be subnormal.
+        self.factor = np.where(size - self.least < _DARK, 0.0, np.exp(np.maximum(size, _DARK)))
 
     def coolness(self, temperature: Float, context: Context) -> Float:
         """Return (T_hottest - T)/T: large where it is cold."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -105,6 +106,11 @@ def observe(
     """
     if not isinstance(volume, Volume):
         raise InputError(f"observe needs a vm.Volume first, got {type(volume).__name__}")
+    if not isinstance(medium, Medium):
+        raise InputError(
+            "observe needs a medium (vm.Dust, vm.Lines, vm.FreeFree, …) second, got "
+            f"{type(medium).__name__}"
+        )
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
     known = constants_named(constants)
     things = model_stars(volume) if objects is None else objects
@@ -118,6 +124,7 @@ def observe(
     bands = bands_of(volume, medium, axis.frequencies, known)
     bands = with_room_for([*things, behind], replace(bands, once=len(axis) > _TOGETHER))
     tuned, count = at_frequencies(medium, bands), len(axis)
+    _warn_of_lines(tuned, bands)
     groups = [slice(0, count)] if count <= _TOGETHER else list(_groups(count))
     report = reporter()
 
@@ -140,6 +147,22 @@ def observe(
         )
 
     return _cube(draw, groups, bands, axis, medium, distance)
+
+
+def _warn_of_lines(medium: Medium, bands: Bands) -> None:
+    """Warn if a medium is nothing but lines, none of which is near any channel."""
+    parts = [part for part in medium.components() if isinstance(part, Lines)]
+    if any(part.is_seen for part in parts) or len(parts) < len(medium.components()):
+        return
+    molecule, nu = parts[0].molecule, bands.frequencies
+    k = int(np.abs(np.log(molecule.frequencies[:, None] / nu)).min(axis=1).argmin())
+    ends = f"{molecule.labels[molecule.up[k]]}-{molecule.labels[molecule.low[k]]}"
+    warnings.warn(
+        f"no channel is near a line of {molecule.name}; the nearest is {ends}, at "
+        f"{molecule.frequencies[k] / 1e9:.9g} GHz: velocities=vm.channels(-5, 5, 40, "
+        f"line='{molecule.name} {ends}')",
+        stacklevel=4,
+    )
 
 
 def _groups(count: int) -> Iterator[slice]:

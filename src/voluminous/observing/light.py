@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..objects import SceneObject, Stars
 from ..objects.values import is_spectrum
 from ..packages import room
-from ..units import is_quantity, parse_unit, plain
+from ..units import is_quantity, parse_unit, plain, unit_of
 
 if TYPE_CHECKING:
     from ..media.spectral import Bands
@@ -92,6 +92,9 @@ def intensities(light: Any, bands: Bands) -> np.ndarray:
 
 
 def _plain(light: Any) -> Any:
+    own = unit_of(light)
+    if own is not None and own.is_equivalent("K"):
+        raise InputError(f"expected an intensity, got {light}; vm.Blackbody(2.7 * u.K) is one")
     return plain(light, parse_unit(INTENSITY) if is_quantity(light) else None, "intensity")
 
 

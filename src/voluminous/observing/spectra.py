@@ -119,6 +119,8 @@ def spectrum(
             "a spectrum is of a circle (aperture=) or of the picture of a vm.Orthographic; give "
             f"one of them, got {type(camera).__name__}"
         )
+    if distance is None and _is_angle(aperture):
+        raise InputError(f"an aperture of {aperture} needs the distance: distance=140 * u.pc")
     things = model_stars(volume) if objects is None else objects
     things = [things] if isinstance(things, SceneObject) else list(things)
     options |= {"tolerance": tolerance, "progress": progress, **given}
@@ -235,11 +237,16 @@ def _first_camera(volume: Volume, incl: Any, phi: Any, aperture: Any, away: floa
     return Rings(walls, None, _FIRST // 2, incl, phi, center=center)
 
 
+def _is_angle(aperture: Any) -> bool:
+    """Return True if an aperture is an angle, not a length."""
+    own = None if aperture is None else getattr(as_given(aperture, "aperture"), "unit", None)
+    return own is not None and bool(own.is_equivalent("rad"))
+
+
 def _aperture(aperture: Any, away: float, unit: Any) -> float:
     """Return the radius of an aperture in the grid's unit."""
     given = as_given(aperture, "aperture", "2 arcsec")
-    own = getattr(given, "unit", None)
-    if own is not None and own.is_equivalent("rad"):
+    if _is_angle(given):
         centimetres = away * float(radians(given, "aperture"))
         radius = centimetres if unit is None else centimetres / float(unit.to("cm"))
     else:

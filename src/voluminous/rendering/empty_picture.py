@@ -32,5 +32,6 @@ def warn_of_nothing(job: RenderJob) -> None:
                 ends = f"{float(x.lo):.6g} to {float(x.hi):.6g}{f' {unit}' if unit else ''}"
                 values.append(f"{expr.text} is from {ends} in this volume")
             reason = "; ".join(dict.fromkeys(values) or ["it is transparent in this volume"])
-            reason += ". Choose values in that range; vm.suggest_medium(volume, ...) finds some"
+            if values:
+                reason += ". Choose values in that range; vm.suggest_medium(volume, ...) finds some"
     warnings.warn(f"the picture shows nothing of the medium: {reason}", stacklevel=6)
