@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,6 +32,30 @@ def seal(array: np.ndarray) -> bool:
 
 
 @dataclass(frozen=True)
+class Pieces:
+    """How a part of a field is read: fields larger than memory are used box by box.
+
+    Attributes
+    ----------
+    read : callable
+        ``read(low, high, level)`` returns the cells ``low <= i < high`` of a level, axes as the
+        grid has them; level 0 is the field itself.
+    chunks : tuple of three int, optional
+        Cells of the pieces that are stored; None if any box is as good as another.
+    coarser : tuple of shapes
+        Shapes of the levels that are stored beside the field, each of half as many cells as the one
+        before along some axes, the last cell of an axis being of one or two.
+    extremes : callable, optional
+        Returns the least and the largest value of each piece, shape ``(kx, ky, kz, 2)``.
+    """
+
+    read: Callable[[Sequence[int], Sequence[int], int], np.ndarray]
+    chunks: tuple[int, ...] | None = None
+    coarser: tuple[tuple[int, ...], ...] = ()
+    extremes: Callable[[], np.ndarray] | None = None
+
+
+@dataclass(frozen=True)
 class Deferred:
     """A field that is not read yet: ``volume["density"] = Deferred(read, "f4")``.
 
@@ -42,12 +67,22 @@ class Deferred:
     unit : str or unit, optional
     mapped : bool
         True if the values stay in the file, and are brought into memory page by page.
+    pieces : Pieces, optional
+        How a box of it is read without the rest.
     """
 
     load: Callable[[], Any]
     dtype: Any
     unit: Any = None
     mapped: bool = False
+    pieces: Pieces | None = None
+
+
+def _part_of_file(
+    load: Callable[[], Any], low: Sequence[int], high: Sequence[int], level: int
+) -> np.ndarray:
+    """Return a copy of a part of a mapped array; its pages are let go of with the mapping."""
+    return np.array(load()[tuple(map(slice, low, high))])
 
 
 @dataclass
@@ -58,6 +93,7 @@ class _Field:
     array: np.ndarray | None = None
     load: Callable[[], np.ndarray] | None = None
     mapped: bool = False
+    pieces: Pieces | None = None
     owned: bool = False
     sealed: int | None = None
 
@@ -80,7 +116,12 @@ class Fields(MutableMapping[str, np.ndarray]):
 
     def defer(self, name: str, load: Callable[[], np.ndarray], what: Deferred) -> None:
         """Keep how an array is read, in place of the array."""
-        self._fields[name] = _Field(np.dtype(what.dtype), load=load, mapped=what.mapped)
+        pieces = what.pieces
+        if pieces is None and what.mapped:
+            pieces = Pieces(functools.partial(_part_of_file, what.load))
+        self._fields[name] = _Field(
+            np.dtype(what.dtype), load=load, mapped=what.mapped, pieces=pieces
+        )
 
     def guard(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
         """Read within a context that explains errors."""
@@ -99,6 +140,32 @@ class Fields(MutableMapping[str, np.ndarray]):
     def dtype(self, name: str) -> np.dtype[Any]:
         """Return the type of a field without reading it."""
         return self._fields[name].dtype
+
+    def pieces(self, name: str) -> Pieces | None:
+        """Return how boxes of a field are read from its file; None if it has none."""
+        return self._fields[name].pieces
+
+    def box(
+        self, name: str, low: Sequence[int], high: Sequence[int], level: int = 0
+    ) -> np.ndarray | None:
+        """Return the cells ``low <= i < high`` as their file has them; None if they must be sliced.
+
+        A field that was read is sliced, unless its values stay in the file: of those, only the
+        pages in use shall take memory.
+        """
+        field = self._fields[name]
+        if field.pieces is None or (level == 0 and field.array is not None and not field.mapped):
+            return None
+        with self._reading():
+            return field.pieces.read(low, high, level)
+
+    def piece_extremes(self, name: str) -> np.ndarray | None:
+        """Return the least and largest values that a file tells of its pieces, or None."""
+        pieces = self._fields[name].pieces
+        if pieces is None or pieces.extremes is None:
+            return None
+        with self._reading():
+            return pieces.extremes()
 
     def __copy__(self) -> Fields:
         """Return independent fields: what is read of one is not known to the other."""

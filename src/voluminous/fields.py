@@ -156,6 +156,14 @@ def check_order(name: str, values: Any) -> None:
             )
 
 
+def held_dtype(dtype: Any) -> np.dtype[Any]:
+    """Return the type in which volumes hold numbers of a type: one that kernels have."""
+    held: np.dtype[Any] = np.dtype(dtype).newbyteorder("=")
+    if held.kind == "f":
+        held = np.dtype(np.float32 if held.itemsize <= 4 else np.float64)
+    return held
+
+
 def checked_array(name: str, array: np.ndarray, grid: Grid) -> np.ndarray:
     """Return an array as volumes hold it: C-contiguous, and of a type that kernels have."""
     if array.dtype.kind not in "fiub":
@@ -168,11 +176,7 @@ def checked_array(name: str, array: np.ndarray, grid: Grid) -> np.ndarray:
             f"field {name!r} has shape {array.shape}, expected the grid's {grid.shape}"
             + _advice(name, array.shape, grid)
         )
-    if array.dtype == np.float16:
-        array = array.astype(np.float32)
-    elif array.dtype.kind == "f" and array.dtype.itemsize > 8:
-        array = array.astype(np.float64)
-    dtype = array.dtype.newbyteorder("=")
+    dtype = held_dtype(array.dtype)
     if array.ndim != 3 or array.flags.c_contiguous or array.strides[0] >= array.strides[2]:
         return np.ascontiguousarray(array, dtype=dtype)
     # Where x is fastest, layer by layer of z: three times as fast as all at once (64 MiB).

@@ -36,6 +36,7 @@ from .regrid.resample import resampled_volume
 from .regrid.slices import Slice, make_plane, slice_of
 from .regrid.table import table_of_cells
 from .regrid.unfold import unfolded_volume
+from .store import FieldStore, Store
 from .units import parse_unit, shown, unit_name
 
 if TYPE_CHECKING:
@@ -289,7 +290,8 @@ class Volume(Evaluation):
             check_memory(size, f"reading {name!r}", advice)
             return checked_array(name, self.grid.pack(value.load()), self.grid)
 
-        check_memory(size, f"reading {name!r}", advice)
+        if value.pieces is None:
+            check_memory(size, f"reading {name!r}", advice)
         self._fields.defer(name, load, value)
 
     def load(self, *names: str) -> Volume:
@@ -308,6 +310,27 @@ class Volume(Evaluation):
     def bytes_waiting(self) -> int:
         """Bytes that `load` would take."""
         return int(self._fields.bytes_waiting(self.grid.size))
+
+    @property
+    def store(self) -> Store:
+        """The fields in pieces: boxes of cells, without reading the rest of a file.
+
+        Files of which boxes are read are Zarr (with coarser levels and statistics, as far as they
+        were saved), chunked HDF5, ``.npy`` and raw numbers; fields of others, and those that were
+        set, are parts of their arrays.
+
+        Raises
+        ------
+        InputError
+            If the grid is refined: its cells are not counted along three axes.
+
+        Examples
+        --------
+        >>> sphere = vm.models.sphere(8)
+        >>> sphere.store.read("density", (0, 2, 4), (4, 4, 8)).shape
+        (4, 2, 4)
+        """
+        return FieldStore(self.grid.shape, self._fields)
 
     def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
         """Read deferred fields within a context that adds the file name to errors."""

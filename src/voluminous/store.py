@@ -1,0 +1,188 @@
+"""A volume in pieces: boxes of its fields, read from a file or sliced from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from .errors import InputError, unknown_name
+from .fields import held_dtype
+
+if TYPE_CHECKING:
+    from .deferred import Fields
+
+# Cells along the sides of a chunk where a file does not say: 8 MiB of single precision.
+SIDE = 128
+
+
+class Store(Protocol):
+    """Fields on three axes, of which any box can be read.
+
+    Attributes
+    ----------
+    chunks : tuple of three int
+        Cells of a chunk at every level; those at the upper ends may be smaller.
+    levels : int
+        Number of resolutions; 1 if there are only the cells themselves.
+    """
+
+    @property
+    def chunks(self) -> tuple[int, int, int]:
+        """Cells of a chunk."""
+
+    @property
+    def levels(self) -> int:
+        """Number of resolutions."""
+
+    def shape(self, level: int) -> tuple[int, int, int]:
+        """Return the number of cells of a level along each axis; level 0 is the finest."""
+
+    def read(
+        self, name: str, low: Sequence[int], high: Sequence[int], level: int = 0
+    ) -> np.ndarray:
+        """Return the cells ``low <= i < high`` of a level, in the field's type and unit.
+
+        Returns
+        -------
+        ndarray
+            In C order. A cell of level 1 or more is the mean of the cells that it covers.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such field.
+        InputError
+            If there is no such level, or the box is empty or reaches beyond it.
+        """
+
+    def extremes(self, name: str, level: int = 0) -> np.ndarray | None:
+        """Return the least and the largest value in each chunk of a level, if they are stored.
+
+        Returns
+        -------
+        ndarray or None
+            Shape ``(kx, ky, kz, 2)``: of the cells of level 0 that a chunk covers, and so of its
+            own; NaN if one of them is.
+        """
+
+
+class FieldStore:
+    """The `Store` of a volume: its files as far as these can be read in pieces, else its arrays."""
+
+    def __init__(self, shape: Sequence[int], fields: Fields) -> None:
+        if len(shape) != 3:
+            raise InputError(
+                "a volume is read in pieces where its cells are counted along three axes; these "
+                "are refined: volume.resample(vm.CartesianGrid.uniform(…)) makes a Cartesian one"
+            )
+        self._fields = fields
+        pieces = [p for p in map(fields.pieces, fields) if p is not None]
+        stored = next((p.chunks for p in pieces if p.chunks), (SIDE,) * 3)
+        x, y, z = (min(c, n) for c, n in zip(stored, shape, strict=True))
+        self.chunks = x, y, z
+        # Levels that not all files have are left out; those of arrays are made when asked for.
+        coarser = min((p.coarser for p in pieces), key=len, default=())
+        self._shapes = [tuple(shape), *coarser]
+        if any(p.coarser[: len(coarser)] != coarser for p in pieces):
+            self._shapes = self._shapes[:1]
+
+    @property
+    def levels(self) -> int:
+        """Number of resolutions."""
+        return len(self._shapes)
+
+    def shape(self, level: int) -> tuple[int, int, int]:
+        """Return the number of cells of a level along each axis."""
+        if not 0 <= level < self.levels:
+            raise InputError(f"level must be from 0 to {self.levels - 1}, got {level!r}")
+        x, y, z = self._shapes[level]
+        return x, y, z
+
+    def read(
+        self, name: str, low: Sequence[int], high: Sequence[int], level: int = 0
+    ) -> np.ndarray:
+        """Return the cells ``low <= i < high`` of a level."""
+        self._check(name)
+        shape = self.shape(level)
+        if not all(0 <= a < b <= n for a, b, n in zip(low, high, shape, strict=True)):
+            raise InputError(
+                f"a box needs 0 <= low < high <= {shape}, got {tuple(low)} and {tuple(high)}"
+            )
+        values = self._fields.box(name, low, high, level)
+        if values is None and level == 0:
+            values = self._fields[name][tuple(map(slice, low, high))]
+        elif values is None:
+            factors = self._factors(level)
+            first = [a * f for a, f in zip(low, factors, strict=True)]
+            last = [min(b * f, n) for b, f, n in zip(high, factors, self._shapes[0], strict=True)]
+            values = means(self.read(name, first, last), factors)
+        return np.ascontiguousarray(values, held_dtype(values.dtype))
+
+    def extremes(self, name: str, level: int = 0) -> np.ndarray | None:
+        """Return the least and the largest value in each chunk of a level, if they are stored."""
+        self._check(name)
+        self.shape(level)
+        table = self._fields.piece_extremes(name)
+        if table is None:
+            return None
+        for axis, factor in enumerate(self._factors(level)):
+            starts = np.arange(0, table.shape[axis], factor)
+            low = np.minimum.reduceat(table[..., 0], starts, axis)
+            table = np.stack([low, np.maximum.reduceat(table[..., 1], starts, axis)], -1)
+        return table
+
+    def _check(self, name: str) -> None:
+        if name not in self._fields:
+            raise unknown_name("field", name, self._fields)
+
+    def _factors(self, level: int) -> tuple[int, ...]:
+        """Return how many cells, along each axis, a cell of a level covers."""
+        return level_factors(self._shapes[0], self._shapes[level]) or (1, 1, 1)
+
+
+def level_factors(fine: Sequence[int], coarse: Sequence[int]) -> tuple[int, ...] | None:
+    """Return the powers of two by which a shape is coarser than another; None if it is not.
+
+    Examples
+    --------
+    >>> level_factors((9, 9, 4), (5, 2, 4)), level_factors((9, 9, 9), (4, 4, 4))
+    ((2, 8, 1), None)
+    """
+    factors = []
+    for n, k in zip(fine, coarse, strict=True):
+        powers = [1 << p for p in range(n.bit_length() + 1) if -(-n >> p) == k]
+        # All but the least make the same number only where one cell is left.
+        factors.append(powers[0] if powers else 0)
+    return tuple(factors) if all(factors) else None
+
+
+def means(values: np.ndarray, factors: Sequence[int]) -> np.ndarray:
+    """Return the means of groups of cells of a field, of its type; NaN where all of them are NaN.
+
+    Groups at the upper ends may be of fewer cells. Means of integers are rounded.
+    """
+    if values.dtype.kind == "f" and np.isnan(values.min()):
+        known = ~np.isnan(values)
+        count = _sums(known.astype(np.float64), factors)
+        total = _sums(np.where(known, values, 0).astype(np.float64), factors)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(total / count).astype(values.dtype)
+    total = _sums(values.astype(np.float64), factors)
+    for axis, (n, factor) in enumerate(zip(values.shape, factors, strict=True)):
+        counts = np.minimum(factor, n - factor * np.arange(total.shape[axis]))
+        total /= counts.reshape([-1 if a == axis else 1 for a in range(3)])
+    rounded = total if values.dtype.kind == "f" else np.rint(total)
+    return np.asarray(rounded.astype(values.dtype))
+
+
+def _sums(values: np.ndarray, factors: Sequence[int]) -> np.ndarray:
+    """Return sums over groups of so many cells, the powers of two, along each axis."""
+    for axis, factor in enumerate(factors):
+        for _ in range(factor.bit_length() - 1):
+            lines = np.moveaxis(values, axis, 0)
+            pairs = lines[::2].copy()
+            pairs[: len(lines) // 2] += lines[1::2]
+            values = np.moveaxis(pairs, 0, axis)
+    return values
