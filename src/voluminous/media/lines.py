@@ -18,8 +18,8 @@ from ..expressions.interval import Interval
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
 from .context import Context, Feature, Halves, MediumSample
 from .gaussian import Gaussian, gaussian_mean
-from .panel import Panel, extremes, third_differences
-from .quadrature import boole, midway, parabola
+from .panel import Panel, extremes, kept, third_differences
+from .quadrature import boole, midway, parabola, simpson
 from .spectral import Bands, InCgs, SpectralMedium, given_field, model_of
 
 if TYPE_CHECKING:
@@ -563,11 +563,10 @@ class Lines(SpectralMedium):
                 [narrow(v) for v in found.dense],
             )
 
-        key = (id(self), "states")
-        if key not in panel.cache:
-            panel.cache[key] = [state(s) for s in panel.where]
-        states: list[LineState] = panel.cache[key]
-        return states
+        def states() -> list[LineState]:
+            return [state(s) for s in panel.where]
+
+        return kept(panel, (id(self), "states"), states)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         first, middle, last = self._along(panel, context)
@@ -575,7 +574,7 @@ class Lines(SpectralMedium):
         ends = [(s.narrowness, s.velocity * s.narrowness) for s in (first, last)]
         for k in range(len(self._lines)):
             rows = ([getattr(s, name)[k] for s in (first, middle, last)] for name in _NAMES)
-            bright, dense = (_simpson_weights(row) for row in rows)
+            bright, dense = (simpson(*row) for row in rows)
             for c, shift in enumerate(found.shifts[k]):
                 z = [_ROOT2 * dr.fma(shift, n, u) for n, u in ends]
                 shape = gaussian_mean(z[0], z[1], context.faint)
@@ -673,12 +672,6 @@ def _in_closed_form(
             most = extremes(row)[1]  # the error is no more, whatever the differences of noise say
             found += [*parts, dr.select(wrong < most, wrong, most)]
     return found
-
-
-def _simpson_weights(values: list[Float]) -> Float:
-    """Return the mean of three values by Simpson's rule."""
-    a, m, b = values
-    return dr.fma(2 / 3, m, (1 / 6) * (a + b))
 
 
 def _reach(context: Context) -> float:
