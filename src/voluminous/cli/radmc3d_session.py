@@ -439,14 +439,11 @@ class Session:
     def _surface(self, **options: Any) -> Image:
         """Return where the optical depth is reached, from the pointing position on."""
         from ..measuring import tau_surface
-        from ..observing.cubes import at_frequencies, bands_of
-        from ..physics.constants import RADMC3D
+        from ..observing.cubes import tuned
 
-        medium = self.medium()
-        bands = bands_of(self.volume, medium, self.frequencies, RADMC3D)
         surface = tau_surface(
             self.volume,
-            at_frequencies(medium, bands),
+            tuned(self.volume, self.medium(), frequencies=self.frequencies, constants="radmc3d"),
             self.camera(),
             self.request.depth,
             scheme=self.scheme(),

@@ -11,6 +11,7 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError, check_name
 from ..media import Coefficients
+from ..packages import room
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.march import MarchState
@@ -254,6 +255,9 @@ def tau_surface(
     camera: Camera,
     tau: float = 1.0,
     *,
+    wavelengths: Any = None,
+    frequencies: Any = None,
+    velocities: Any = None,
     scheme: str | Scheme = "first-order",
     precision: str = "double",
     device: str = "auto",
@@ -270,6 +274,8 @@ def tau_surface(
         As for `render`.
     tau : float
         Positive.
+    wavelengths, frequencies, velocities : optional
+        One of them, of spectral media, as in `observe`: the map has a channel for each.
     scheme : str
         Computes the optical depths of segments; see `render`.
     precision, device, progress
@@ -287,6 +293,9 @@ def tau_surface(
     """
     if not isinstance(tau, Real) or not 0 < tau < np.inf:
         raise InputError(f"tau must be a positive number, got {tau!r}")
+    channels = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
+    if any(given is not None for given in channels.values()):
+        medium = room("observing.cubes").tuned(volume, medium, **channels)
     surface = _Surface(get_scheme(scheme, controlled=False), float(tau))
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
     results, _ = scan(volume, medium, camera, surface, **options)

@@ -394,7 +394,10 @@ def given_field(value: Any, what: str) -> Any:
     value = as_given(value, what)
     if is_quantity(value) and np.ndim(value.value) == 0:
         return value
-    raise InputError(f"{what} must be a field, an expression or a quantity, got {value!r}")
+    raise InputError(
+        f"{what} must be the name of a field, an expression, a number or a quantity (of several "
+        f"species a list of these; arrays become fields by volume['name'] = array), got {value!r}"
+    )
 
 
 def _told(value: Any) -> Any:

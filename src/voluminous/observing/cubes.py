@@ -316,6 +316,21 @@ def bands_of(
     return replace(bands, hottest=warmest, unit=unit)
 
 
+def tuned(
+    volume: Volume,
+    medium: Medium,
+    *,
+    wavelengths: Any = None,
+    frequencies: Any = None,
+    velocities: Any = None,
+    constants: str | Constants = "codata",
+) -> Medium:
+    """Return a spectral medium with channels; the arguments are those of `observe`."""
+    axis = spectral_axis(medium, wavelengths, frequencies, velocities)
+    known = constants_named(constants)
+    return at_frequencies(medium, bands_of(volume, medium, axis.frequencies, known))
+
+
 def at_frequencies(medium: Medium, bands: Bands) -> Medium:
     """Return a medium with a channel for each frequency."""
 

@@ -1,4 +1,4 @@
-"""What `vm.observe` and the media of physics refuse, and what they warn of."""
+"""What `vm.observe` and the media of physics refuse and warn of; surfaces at wavelengths."""
 
 import numpy as np
 import pytest
@@ -25,6 +25,7 @@ CO = vm.Molecule("CO", 28.0, [0.0, 3.845], [1, 3], "01", [1], [0], [7.203e-8], [
         (lambda: vm.spectrum(CORE, DUST, wavelengths=870, aperture=1 * u.arcsec), "distance"),
         (lambda: DUST.plot(CORE), "vm.observe"),
         (lambda: DUST(1.0), "vm.observe"),
+        (lambda: vm.Dust("density", [12, 13] * u.K, KAPPA), "of several species a list"),
     ],
 )
 def test_refusals_say_what_to_give(make, told):
@@ -52,3 +53,18 @@ def test_matter_too_cold_to_shine_is_dark(wavelength):
     cube = vm.observe(CORE, DUST, CAMERA, wavelengths=wavelength)
     assert np.all(cube.intensity < 1e-290)
     assert np.all(cube.optical_depth > 0.0)
+
+
+def test_the_surface_of_optical_depth_one_at_two_wavelengths():
+    """In uniform dust it is 1/(ρκ) below the side that faces the observer."""
+    slab = vm.Volume(vm.CartesianGrid.uniform((2, 2, 8), ((0, 1),) * 3, unit="au"))
+    slab["rho"] = np.full(slab.grid.shape, 1e-12) * u.g / u.cm**3
+    dust = vm.Dust("rho", 30 * u.K, KAPPA)
+    above = vm.Orthographic(0, width=0.5 * u.au, resolution=2)
+    surface = vm.tau_surface(slab, dust, above, wavelengths=[0.45, 0.87] * u.mm)
+    waves = np.array([450.0, 870.0])
+    kappa = 3.5 * (870.0 / waves) ** 1.8
+    expected = 1.0 - 1.0 / (1e-12 * kappa * (1 * u.au).to_value("cm"))
+    np.testing.assert_allclose(
+        surface.points[..., 2], np.broadcast_to(expected, (2, 2, 2)), rtol=1e-12
+    )
