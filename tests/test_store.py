@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 
 import voluminous as vm
 from voluminous.deferred import Deferred, Pieces
+from voluminous.io.registry import open_lazily
 from voluminous.store import level_factors, means
 
 RNG = np.random.default_rng(3)
@@ -72,6 +74,118 @@ def test_boxes_of_mapped_files(tmp_path, dtype, order):
     assert_boxes(volume.store, "rho", volume.array("rho"))
 
 
+def as_hdf5(path):
+    """Write arrays with z first, y running down, a vector, and pieces of (2, 3, 4)."""
+    with h5py.File(path, "w") as file:
+        turned = RHO.T[:, ::-1]
+        item = file.create_dataset("rho", data=turned, chunks=(2, 3, 4), compression="gzip")
+        for axis, (name, n) in enumerate(zip("zyx", turned.shape, strict=True)):
+            file[name] = np.arange(n)[:: -1 if name == "y" else 1] + 0.5
+            file[name].make_scale(name)
+            item.dims[axis].attach_scale(file[name])
+        file.create_dataset("B", data=[-turned, turned, 2 * turned], chunks=(3, 2, 3, 4))
+    return {"fields": {"rho": "rho", "B_y": "B_y"}, "axes": "zyx"}
+
+
+def as_matlab(path):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_dataset("rho", data=RHO.T, chunks=(2, 3, 4))
+    with open(path, "r+b") as start:
+        start.write(b"MATLAB 7.3 MAT-file")
+    return {}
+
+
+def as_zarr(path, version=3):
+    zarr = pytest.importorskip("zarr", "3")
+    group = zarr.open_group(str(path), mode="w", zarr_format=version)
+    group.create_array("gas/rho", shape=SHAPE, dtype="f4", chunks=(4, 3, 2))[...] = RHO
+    return {}
+
+
+def as_labelled_zarr(path):
+    pytest.importorskip("zarr", "3")
+    xr = pytest.importorskip("xarray")
+    down = {"z": ("z", -np.arange(5.0)), "y": np.arange(6.0), "x": np.arange(9.0)}
+    data = xr.Dataset({"rho": (("t", "z", "y", "x"), RHO.T[None, ::-1])}, down)
+    data.to_zarr(path, encoding={"rho": {"chunks": (1, 2, 3, 4)}})
+    return {}
+
+
+def as_netcdf(path):
+    xr = pytest.importorskip("xarray")
+    xr.Dataset({"rho": (("z", "y", "x"), RHO.T)}).to_netcdf(path, engine="scipy")
+    return {}
+
+
+def as_raw(path):
+    RHO.astype(">f4").tofile(path, "")
+    return {"shape": SHAPE, "dtype": ">f4", "axes": "xyz"}
+
+
+def as_raw_x_first(path):
+    RHO.T.tofile(path)
+    return {"shape": SHAPE, "dtype": "f4"}
+
+
+def as_native(path):
+    vm.Volume(vm.CartesianGrid.uniform(SHAPE, (0, 1)), rho=RHO).save(path, compress=True)
+    return {}
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("a.h5", as_hdf5),
+        ("a.mat", as_matlab),
+        ("a.zarr", as_zarr),
+        ("b.zarr", lambda path: as_zarr(path, 2)),
+        ("c.zarr", as_labelled_zarr),
+        ("a.nc", as_netcdf),
+        ("rho.raw", as_raw),
+        ("rho.raw", as_raw_x_first),
+        ("b.h5", as_native),
+    ],
+)
+def test_boxes_of_files(tmp_path, monkeypatch, name, write):
+    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
+    options = write(tmp_path / name)
+    volume = open_lazily(tmp_path / name, **options)
+    store = volume.store
+    for field in volume.fields:
+        assert_boxes(store, field, RHO)
+    assert volume.waiting == volume.fields or name.endswith(".raw")
+    np.testing.assert_array_equal(volume.array("rho"), RHO)
+
+
+@pytest.mark.parametrize("size", [8, 9])
+def test_levels_of_a_pyramid(tmp_path, size):
+    """Levels that are no powers of two of the cells are left out."""
+    zarr = pytest.importorskip("zarr", "3")
+    group = zarr.open_group(str(tmp_path / "a.ome.zarr"), mode="w")
+    cells = RNG.random((2, size, 8, 6), np.float32)
+    shapes = [(size, 8, 6), (size, 4, 3), (size // 2, 2, 2)]
+    scales = [[1.0, n, m, m] for n, m in ((1.0, 1.0), (1.0, 2.0), (2.0, 4.0))]
+    levels = [cells[:, :, :: size // a, :: 8 // b] for a, b, _ in shapes]
+    for k, (shape, values) in enumerate(zip(shapes, levels, strict=True)):
+        levels[k] = values[:, : shape[0], : shape[1], : shape[2]]
+        group.create_array(str(k), data=levels[k], chunks=(1, 4, 4, 4))
+    steps = [[{"type": "scale", "scale": scale}] for scale in scales]
+    data = [{"path": str(k), "coordinateTransformations": s} for k, s in enumerate(steps)]
+    axes = [{"name": "c", "type": "channel"}, *({"name": a, "type": "space"} for a in "zyx")]
+    told = {"version": "0.5", "multiscales": [{"axes": axes, "datasets": data}]}
+    group.attrs["ome"] = told
+    volume = open_lazily(tmp_path / "a.ome.zarr")
+    store = volume.store
+    assert store.levels == (3 if size == 8 else 2)
+    for level in range(store.levels):
+        shape = store.shape(level)
+        assert shape == shapes[level][::-1]
+        values = store.read("channel_1", (0, 1, 0), shape, level)
+        np.testing.assert_array_equal(values, levels[level][1].T[:, 1:])
+    assert_boxes(store, "channel_0", cells[0].T)
+    assert open_lazily(tmp_path / "a.ome.zarr", level=2).store.levels == 1
+
+
 def test_what_cannot_be():
     volume = vm.Volume(vm.CartesianGrid.uniform(SHAPE, (0, 1)), rho=RHO)
     with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'rho'"):
@@ -94,7 +208,7 @@ def test_means(shape):
     halves = means(values, (2, 2, 2))
     for index in np.ndindex(halves.shape):
         group = values[tuple(slice(2 * i, 2 * i + 2) for i in index)]
-        np.testing.assert_allclose(halves[index], np.nanmean(group), rtol=1e-14)
+        np.testing.assert_allclose(halves[index], np.nanmean(group), rtol=1e-14, atol=1e-15)
     assert np.isnan(means(np.full(shape, np.nan, "f4"), (2, 2, 2))).all()
     numbers = means(np.full(shape, 2**31, np.uint32), (4, 2, 1))
     assert numbers.dtype == np.uint32

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol
 
@@ -79,7 +80,10 @@ class FieldStore:
             )
         self._fields = fields
         pieces = [p for p in map(fields.pieces, fields) if p is not None]
-        stored = next((p.chunks for p in pieces if p.chunks), (SIDE,) * 3)
+        first = next((p for p in pieces if p.chunks), None)
+        stored = list(first.chunks if first and first.chunks else (SIDE,) * 3)
+        if first is not None and first.extremes is None:
+            stored = _several(stored)
         x, y, z = (min(c, n) for c, n in zip(stored, shape, strict=True))
         self.chunks = x, y, z
         # Levels that not all files have are left out; those of arrays are made when asked for.
@@ -140,6 +144,16 @@ class FieldStore:
     def _factors(self, level: int) -> tuple[int, ...]:
         """Return how many cells, along each axis, a cell of a level covers."""
         return level_factors(self._shapes[0], self._shapes[level]) or (1, 1, 1)
+
+
+def _several(chunk: Sequence[int]) -> list[int]:
+    """Return the sides of as many small pieces as make one of the usual size."""
+    sides = [int(n) for n in chunk]
+    for axis in np.argsort(sides, kind="stable"):
+        others = math.prod(sides) // sides[axis]
+        most = min(SIDE, SIDE**3 // others)
+        sides[axis] *= max(1, most // sides[axis])
+    return sides
 
 
 def level_factors(fine: Sequence[int], coarse: Sequence[int]) -> tuple[int, ...] | None:

@@ -315,9 +315,8 @@ class Volume(Evaluation):
     def store(self) -> Store:
         """The fields in pieces: boxes of cells, without reading the rest of a file.
 
-        Files of which boxes are read are Zarr (with coarser levels and statistics, as far as they
-        were saved), chunked HDF5, ``.npy`` and raw numbers; fields of others, and those that were
-        set, are parts of their arrays.
+        Boxes are read from Zarr, OME-Zarr, HDF5, NetCDF, ``.npy`` and raw files. Fields of others,
+        and those that were set, are parts of their arrays.
 
         Raises
         ------

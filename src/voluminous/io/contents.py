@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..deferred import Deferred
+from ..deferred import Deferred, Pieces
 from ..units import UnitLike, parse_unit, unit_name
 from .contract import FieldChoice, FieldInfo, Reader
 from .names import chosen_fields
@@ -28,6 +28,7 @@ class StoredField:
     unit: UnitLike
     load: Callable[[], Any]  # returns what `Volume` accepts as a field
     mapped: bool = False  # the values stay in the file
+    pieces: Pieces | None = None
 
     @property
     def info(self) -> FieldInfo:
@@ -69,7 +70,7 @@ class ContentsReader(Reader):
         volume = Volume(contents.grid(list(chosen.values())))
         volume.meta.update(contents.meta)
         for name, f in chosen.items():
-            volume[name] = Deferred(f.load, f.dtype, f.unit, f.mapped)
+            volume[name] = Deferred(f.load, f.dtype, f.unit, f.mapped, f.pieces)
         self.finish(volume, contents)
         return volume
 

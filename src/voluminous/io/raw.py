@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import FileFormatError, InputError
 from .arrays.layout import axis_order, equal_cells
 from .axes import AXES
+from .boxes import boxes
 from .contents import Contents, ContentsReader, StoredField
 from .names import field_name
 from .payload import checked_shape, is_packed, mapped, read_exactly, unpacked
@@ -89,9 +90,13 @@ class RawReader(ContentsReader):
                     raise FileFormatError(f"it holds more than {what}; give shape, dtype or offset")
             return np.transpose(values, order)
 
+        def part(index: tuple[slice, ...], level: int) -> np.ndarray:
+            return np.array(mapped(path, offset, shape, dtype)[index])
+
+        pieces = None if packed else boxes(part, [shape], order=order)
         stays = not packed and axes == AXES and dtype.isnative
         return Contents(
-            [StoredField(name, field_name(rest or stem), shape, dtype, "", load, stays)],
+            [StoredField(name, field_name(rest or stem), shape, dtype, "", load, stays, pieces)],
             lambda _: equal_cells(cells, placing, options.get("unit")),
             {"shape_from": source},
         )

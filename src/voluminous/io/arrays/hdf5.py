@@ -90,11 +90,13 @@ def _entry(path: Path, item: Any, backwards: bool) -> Entry:
 
     def load(index: Any = ...) -> np.ndarray:
         check_place(path, item)
-        values: np.ndarray = item[index] if sense == 1 else item[()].T[index]
+        backward = () if index is ... else index[::-1]
+        values: np.ndarray = item[index] if sense == 1 else item[backward].T
         return values
 
-    dims, scales = dims[::sense], scales[::sense]
-    return Entry(item.shape[::sense], item.dtype, _unit(item), load, scales=scales, dims=dims)
+    dims, scales, chunks = dims[::sense], scales[::sense], (item.chunks or ())[::sense]
+    unit, shape = _unit(item), item.shape[::sense]
+    return Entry(shape, item.dtype, unit, load, scales=scales, dims=dims, chunks=chunks)
 
 
 def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:

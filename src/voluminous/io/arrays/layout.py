@@ -34,6 +34,8 @@ class Entry:
     # Per axis the place of its coordinate and its name, empty where there is none; or nothing.
     scales: tuple[str, ...] = ()
     dims: tuple[str, ...] = ()
+    # Cells of the pieces in the file, () if any part is as good; None if it must be read whole.
+    chunks: tuple[int, ...] | None = None
     part_of: str = ""  # place of the array that this is a component of; empty if it is whole
 
     @property
@@ -48,15 +50,20 @@ class Entry:
 
     def component(self, place: str, axis: int, number: int) -> Entry:
         """Return one entry along an axis; the place is that of the whole array."""
-        index = (*[slice(None)] * axis, number)
         without = [k for k in range(len(self.shape)) if k != axis]
+
+        def load(index: Any = ...) -> np.ndarray:
+            rest = (slice(None),) * len(without) if index is ... else index
+            return self.load((*rest[:axis], number, *rest[axis:]))
+
         return replace(
             self,
             shape=tuple(self.shape[k] for k in without),
-            load=lambda: self.load(index),
+            load=load,
             mapped=False,
             scales=tuple(self.scales[k] for k in without) if self.scales else (),
             dims=tuple(self.dims[k] for k in without) if self.dims else (),
+            chunks=tuple(self.chunks[k] for k in without) if self.chunks else self.chunks,
             part_of=place,
         )
 

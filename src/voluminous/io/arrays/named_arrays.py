@@ -12,6 +12,7 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
+from ..boxes import boxes
 from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields, field_name
 from .layout import Entry, axis_order, make_grid, named_order, with_components
@@ -76,15 +77,22 @@ class NamedArraysReader(Reader):
             grid, turns = make_grid(entries, chosen[first], shapes.pop(), orders[first], options)
             volume = Volume(grid)
 
-            def load(place: str, whole: str, order: tuple[int, ...]) -> np.ndarray:
+            def part(place: str, whole: str, index: Any, level: int = 0) -> np.ndarray:
                 with self.entries(path, whole, **own) as stored:
-                    values = with_components(stored, components)[place].load()
-                    return np.transpose(values, order)[turns]
+                    return with_components(stored, components)[place].load(index)
 
+            def load(place: str, whole: str, order: tuple[int, ...]) -> np.ndarray:
+                return np.transpose(part(place, whole, ...), order)[turns]
+
+            backward = [turn.step == -1 for turn in turns]
             for name, place in chosen.items():
-                entry = entries[place]
-                read = functools.partial(load, place, entry.part_of or place, orders[name])
-                volume[name] = Deferred(read, entry.dtype, entry.unit, entry.mapped)
+                entry, order, pieces = entries[place], orders[name], None
+                whole = entry.part_of or place
+                if entry.chunks is not None:
+                    read_part = functools.partial(part, place, whole)
+                    pieces = boxes(read_part, [entry.shape], entry.chunks, order, backward)
+                read = functools.partial(load, place, whole, order)
+                volume[name] = Deferred(read, entry.dtype, entry.unit, entry.mapped, pieces)
         return volume
 
     def info(

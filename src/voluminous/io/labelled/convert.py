@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...deferred import Deferred
+from ...deferred import Deferred, Pieces
 from ...errors import InputError, how_to_take
 from ...packages import require
 from ..contract import FieldInfo, Reader
@@ -104,8 +104,10 @@ def from_xarray(
     options |= {"aspect": aspect, "unit": unit}
     part = selected(_as_dataset(data), options)
 
-    def reader_of(layout: NamedLayout, place: str) -> Callable[[], np.ndarray]:
-        return functools.partial(layout.values, part[place])
+    def reader_of(layout: NamedLayout, place: str) -> tuple[Callable[[], np.ndarray], Any]:
+        return functools.partial(layout.values, part[place]), functools.partial(
+            layout.part, part[place]
+        )
 
     volume = _volume(part, fields, options, reader_of)
     return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
@@ -133,9 +135,9 @@ def _volume(
     data: xarray.Dataset,
     fields: Any,
     options: Mapping[str, Any],
-    reader_of: Callable[[NamedLayout, str], Callable[[], np.ndarray]],
+    reader_of: Callable[[NamedLayout, str], tuple[Callable[[], np.ndarray], Any]],
 ) -> Volume:
-    """Return the volume of a data set; `reader_of` gives what reads a variable."""
+    """Return the volume of a data set; `reader_of` gives what reads a variable, and a box of it."""
     from ...volume import Volume
 
     chosen = _chosen(data, fields)
@@ -159,7 +161,9 @@ def _volume(
     volume = Volume(layout.grid)
     for name, place in chosen.items():
         array = data[place]
-        volume[name] = Deferred(reader_of(layout, place), array.dtype, unit_in(array))
+        load, part = reader_of(layout, place)
+        pieces = Pieces(part, layout.chunks(array))
+        volume[name] = Deferred(load, array.dtype, unit_in(array), pieces=pieces)
     for key, coordinate in data.coords.items():
         single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)
         if single and coordinate.dtype.kind in "fiubMmUSO":
@@ -244,14 +248,18 @@ class LabelledReader(Reader):
         group = options.pop("group", None)
         held: list[xarray.Dataset] = []  # the data while they are open
 
-        def reader_of(layout: NamedLayout, place: str) -> Callable[[], np.ndarray]:
+        def reader_of(layout: NamedLayout, place: str) -> tuple[Callable[[], np.ndarray], Any]:
+            def part(low: Any, high: Any, level: int) -> np.ndarray:
+                with self.dataset(path, group) as data:
+                    return np.array(layout.part(selected(data, options)[place], low, high, level))
+
             def load() -> np.ndarray:
                 if held:
                     return layout.values(held[0][place])
                 with self.dataset(path, group) as data:
                     return layout.values(selected(data, options)[place])
 
-            return load
+            return load, part
 
         with self.dataset(path, group) as data:
             held.append(selected(data, options))

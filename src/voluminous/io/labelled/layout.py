@@ -90,6 +90,24 @@ class NamedLayout:
         senses = tuple(slice(None, None, -1 if line.flipped else None) for line in self.lines)
         return np.asarray(values.transpose([kept.index(dim) for dim in self.dims])[senses])
 
+    def part(
+        self, array: xarray.DataArray, low: Sequence[int], high: Sequence[int], level: int
+    ) -> np.ndarray:
+        """Return the cells ``low <= i < high`` of an array as a field."""
+        box = {}
+        for line, a, b in zip(self.lines, low, high, strict=True):
+            n = array.sizes[line.dim]
+            box[line.dim] = slice(n - b, n - a) if line.flipped else slice(a, b)
+        return self.values(array.isel(box))
+
+    def chunks(self, array: xarray.DataArray) -> tuple[int, ...] | None:
+        """Return the cells of the pieces of an array, in a file or of dask."""
+        stored = {str(dim): sizes[0] for dim, sizes in array.chunksizes.items()}
+        stored = stored or dict(array.encoding.get("preferred_chunks") or {})
+        return (
+            tuple(int(stored.get(dim, array.sizes[dim])) for dim in self.dims) if stored else None
+        )
+
 
 def layout_of(
     data: xarray.Dataset, array: xarray.DataArray, options: Mapping[str, Any]

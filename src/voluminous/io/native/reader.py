@@ -17,6 +17,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
+from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..hdf5 import created, data_set, holds, is_own, opened, read, text
 from ..payload import mapped
@@ -83,8 +84,12 @@ class NativeReader(ContentsReader):
                     text(item.attrs.get("units", "")),
                     functools.partial(_field_values, path, name),
                 )
-                shape, dtype = item.shape, item.dtype
-                fields.append(StoredField(name, name, shape, dtype, unit, load, _is_plain(item)))
+                shape, dtype, plain = item.shape, item.dtype, _is_plain(item)
+                pieces = None
+                if item.chunks and len(shape) == 3:
+                    part = functools.partial(_field_part, path, name)
+                    pieces = boxes(part, [shape], item.chunks)
+                fields.append(StoredField(name, name, shape, dtype, unit, load, plain, pieces))
             return NativeContents(fields, lambda _: grid, _meta(file), _wcs(file))
 
     def finish(self, volume: Volume, contents: Contents) -> None:
@@ -138,6 +143,11 @@ def _field_values(path: Path, name: str) -> np.ndarray:
             return read(item)
         offset, shape, dtype = item.id.get_offset(), item.shape, item.dtype
     return mapped(path, offset, shape, dtype)
+
+
+def _field_part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
+    with opened(path) as file:
+        return np.asarray(data_set(path, file[FIELDS], name)[index])
 
 
 # Metadata of a volume: plain values as JSON, the sky as a FITS header

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import InputError
+from ..boxes import boxes
 from ..channels import Channel, channel_fields, channel_meta
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
@@ -34,13 +35,16 @@ class Voxels:
     shape: tuple[int, ...]  # along the axes of the array, the fastest in the file first
     dtype: np.dtype[Any]  # of what `load` returns
     placement: Placement
-    load: Callable[[int], np.ndarray]  # reads one component, by its number, in this shape
+    load: Callable[..., np.ndarray]  # reads one component, by its number, in this shape
     # Endings of the fields' names: `VECTOR` for vectors in the coordinates of the placement.
     components: tuple[str, ...] = ("",)
     name: str = ""  # of the field, where the format gives a better one than the file's name
     unit: str = ""  # of the values
     channels: Sequence[Channel] = ()  # label, colour and window of each component
     meta: Mapping[str, Any] = field(default_factory=dict)  # for the volume's `meta`
+    # Cells of the pieces in the file if `load` also takes slices and a level; else empty.
+    chunks: tuple[int, ...] = ()
+    coarser: Sequence[tuple[int, ...]] = ()  # shapes of levels 1, 2 …
 
 
 class VoxelReader(Reader):
@@ -69,7 +73,12 @@ class VoxelReader(Reader):
         for field_, place in chosen_fields({place: place for place in known}, fields).items():
             number, sign, dtype = known[place]
             load = functools.partial(_load, voxels, arrangement, number, sign, dtype)
-            volume[field_] = Deferred(load, dtype, voxels.unit)
+            pieces = None
+            if voxels.chunks and sign > 0:
+                read = functools.partial(voxels.load, number)
+                shapes, turns = [voxels.shape, *voxels.coarser], arrangement
+                pieces = boxes(read, shapes, voxels.chunks, turns.order, turns.backward)
+            volume[field_] = Deferred(load, dtype, voxels.unit, pieces=pieces)
             entries.append((field_, voxels.channels[number] if voxels.channels else {}))
         volume.meta |= channel_meta(entries)
         return volume

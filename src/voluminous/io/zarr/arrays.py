@@ -51,8 +51,9 @@ class ZarrReader(NamedArraysReader):
             for place, array in arrays.items():
                 unit = known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
                 shape = tuple(int(n) for n in array.shape)
-                load = functools.partial(_values, array)
-                result[place or stem] = Entry(shape, np.dtype(array.dtype), unit, load)
+                load, chunks = functools.partial(_values, array), tuple(array.chunks)
+                dtype = np.dtype(array.dtype)
+                result[place or stem] = Entry(shape, dtype, unit, load, chunks=chunks)
             yield result
 
 

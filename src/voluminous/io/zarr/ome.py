@@ -77,25 +77,27 @@ class OMEZarrReader(VoxelReader):
             number = _level_number(arrays, result, level)
             sizes = dict(zip(result.axes, arrays[number].shape, strict=True))
             dtype = np.dtype(arrays[number].dtype)
+            pieces = dict(zip(result.axes, arrays[number].chunks, strict=True))
+            finer = [dict(zip(result.axes, a.shape, strict=True)) for a in arrays[number:]]
         times, count = sizes.get("t", 1), sizes.get("c", 1)
         if time is None and times > 1:
             raise InputError(f"there are {times} times; choose one with time=0 … time={times - 1}")
         step = 0 if time is None else _numbered("time", time, times)
         numbers = range(count) if channel is None else [_numbered("channel", channel, count)]
         channels = (*result.channels, *[{}] * count)
-        place, scale, shift = result.levels[number]
+        _, scale, shift = result.levels[number]
         shape = tuple(sizes[axis] for axis in AXES)
         if bounds is not None or spacing is not None:
             placement = equal_voxels(shape, spacing, unit or result.unit, bounds)
         else:
             placement = Placement(shift, np.diag(scale), unit or result.unit)
 
-        def load(component: int) -> np.ndarray:
-            chosen = {"t": step, "c": numbers[component]}
+        def load(component: int, box: Any = (slice(None),) * 3, level: int = 0) -> np.ndarray:
+            chosen = {"t": step, "c": numbers[component], **dict(zip(AXES, box, strict=True))}
             with opened(path) as root:
-                array: Any = checked(root[place])
-                values = np.asarray(array[tuple(chosen.get(a, slice(None)) for a in result.axes)])
-            left = [axis for axis in result.axes if axis not in chosen]
+                array: Any = checked(root[result.levels[number + level][0]])
+                values = np.asarray(array[tuple(chosen[axis] for axis in result.axes)])
+            left = [axis for axis in result.axes if axis in AXES]
             return np.asarray(values.transpose([left.index(axis) for axis in AXES]))
 
         return Voxels(
@@ -107,6 +109,8 @@ class OMEZarrReader(VoxelReader):
             name="channel" if count > 1 else path.name.split(".")[0],
             channels=[channels[k] for k in numbers],
             meta={"level": number, "levels": len(arrays), "time_number": step, **Y_DOWN},
+            chunks=tuple(pieces[axis] for axis in AXES),
+            coarser=[tuple(level[axis] for axis in AXES) for level in finer[1:]],
         )
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
