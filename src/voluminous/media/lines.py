@@ -102,7 +102,8 @@ class Lines(SpectralMedium):
     -----
     Einstein coefficients, and emission and absorption of a line: Rybicki & Lightman (1979),
     equations 1.72 to 1.79; populations in LTE: 9.3 and 9.5; Doppler profile: 10.68. Extinction is
-    never negative: masers are not drawn.
+    never negative: masers are not drawn. In single precision wings are zero from nine widths on,
+    where they are 1e-35 of the line's centre.
     """
 
     kind = "lines"
