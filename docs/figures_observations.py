@@ -22,7 +22,7 @@ import voluminous as vm
 
 PAGE = Path(__file__).with_name("synthetic_observations.md")
 COLUMNS = {"vmin": 1e23, "vmax": 1e26, "stretch": "log"}
-SPEEDS = {"vmin": -5, "vmax": 5, "colormap": "RdBu_r"}
+SPEEDS = {"vmin": -5, "vmax": 5}
 _BLOCK = re.compile(r"^```py(?:thon)?\n(.*?)^```$", re.M | re.S)
 
 

@@ -264,6 +264,9 @@ def test_what_recedes_is_red():
     assert total == pytest.approx(total.mean(), rel=1e-9)  # grey
     assert np.array_equal(cube.to_rgb(channels=30), vm.Image(cube.intensity[..., 30]).to_rgb())
     assert cube.to_rgb(exposure=cube.exposure) == pytest.approx(cube.to_rgb())
+    left, right = cube.moment(1).to_rgb(vmin=-5, vmax=5)[15, [12, 28]]
+    assert left[2] > left[0]
+    assert right[0] > right[2]
 
 
 # Cuts.

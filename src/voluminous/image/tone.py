@@ -30,7 +30,8 @@ _DECADES = 1e-6
 _LARGE, _HUGE = 1e150, 1e30
 _FAINTEST = float(np.finfo(np.float64).tiny)
 _PERCENT_BELOW_WHITE = 99.9
-# Astronomers' convention for velocities: blue approaches, red recedes, white is at rest.
+# Maps of velocities, and astronomers' colours of them: blue approaches, red recedes.
+_VELOCITIES = ("velocity", "mean velocity")
 _SIGNED = "RdBu_r"
 # Minimum ratio of the negative to the positive range; below it, negative values are rounding.
 _SHARE = 0.1
@@ -260,7 +261,7 @@ def with_colormap(image: Image, options: dict[str, Any]) -> dict[str, Any]:
     of velocities) as black. A channel without positive values, such as depths in front of the
     middle, gets a grey colormap, because it would be entirely black otherwise; so do signed values
     of a field, such as its maximum, as in radiology. Velocities of one sign, of what recedes as a
-    whole, get a diverging colormap around their middle.
+    whole, get a diverging colormap around their middle; so do velocities between limits.
     """
     options = plain_options(options, image.intensity_unit)
     given = {name for name, value in options.items() if value is not None}
@@ -270,13 +271,15 @@ def with_colormap(image: Image, options: dict[str, Any]) -> dict[str, Any]:
     if "norm" in given:
         return {**options, "colormap": "gray"}
     look = options.get("stretch", "linear"), options.get("gamut", "hue")
+    how = image.provenance or {}
+    if how.get("map") in _VELOCITIES and {"vmin", "vmax"} <= given:
+        return {**options, "colormap": _SIGNED}
     if look != ("linear", "hue") or given & {"background", "vmin", "vmax", "softening"}:
         return options
     values = image.intensity[..., shown[0]]
     if "exposure" not in given:
-        how = image.provenance or {}
         colormap, window = "gray", _window(values, how.get("how") in ("max", "min", "mean"))
-        if how.get("map") == "velocity" and signed_exposure(values) is None:
+        if how.get("map") in _VELOCITIES and signed_exposure(values) is None:
             colormap, window = _SIGNED, _ends(values[np.isfinite(values)])
         if window is not None:
             return {**options, "colormap": colormap, "vmin": window[0], "vmax": window[1]}
