@@ -39,6 +39,8 @@ _NODES = 2048
 _SMOOTH = 0.8
 # The error of Boole's rule on halves, as a part of its difference from that on the whole panel.
 _TOLD_BY_BOOLE, _TOLD_BY_QUARTIC = 0.15, 0.01
+# The error of the closed form, as a part of that of a cubic velocity: widths change, too.
+_TOLD_IF_STEEP = 1.0
 # The profile exp(-z²): its width is a Doppler width over √2.
 _PROFILE = Gaussian("v", 0.0, 1.0, 1.0, 0.0, 1.0)
 _ROOT2 = math.sqrt(2.0)
@@ -662,16 +664,18 @@ def _in_closed_form(
         *shapes, error = _PROFILE.by_centers(nodes, faint)
         middles = [middle for _, middle in _PROFILE.centers(nodes, faint)]
         for row in (bright, dense):
-            cubics = third_differences(row)
-            parts, wrong = [], 0.5 * (dr.abs(row[0]) + dr.abs(row[4])) * error
+            cubics, (least, most) = third_differences(row), extremes(row)
+            parts, wrong = [], _TOLD_IF_STEEP * (dr.abs(row[0]) + dr.abs(row[4])) * error
             for own, cubic, shape, middle in zip(
                 (row[:3], row[2:]), cubics, shapes, middles, strict=True
             ):
                 value, off = parabola(own, cubic, middle.place, middle.spread)
+                # What is too faint has no centre of mass.
+                known = (off < most - least) & dr.isfinite(value)
+                value, off = dr.select(known, value, own[1]), dr.select(known, off, most - least)
                 parts.append(shape * value)
                 wrong = dr.fma(0.5 * shape, off, wrong)
-            most = extremes(row)[1]  # the error is no more, whatever the differences of noise say
-            found += [*parts, dr.select(wrong < most, wrong, most)]
+            found += [*parts, wrong]
     return found
 
 

@@ -149,6 +149,9 @@ def _weigh(tracer: RayTracer, paths: Paths, background: float) -> None:
     growth = numbers.weigh(maxima, tracer.backend.opaque)
     wrong *= growth
     bright *= growth
+    if numbers.medium.thermal:  # nothing is negative: brightness is no more than all channels'
+        total = sum(b / peak for b, peak in zip(paths.emission, numbers.peaks, strict=True))
+        np.minimum(bright, total, out=bright)
 
 
 def _estimate_scale(tracer: RayTracer, background: float) -> float:
