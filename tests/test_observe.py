@@ -25,6 +25,8 @@ CO = vm.Molecule("CO", 28.0, [0.0, 3.845], [1, 3], "01", [1], [0], [7.203e-8], [
         (lambda: vm.spectrum(CORE, DUST, wavelengths=870, aperture=1 * u.arcsec), "distance"),
         (lambda: DUST.plot(CORE), "vm.observe"),
         (lambda: DUST(1.0), "vm.observe"),
+        (lambda: vm.observe(CORE, DUST, CAMERA, wavelengths=870, distance=140), "140 [*] u.pc"),
+        (lambda: vm.spectrum(CORE, DUST, wavelengths=870, distance=140), "140 [*] u.pc"),
         (lambda: vm.Dust("density", [12, 13] * u.K, KAPPA), "of several species a list"),
     ],
 )
@@ -45,6 +47,8 @@ def test_channels_beside_all_lines_are_told_where_the_nearest_is():
     with pytest.warns(UserWarning, match=r"nearest is 1-0, at 115\.271202 GHz"):
         cube = vm.observe(CORE, gas, CAMERA, frequencies=115.2 * u.GHz)
     assert not cube.intensity.any()
+    with pytest.warns(UserWarning, match="nearest is 1-0"):  # between narrow channels
+        vm.observe(CORE, gas, CAMERA, frequencies=[115.2709, 115.2715] * u.GHz)
 
 
 @pytest.mark.parametrize("wavelength", [0.6, 0.87, 1.6])

@@ -228,6 +228,7 @@ class Lines(SpectralMedium):
             _moves=moves,
             sight=axes,
             _width=max(narrowest, _NARROWEST),
+            _widest=widest,
             _per_kelvin=per_kelvin,
             _nodes=self._partition(cold, hot, constants),
             _even_nodes=molecule.partition is None,
@@ -236,10 +237,10 @@ class Lines(SpectralMedium):
 
     @property
     def is_seen(self) -> bool:
-        """Whether any channel is near a line."""
-        return bool(self._lines)
+        """Whether a line is seen in any channel: less than four widths away, exp(-16)."""
+        return bool((np.abs(self._shifts) < self._farthest - (_MARGIN - 4.0) * self._widest).any())
 
-    _width = 1.0
+    _width = _widest = 1.0
     _farthest = 0.0
     _level_numbers: Sequence[int] = ()
 

@@ -26,7 +26,15 @@ from ..rendering.cache import Cache
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..units import unit_of
 from ..volume import Volume
-from .light import INTENSITY, intensities, lit, model_background, model_stars, with_room_for
+from .light import (
+    INTENSITY,
+    check_distance,
+    intensities,
+    lit,
+    model_background,
+    model_stars,
+    with_room_for,
+)
 
 if TYPE_CHECKING:
     from ..progress import Progress
@@ -112,6 +120,7 @@ def observe(
             f"{type(medium).__name__}"
         )
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
+    check_distance(distance, volume)
     known = constants_named(constants)
     things = model_stars(volume) if objects is None else objects
     things = [things] if isinstance(things, SceneObject) else list(things)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 # How many times the unit of a channel a light may be. Single precision ends at 2^128.
 _BRIGHTEST = 2.0**90
+# An observer nearer than this part of the volume's width was not meant in centimetres.
+_NEAREST = 1e-6
 INTENSITY = "erg / (s cm2 Hz sr)"
 
 
@@ -60,6 +63,25 @@ def with_room_for(lights: list[Any], bands: Bands) -> Bands:
             peaks = np.maximum(peaks, rows.reshape(-1, rows.shape[-1]).max(axis=0))
     beyond = np.ceil(np.log2(np.maximum(peaks / _BRIGHTEST, 1.0)))
     return replace(bands, unit=bands.unit * 2.0**beyond) if beyond.any() else bands
+
+
+def check_distance(distance: Any, volume: Volume) -> None:
+    """Refuse a plain number of something else than centimetres, such as 140 for parsecs.
+
+    Raises
+    ------
+    InputError
+        If the observer would be a millionth of the volume's width away.
+    """
+    if not isinstance(distance, Real):
+        return
+    width = float(np.ptp(volume.grid.bounds, axis=1).max())
+    width *= 1.0 if volume.unit is None else float(volume.unit.to("cm"))
+    if 0.0 < float(distance) < _NEAREST * width:
+        raise InputError(
+            f"plain numbers are centimetres: the observer is {distance} cm from a volume of "
+            f"{width:.2g} cm; give distance={distance} * u.pc"
+        )
 
 
 def lit(thing: SceneObject, bands: Bands) -> SceneObject:

@@ -17,7 +17,7 @@ from ..objects import SceneObject, Stars
 from ..progress import Progress, with_progress
 from ..units import as_given, parse_unit, plain, radians
 from .cubes import observe
-from .light import model_stars
+from .light import check_distance, model_stars
 from .rings import Rings
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def spectrum(
     >>> sed = vm.spectrum(core, dust, wavelengths=[350, 870] * u.micron, distance=140 * u.pc)
     """
     given = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
+    check_distance(distance, volume)
     away = _distance(distance)
     if camera is None:
         camera = _first_camera(volume, incl, phi, aperture, away)
