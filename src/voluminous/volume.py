@@ -326,7 +326,7 @@ class Volume(Evaluation):
         Examples
         --------
         >>> sphere = vm.models.sphere(8)
-        >>> sphere.store.read("density", (0, 2, 4), (4, 4, 8)).shape
+        >>> sphere.store.read("inside", (0, 2, 4), (4, 4, 8)).shape
         (4, 2, 4)
         """
         return FieldStore(self.grid.shape, self._fields)
@@ -392,6 +392,7 @@ class Volume(Evaluation):
         """Write the volume to a file; its suffix sets the format, such as ``.h5`` or ``.npz``.
 
         ``.h5`` stores any grid and the complete volume: `voluminous.open` returns it bit for bit.
+        So does ``.zarr``, in chunks, for grids that are not refined and fields larger than memory.
         ``voluminous formats`` lists the other formats. A file is written completely or not at all,
         and replaces one of the same name. A directory must be new, or empty.
 
@@ -402,7 +403,10 @@ class Volume(Evaluation):
         format : str, optional
             Name of the format, if it does not follow from the suffix.
         **options
-            Options of the format; ``.h5``: ``compress=True`` compresses the fields.
+            Options of the format; ``.h5``: ``compress=True`` compresses the fields. ``.zarr``:
+            ``levels=True`` adds coarser levels, ``stats=True`` the range of each chunk;
+            ``keep_bits=10`` rounds real numbers, by 5e-4 at most; ``chunks=128`` cells along the
+            sides of a chunk.
 
         Raises
         ------

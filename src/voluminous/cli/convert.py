@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from ..io import Reader
     from ..volume import Volume
 
+# Options that are passed on to the writer.
+_OPTIONS = ("compress", "levels", "stats", "keep_bits", "chunks")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
@@ -32,6 +35,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     help = "means on a Cartesian grid of so many equal cells, such as 256x256x256"
     parser.add_argument("--resample", metavar="NXxNYxNZ", help=help)
     parser.add_argument("--compress", action="store_true", help="pack it, where the format can")
+    help = "add coarser levels (Zarr): means over 2x2x2 cells, and so on"
+    parser.add_argument("--levels", action="store_true", help=help)
+    help = "add the least and the largest value of each chunk (Zarr)"
+    parser.add_argument("--stats", action="store_true", help=help)
+    help = "bits of the fraction to keep of real numbers (Zarr): 10 change them by up to 5e-4"
+    parser.add_argument("--keep-bits", type=int, metavar="N", help=help)
+    help = "cells along the sides of a chunk (Zarr): 128 if not given"
+    parser.add_argument("--chunks", type=int, metavar="N", help=help)
     parser.add_argument("--overwrite", action="store_true", help="replace a file that is there")
     add_reading_options(parser)
     add_quiet(parser)
@@ -40,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert and write the file; list what the output format cannot hold."""
     from ..io.saving import writer_for
+    from ..progress import progress_bar
 
     start, target = time.perf_counter(), args.target
     data = data_file(args.source, args)
@@ -48,13 +60,19 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"{target} is there already; give another name, or --overwrite")
     check_directory(target)
     writer = writer_for(target, args.to)
-    options = {"compress": True} if args.compress else {}
-    if not options.keys() <= set(writer.write_options):
-        raise InputError(f"--compress: the format {writer.name} has no such option")
+    given = {name: getattr(args, name) for name in _OPTIONS}
+    options = {
+        name: value for name, value in given.items() if value is not None and value is not False
+    }
+    for name in options:
+        if name not in writer.write_options:
+            option = name.replace("_", "-")
+            raise InputError(f"--{option}: the format {writer.name} has no such option")
     volume = _with_expressions(data, args.expr) if args.expr else data.open()
     if args.resample is not None:
         volume = _resampled(volume, args)
-    volume.save(target, format=writer.name, **options)
+    with progress_bar(False if args.quiet else None, "converting"):
+        volume.save(target, format=writer.name, **options)
     seconds = time.perf_counter() - start
     say(
         args.quiet,

@@ -24,6 +24,7 @@ from .fits.reader import FITSReader
 from .guard import placed, reading
 from .labelled.netcdf import GRIBReader, NetCDFReader
 from .native.reader import NativeReader
+from .native.zarr import NativeZarrReader
 from .nexus import NeXusReader
 from .openpmd import OpenPMDReader
 from .openvdb import OpenVDBReader
@@ -70,6 +71,7 @@ READERS: tuple[Reader, ...] = (
     NeXusReader(),
     PyVistaReader(),  # CGNS and Exodus are stored in HDF5 and NetCDF
     NetCDFReader(),
+    NativeZarrReader(),
     OMEZarrReader(),
     LabelledZarrReader(),
     ZarrReader(),

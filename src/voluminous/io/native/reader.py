@@ -155,17 +155,22 @@ def _field_part(path: Path, name: str, index: tuple[slice, ...], level: int) -> 
 
 def _write_extras(file: h5py.File, volume: Volume) -> None:
     if volume.meta:
-        file[META] = json.dumps(volume.meta, default=_json_value, ensure_ascii=False)
+        file[META] = json.dumps(volume.meta, default=json_value, ensure_ascii=False)
         file[META].attrs["about"] = "what was known of the data, in JSON"
     if volume.wcs is not None:
-        file[SKY] = _header(volume.wcs)
+        file[SKY], tables = header_text(volume.wcs)
         file[SKY].attrs["about"] = "a FITS header with the world coordinates of the grid's axes"
-        for (table, column), values in tables_of(volume.wcs).items():
+        for (table, column), values in tables.items():
             file[f"{TABLES}/{table}/{column}"] = values
 
 
 def _meta(file: h5py.File) -> dict[str, Any]:
-    meta = json.loads(_text(file, META)) if META in file else {}
+    return known_meta(_text(file, META)) if META in file else {}
+
+
+def known_meta(text: str) -> dict[str, Any]:
+    """Return the metadata in a text."""
+    meta = json.loads(text)
     if not isinstance(meta, dict):
         raise FileFormatError(f"/{META} must be a table in JSON, got {meta!r:.40}")
     return meta
@@ -182,29 +187,35 @@ def _text(file: h5py.File, name: str) -> str:
     return str(item.asstr()[()])
 
 
-def _json_value(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Return a JSON equivalent: lists and numbers for NumPy values, text for other objects."""
     plain = isinstance(value, (np.ndarray, np.generic)) and not hasattr(value, "unit")
     return value.tolist() if plain else str(value)
 
 
-def _header(wcs: WCS) -> str:
+def header_text(wcs: WCS) -> tuple[str, dict[tuple[str, str], np.ndarray]]:
+    """Return world coordinates as a FITS header, and the columns of tabulated axes."""
     from astropy import wcs as astropy_wcs
 
     # Keep all digits of a double, and all keywords.
     header = wcs.to_header(relax=astropy_wcs.WCSHDO_all | astropy_wcs.WCSHDO_P17)
     for axis, count in enumerate(wcs.pixel_shape or (), start=1):
         header[f"NAXIS{axis}"] = count
-    return str(header.tostring(sep="\n"))
+    return str(header.tostring(sep="\n")), tables_of(wcs)
 
 
 def _wcs(file: h5py.File) -> WCS | None:
     if SKY not in file:
         return None
+    tables = file.get(TABLES, {})
+    values = {(name, title): item[()] for name in tables for title, item in tables[name].items()}
+    return wcs_of(_text(file, SKY), values)
+
+
+def wcs_of(header: str, tables: dict[tuple[str, str], np.ndarray]) -> WCS:
+    """Return the world coordinates; inverse of `header_text`."""
     from astropy.io.fits import HDUList, Header, PrimaryHDU
     from astropy.wcs import WCS
 
-    tables = file.get(TABLES, {})
-    values = {(name, title): item[()] for name in tables for title, item in tables[name].items()}
-    hdus = HDUList([PrimaryHDU(), *table_hdus(values)])
-    return WCS(Header.fromstring(_text(file, SKY), sep="\n"), hdus if values else None)
+    hdus = HDUList([PrimaryHDU(), *table_hdus(tables)])
+    return WCS(Header.fromstring(header, sep="\n"), hdus if tables else None)

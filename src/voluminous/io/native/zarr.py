@@ -1,0 +1,353 @@
+"""Reader and writer of volumes in pieces: Zarr 3, for fields larger than memory.
+
+The root's attributes say what the store is, and hold the metadata. ``/grid`` has the edges of the
+cells, ``/fields/NAME`` the values in ``units``, ``/levels/1/NAME`` … their means over 2, 4 …
+cells along each axis, ``/stats/NAME`` the least and the largest value of each chunk.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import FileFormatError, InputError
+from ...fields import held_dtype
+from ...packages import require
+from ...progress import reporter
+from ...store import SIDE, Store, means
+from ..boxes import boxes
+from ..contents import Contents, ContentsReader, StoredField
+from ..zarr.store import arrays_in, checked, holds_zarr, opened
+from .grids import PlainGrid, exact_name, grid_of, plain_grid
+from .reader import (
+    GRID,
+    META,
+    SKY,
+    TABLES,
+    VERSION,
+    NativeContents,
+    header_text,
+    json_value,
+    known_meta,
+    wcs_of,
+)
+
+if TYPE_CHECKING:
+    import zarr
+
+    from ...deferred import Pieces
+    from ...volume import Volume
+
+MARK = "voluminous volume"
+ABOUT = (
+    "A volume: /grid has the edges of the cells, /fields/NAME one value per cell in 'units', index "
+    "[ix, iy, iz]; /levels/K/NAME means over 2^K cells along each axis (fewer at the upper ends), "
+    "/stats/NAME the least and largest value per chunk. Read it with voluminous.open(path)."
+)
+# Stored bits of the fraction of a number.
+_FRACTION = {4: 23, 8: 52}
+_HALVES = (2, 2, 2)
+
+
+class NativeZarrReader(ContentsReader):
+    """Zarr with the package's mark: fields on three axes in chunks, and metadata."""
+
+    name = "voluminous-zarr"
+    description = "a volume saved by voluminous (Zarr)"
+    suffixes = (".zarr",)
+    writes = writes_directory = True
+    write_options = {  # noqa: RUF012 - as in Reader
+        "levels": "True to add coarser levels: means over 2 x 2 x 2 cells, and so on",
+        "stats": "True to add the least and the largest value of each chunk",
+        "keep_bits": "bits of the fraction to keep of real numbers: 10 change them by up to 5e-4",
+        "chunks": "cells along the sides of a chunk: a number, or three; by default 128",
+    }
+    packages = ("zarr",)
+    extra = "arrays"
+    remote = True
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        if not holds_zarr(path, head):
+            return False
+        try:
+            with opened(path) as root:
+                return bool(root.attrs.get("format") == MARK)
+        except FileFormatError:
+            return False  # the plain reader says what is wrong
+
+    def contents(self, path: Path, **options: Any) -> Contents:
+        with opened(path) as root:
+            told = dict(root.attrs)
+            if (version := told.get("version")) != VERSION:
+                raise FileFormatError(
+                    f"it is a volume in version {version} of the native format, expected "
+                    f"{VERSION}; a newer voluminous may read it"
+                )
+            plain = told.get(GRID)
+            names, levels = told.get("fields"), told.get("levels")
+            if not isinstance(plain, dict) or not isinstance(names, list):
+                raise FileFormatError("its attributes must name 'grid' and 'fields'")
+            if not isinstance(levels, int) or levels < 1:
+                raise FileFormatError(f"its attribute 'levels' must be 1 or more, got {levels!r}")
+            grid = grid_of(PlainGrid(str(plain.get("type")), "", _values(root, GRID), plain))
+            shapes = _shapes(grid.shape, levels)
+            fields = []
+            for name in names:
+                arrays = [_array(root, place, shapes[k]) for k, place in _places(name, levels)]
+                unit, dtype = str(arrays[0].attrs.get("units", "")), np.dtype(arrays[0].dtype)
+                pieces = _pieces(path, root, name, arrays)
+                load = functools.partial(_part, path, name, (slice(None),) * 3, 0)
+                fields.append(StoredField(name, name, grid.shape, dtype, unit, load, False, pieces))
+            tables = _tables(root) if SKY in told else {}
+            sky = wcs_of(str(told[SKY]), tables) if SKY in told else None
+            meta = known_meta(str(told.get(META, "{}")))
+            return NativeContents(fields, lambda _: grid, meta, sky)
+
+    def finish(self, volume: Volume, contents: Contents) -> None:
+        assert isinstance(contents, NativeContents)
+        volume.wcs = contents.wcs
+
+    def write(
+        self,
+        volume: Volume,
+        path: Path,
+        *,
+        levels: bool = False,
+        stats: bool = False,
+        keep_bits: int | None = None,
+        chunks: Any = None,
+    ) -> None:
+        from ...packages import VERSION as SOFTWARE
+
+        library = require("zarr", self.extra, "writing Zarr")
+        grid = volume.grid
+        if not grid.is_structured:
+            raise InputError(
+                "Zarr holds cells that are counted along three axes, these are refined; save the "
+                "volume as .h5, which holds any grid, or make a Cartesian one by volume.resample"
+            )
+        sides = _sides(chunks, bool(levels))
+        if keep_bits is not None and (not isinstance(keep_bits, int) or not 1 <= keep_bits <= 52):
+            raise InputError(f"keep_bits must be a number from 1 to 52, got {keep_bits!r}")
+        root = library.open_group(str(path), mode="w-", zarr_format=3)
+        plain = plain_grid(grid)
+        for name, values in plain.arrays.items():
+            root.create_array(f"{GRID}/{name}", data=np.asarray(values))
+        shapes = _shapes(grid.shape, _level_count(grid.shape, sides) if levels else 1)
+        report, done = reporter(), itertools.count(1)
+        total = len(volume.fields) * math.prod(_counts(grid.shape, sides))
+        for name in volume.fields:
+            # A copy does not keep values that were read: one field at a time is in memory.
+            store = volume.with_arrays({}).store
+            dtype = held_dtype(volume.describe()["fields"][name]["dtype"])
+            arrays = [
+                _new_array(root, place, shapes[k], sides, dtype)
+                for k, place in _places(name, len(shapes))
+            ]
+            arrays[0].attrs["units"] = exact_name(volume.field_unit(name))
+            pyramid = Pyramid(store, name, arrays, sides, keep_bits)
+            for _ in pyramid.write():
+                report(next(done), total)
+            if stats:
+                root.create_array(f"stats/{name}", data=pyramid.extremes)
+        told: dict[str, Any] = {"written_by": f"voluminous {SOFTWARE}", "about": ABOUT}
+        told |= {GRID: {"type": plain.type, **plain.attributes}, "fields": list(volume.fields)}
+        told |= {"levels": len(shapes)}
+        if volume.meta:
+            told[META] = json.dumps(volume.meta, default=json_value, ensure_ascii=False)
+        if volume.wcs is not None:
+            text, tables = header_text(volume.wcs)
+            told[SKY] = text
+            for (table, column), values in tables.items():
+                root.create_array(f"{TABLES}/{table}/{column}", data=np.asarray(values))
+        # Last of all: without them the store is no volume.
+        root.attrs.update({"format": MARK, "version": VERSION, **told})
+
+
+@dataclass
+class Pyramid:
+    """A field that is written chunk by chunk, with the levels above a chunk once it is complete."""
+
+    store: Store
+    name: str
+    arrays: Sequence[zarr.Array[Any]]  # of the levels, finest first
+    sides: tuple[int, ...]
+    keep_bits: int | None = None
+
+    def __post_init__(self) -> None:
+        counts = _counts(self.arrays[0].shape, self.sides)
+        self.extremes = np.empty((*counts, 2), self.arrays[0].dtype)
+
+    def write(self) -> Iterator[None]:
+        """Write all levels; yields after each chunk of the finest."""
+        for index in np.ndindex(*_counts(self.arrays[-1].shape, self.sides)):
+            yield from self._write(len(self.arrays) - 1, index, np.empty(0))
+
+    def _write(self, level: int, index: tuple[int, ...], above: np.ndarray) -> Iterator[None]:
+        """Write a chunk after those it covers; put means of it into a part of the one above."""
+        array = self.arrays[level]
+        low = [i * side for i, side in zip(index, self.sides, strict=True)]
+        high = [min(a + s, n) for a, s, n in zip(low, self.sides, array.shape, strict=True)]
+        if level == 0:
+            values = rounded(self.store.read(self.name, low, high), self.keep_bits)
+            self.extremes[index] = values.min(), values.max()
+            yield
+        else:
+            values = np.empty([b - a for a, b in zip(low, high, strict=True)], array.dtype)
+            below = _counts(self.arrays[level - 1].shape, self.sides)
+            for child in np.ndindex(2, 2, 2):
+                number = tuple(2 * i + c for i, c in zip(index, child, strict=True))
+                if all(n < count for n, count in zip(number, below, strict=True)):
+                    first = [c * side // 2 for c, side in zip(child, self.sides, strict=True)]
+                    ends = [f + side // 2 for f, side in zip(first, self.sides, strict=True)]
+                    # An axis of a single chunk may have an odd number of cells.
+                    ends = [e if k > 1 else None for e, k in zip(ends, below, strict=True)]
+                    yield from self._write(
+                        level - 1, number, values[tuple(map(slice, first, ends))]
+                    )
+            values = rounded(values, self.keep_bits)
+        array[tuple(map(slice, low, high))] = values
+        if above.size:
+            above[...] = means(values, _HALVES)
+
+
+def rounded(values: np.ndarray, keep_bits: int | None) -> np.ndarray:
+    """Return real numbers rounded to so many bits of their fraction, ties to even.
+
+    Relative errors are at most ``2**-(keep_bits + 1)``. Infinities and NaN stay, as do the few
+    numbers that would become infinite.
+    """
+    fraction = _FRACTION.get(values.dtype.itemsize, 0)
+    if keep_bits is None or values.dtype.kind != "f" or keep_bits >= fraction:
+        return values
+    unsigned = np.dtype(f"u{values.dtype.itemsize}").type
+    bits, drop = values.view(unsigned), fraction - keep_bits
+    odd = (bits >> unsigned(drop)) & unsigned(1)
+    result = bits + odd
+    result += unsigned((1 << (drop - 1)) - 1)
+    result &= ~unsigned((1 << drop) - 1)
+    numbers = result.view(values.dtype)
+    return np.asarray(np.where(np.isfinite(numbers) & np.isfinite(values), numbers, values))
+
+
+def _sides(chunks: Any, even: bool) -> tuple[int, ...]:
+    """Return the sides of chunks that a user gives."""
+    sides = (SIDE,) * 3 if chunks is None else (chunks,) * 3 if np.ndim(chunks) == 0 else chunks
+    if len(sides) != 3 or not all(isinstance(n, (int, np.integer)) and n > 0 for n in sides):
+        raise InputError(f"chunks must be a number of cells, or three, got {chunks!r}")
+    if even and any(n % 2 for n in sides):
+        raise InputError(f"chunks must be even where there are levels, got {chunks!r}")
+    return tuple(int(n) for n in sides)
+
+
+def _counts(shape: Sequence[int], sides: Sequence[int]) -> tuple[int, ...]:
+    """Return the numbers of chunks along each axis."""
+    return tuple(-(-n // side) for n, side in zip(shape, sides, strict=True))
+
+
+def _level_count(shape: Sequence[int], sides: Sequence[int]) -> int:
+    """Return the number of levels, the coarsest of which is a single chunk."""
+    return 1 + max((count - 1).bit_length() for count in _counts(shape, sides))
+
+
+def _shapes(shape: Sequence[int], levels: int) -> list[tuple[int, ...]]:
+    return [tuple(-(-n >> level) for n in shape) for level in range(levels)]
+
+
+def _places(name: str, levels: int) -> list[tuple[int, str]]:
+    """Return the numbers of levels, and where their values are."""
+    return [(k, f"levels/{k}/{name}" if k else f"fields/{name}") for k in range(levels)]
+
+
+def _new_array(
+    root: Any, place: str, shape: tuple[int, ...], sides: tuple[int, ...], dtype: np.dtype[Any]
+) -> zarr.Array[Any]:
+    from zarr.codecs import BloscCodec
+
+    packed = BloscCodec(cname="zstd", clevel=5, shuffle="bitshuffle")
+    made: zarr.Array[Any] = root.create_array(
+        place,
+        shape=shape,
+        dtype=dtype,
+        chunks=tuple(min(n, side) for n, side in zip(shape, sides, strict=True)),
+        compressors=packed,
+        # All chunks are written, so that one that is lost is known to be.
+        fill_value=np.nan if dtype.kind == "f" else None,
+        config={"write_empty_chunks": True},
+        dimension_names=None,
+    )
+    return made
+
+
+def _values(root: Any, place: str) -> dict[str, np.ndarray]:
+    """Return all arrays in a group."""
+    if place not in root:
+        raise FileFormatError(f"expected a group /{place}")
+    arrays = arrays_in(root, place)
+    return {key.removeprefix(f"{place}/"): np.asarray(array[...]) for key, array in arrays.items()}
+
+
+def _tables(root: Any) -> dict[tuple[str, str], np.ndarray]:
+    """Return the columns of tabulated axes of world coordinates."""
+    values = _values(root, TABLES) if TABLES in root else {}
+    keys = [key.split("/") for key in values]
+    return {(k[0], k[1]): v for k, v in zip(keys, values.values(), strict=True) if len(k) == 2}
+
+
+def _array(root: Any, place: str, shape: tuple[int, ...]) -> zarr.Array[Any]:
+    if place not in root or not hasattr(root[place], "shape"):
+        raise FileFormatError(f"expected an array /{place}")
+    array = checked(root[place])
+    if tuple(array.shape) != shape or np.dtype(array.dtype).kind not in "fiub":
+        raise FileFormatError(
+            f"/{place} must be numbers of shape {shape}, got {array.dtype} of {array.shape}"
+        )
+    return array
+
+
+def _pieces(path: Path, root: Any, name: str, arrays: Sequence[zarr.Array[Any]]) -> Pieces:
+    shapes = [tuple(array.shape) for array in arrays]
+    load = functools.partial(_part, path, name)
+
+    def part(index: tuple[slice, ...], level: int) -> np.ndarray:
+        return load(index, level)
+
+    pieces = boxes(part, shapes, tuple(arrays[0].chunks))
+    if (place := f"stats/{name}") not in root:
+        return pieces
+    counts = _counts(shapes[0], arrays[0].chunks)
+    _array(root, place, (*counts, 2))
+    return replace(pieces, extremes=functools.partial(_extremes, path, place))
+
+
+def _extremes(path: Path, place: str) -> np.ndarray:
+    with opened(path) as root:
+        return np.asarray(root[place][...])
+
+
+def _part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
+    with opened(path) as root:
+        place = _places(name, level + 1)[level][1]
+        array: Any = checked(root[place])
+        if path.is_dir():
+            _check_chunks(path / place, array, index)
+        return np.asarray(array[index])
+
+
+def _check_chunks(place: Path, array: zarr.Array[Any], index: tuple[slice, ...]) -> None:
+    """Refuse to read chunks that are lost: Zarr takes them for the fill value."""
+    ranges = []
+    for part, n, side in zip(index, array.shape, array.chunks, strict=True):
+        low, high, _ = part.indices(n)
+        ranges.append(range(low // side, -(-high // side)))
+    for number in itertools.product(*ranges):
+        if not (place / array.metadata.encode_chunk_key(number)).is_file():
+            raise FileFormatError(f"the chunk {number} of {array.path} is missing")
