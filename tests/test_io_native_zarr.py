@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import shutil
+import subprocess
+import sys
 
 import h5py
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from astropy.wcs import WCS
 
 import voluminous as vm
+from contracts import ReaderContract
 from test_io_native import DTYPES, META, UNITS, assert_same, edges
 from voluminous.cli import main
 from voluminous.io.native.zarr import rounded
@@ -124,21 +127,26 @@ def test_rounded_numbers_are_what_levels_and_statistics_tell_of(tmp_path):
     assert again.store.extremes("rho")[..., 0].min() == kept.min()
 
 
-def test_what_is_lost_is_missed(tmp_path):
+def test_what_is_lost_or_damaged_is_missed(tmp_path):
     path = tmp_path / "a.zarr"
     volume = vm.Volume(vm.CartesianGrid.uniform(8, (0, 1)), n=np.ones((8, 8, 8), int))
-    volume.save(path, chunks=4, stats=True)
-    piece = path / "fields" / "n" / "c" / "0" / "1" / "0"
-    content = piece.read_bytes()
+    volume.save(path, chunks=4, stats=True, levels=True)
     store = open_lazily(path).store
-    piece.write_bytes(content[:20])
-    with pytest.raises(vm.FileFormatError, match=r"a\.zarr"):
-        store.read("n", (0, 4, 0), (4, 8, 4))
-    piece.unlink()
-    with pytest.raises(
-        vm.FileFormatError, match=r"a\.zarr.*chunk \(0, 1, 0\) of fields/n is missing"
-    ):
-        store.read("n", (0, 0, 0), (4, 8, 4))
+    reads = {
+        "fields/n/c/0/1/0": lambda: store.read("n", (0, 0, 0), (4, 8, 4)),
+        "levels/1/n/c/0/0/0": lambda: store.read("n", (0, 0, 0), (2, 2, 2), 1),
+        "stats/n/c/0/0/0/0": lambda: store.extremes("n"),
+    }
+    for place, read in reads.items():
+        piece, where = path / place, rf"a\.zarr: /{place.split('/c/')[0]}\[.*\]: "
+        content = piece.read_bytes()
+        for size in (0, 5, 20, len(content) - 1):
+            piece.write_bytes(content[:size])
+            with pytest.raises(vm.FileFormatError, match=where):
+                read()
+        piece.unlink()
+        with pytest.raises(vm.FileFormatError, match=where + r"the chunk \(0, .*\) is missing"):
+            read()
     assert store.read("n", (4, 4, 4), (8, 8, 8)).all()
     shutil.rmtree(path / "stats")
     assert open_lazily(path).store.extremes("n") is None
@@ -164,6 +172,7 @@ def test_nothing_unfinished_is_left(tmp_path, monkeypatch):
     [
         ({"keep_bits": 0}, "keep_bits must be a number from 1 to 52, got 0"),
         ({"keep_bits": "10"}, "keep_bits must be"),
+        ({"keep_bits": True}, "keep_bits must be"),
         ({"chunks": (4, 4)}, r"chunks must be a number of cells, or three, got \(4, 4\)"),
         ({"chunks": 5, "levels": True}, "chunks must be even where there are levels, got 5"),
         ({"level": True}, "did you mean 'levels'"),
@@ -198,3 +207,39 @@ def test_conversion_never_holds_the_whole(tmp_path, capsys, monkeypatch):
     np.testing.assert_array_equal(volume.array("rho"), rounded(rho, 10))
     assert main(["convert", source, str(tmp_path / "c.npz"), "--levels"]) == 2
     assert "--levels: the format npz has no such option" in capsys.readouterr().err
+
+
+@pytest.mark.exhaustive
+def test_conversion_takes_the_memory_of_a_few_chunks(tmp_path):
+    """1024³ numbers, 4 GiB (an HDF5 file of chunks that were never written is small)."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("rho", shape=(1024,) * 3, dtype="f4", chunks=(64,) * 3)
+    program = (
+        "import resource, sys; from voluminous.cli import main; assert main(sys.argv[1:]) == 0;"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    words = ["convert", "a.h5", "b.zarr", "-q", "--levels", "--stats", "--keep-bits", "10"]
+    command = [sys.executable, "-c", program, *words]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    # The process takes 120 MiB, a chunk 8 and its means 32 of temporary numbers.
+    assert int(result.stdout) < 400 << 10
+    assert open_lazily(tmp_path / "b.zarr").store.levels == 4
+
+
+class TestSaved(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def write(directory):
+            volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 1)), a=np.ones((4, 4, 4)))
+            volume["b"] = np.arange(64, dtype="i4").reshape(4, 4, 4)
+            volume.set_unit("b", "K")
+            volume.save(directory / "a.zarr", levels=True, stats=True, chunks=2)
+            return directory / "a.zarr"
+
+        return write
+
+    def victims(self, path):
+        """Return the root's description, and all of the edges and of a field."""
+        parts = [path / "grid" / "x", path / "fields" / "a"]
+        inside = (p for part in parts for p in sorted(part.rglob("*")) if p.is_file())
+        return [path / "zarr.json", *inside]

@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError
+from ...errors import FileFormatError, InputError, VoluminousError
 from ...fields import held_dtype
 from ...packages import require
 from ...progress import reporter
 from ...store import SIDE, Store, means
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
+from ..guard import by_library, placed
 from ..zarr.store import arrays_in, checked, holds_zarr, opened
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 from .reader import (
@@ -80,7 +81,7 @@ class NativeZarrReader(ContentsReader):
         try:
             with opened(path) as root:
                 return bool(root.attrs.get("format") == MARK)
-        except FileFormatError:
+        except VoluminousError:
             return False  # the plain reader says what is wrong
 
     def contents(self, path: Path, **options: Any) -> Contents:
@@ -135,7 +136,7 @@ class NativeZarrReader(ContentsReader):
                 "volume as .h5, which holds any grid, or make a Cartesian one by volume.resample"
             )
         sides = _sides(chunks, bool(levels))
-        if keep_bits is not None and (not isinstance(keep_bits, int) or not 1 <= keep_bits <= 52):
+        if keep_bits is not None and (type(keep_bits) is not int or not 1 <= keep_bits <= 52):
             raise InputError(f"keep_bits must be a number from 1 to 52, got {keep_bits!r}")
         root = library.open_group(str(path), mode="w-", zarr_format=3)
         plain = plain_grid(grid)
@@ -157,7 +158,8 @@ class NativeZarrReader(ContentsReader):
             for _ in pyramid.write():
                 report(next(done), total)
             if stats:
-                root.create_array(f"stats/{name}", data=pyramid.extremes)
+                ends = pyramid.extremes
+                _new_array(root, f"stats/{name}", ends.shape, ends.shape, dtype)[...] = ends
         told: dict[str, Any] = {"written_by": f"voluminous {SOFTWARE}", "about": ABOUT}
         told |= {GRID: {"type": plain.type, **plain.attributes}, "fields": list(volume.fields)}
         told |= {"levels": len(shapes)}
@@ -270,7 +272,7 @@ def _places(name: str, levels: int) -> list[tuple[int, str]]:
 def _new_array(
     root: Any, place: str, shape: tuple[int, ...], sides: tuple[int, ...], dtype: np.dtype[Any]
 ) -> zarr.Array[Any]:
-    from zarr.codecs import BloscCodec
+    from zarr.codecs import BloscCodec, Crc32cCodec
 
     packed = BloscCodec(cname="zstd", clevel=5, shuffle="bitshuffle")
     made: zarr.Array[Any] = root.create_array(
@@ -278,7 +280,8 @@ def _new_array(
         shape=shape,
         dtype=dtype,
         chunks=tuple(min(n, side) for n, side in zip(shape, sides, strict=True)),
-        compressors=packed,
+        # Blosc may take a chunk that is cut short for a sound one.
+        compressors=[packed, Crc32cCodec()],
         # All chunks are written, so that one that is lost is known to be.
         fill_value=np.nan if dtype.kind == "f" else None,
         config={"write_empty_chunks": True},
@@ -329,17 +332,22 @@ def _pieces(path: Path, root: Any, name: str, arrays: Sequence[zarr.Array[Any]])
 
 
 def _extremes(path: Path, place: str) -> np.ndarray:
-    with opened(path) as root:
-        return np.asarray(root[place][...])
+    return _read(path, place, (slice(None),) * 4)
 
 
 def _part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
+    return _read(path, _places(name, level + 1)[level][1], index)
+
+
+def _read(path: Path, place: str, index: tuple[slice, ...]) -> np.ndarray:
     with opened(path) as root:
-        place = _places(name, level + 1)[level][1]
         array: Any = checked(root[place])
-        if path.is_dir():
-            _check_chunks(path / place, array, index)
-        return np.asarray(array[index])
+        parts = (part.indices(n) for part, n in zip(index, array.shape, strict=True))
+        cells = ", ".join(f"{low}:{high}" for low, high, _ in parts)
+        with placed(f"/{place}[{cells}]"), by_library("zarr"):
+            if path.is_dir():
+                _check_chunks(path / place, array, index)
+            return np.asarray(array[index])
 
 
 def _check_chunks(place: Path, array: zarr.Array[Any], index: tuple[slice, ...]) -> None:
@@ -350,4 +358,4 @@ def _check_chunks(place: Path, array: zarr.Array[Any], index: tuple[slice, ...])
         ranges.append(range(low // side, -(-high // side)))
     for number in itertools.product(*ranges):
         if not (place / array.metadata.encode_chunk_key(number)).is_file():
-            raise FileFormatError(f"the chunk {number} of {array.path} is missing")
+            raise FileFormatError(f"the chunk {number} is missing")
