@@ -72,7 +72,7 @@ def _what(reader: Reader) -> str:
 
 
 def _files(reader: Reader, most: int | None = None) -> str:
-    if reader.writes_directory or not reader.suffixes:
+    if not reader.suffixes:
         return "by content"
     return " ".join(reader.suffixes[:most]) + " …" * (len(reader.suffixes) > (most or 99))
 
