@@ -58,6 +58,11 @@ class Camera(Value):
     #: True if the observer is at infinity.
     parallel = False
 
+    @property
+    def straight(self) -> bool:
+        """Whether `project` shows straight lines in front of the camera as straight lines."""
+        return False
+
     def frame(self, grid: Grid) -> Frame:
         """Return the camera's pixels and vectors for a grid, in the grid's unit.
 

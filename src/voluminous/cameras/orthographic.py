@@ -162,6 +162,10 @@ class Orthographic(Camera):
         )
         return framed
 
+    @property
+    def straight(self) -> bool:
+        return True
+
     def frame(self, grid: Grid) -> Frame:
         bounds, (nx, ny) = grid.bounds, self.resolution
         center = bounds.mean(axis=1)

@@ -181,6 +181,10 @@ class Perspective(Camera):
         position, target, up = framing.perspective(frame, volume, angle)
         return cls(position, target, angle, up=up, resolution=resolution)
 
+    @property
+    def straight(self) -> bool:
+        return self.projection == "flat" and self.stereo is None
+
     def frame(self, grid: Grid) -> Frame:
         position = vector(self.position, "position", grid.unit)
         target = vector(self.target, "target", grid.unit)

@@ -23,6 +23,7 @@ from .job import RenderJob
 from .layers import with_channels
 from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
+from .pieces import Pieces
 from .prepare import prepare
 from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
@@ -51,6 +52,7 @@ def render(
     bounds: bool = False,
     max_panels: int = 1024,
     objects: Any = (),
+    memory: Any = None,
     progress: Progress = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
@@ -107,10 +109,16 @@ def render(
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
         `Stars`, `Spheres`, `Curves`, `Boxes`, `Axes`.
+    memory : str or int, optional
+        The memory that drawing may take, such as ``"2 GiB"``: the volume is read and drawn chunk by
+        chunk, front to back, and may be larger than memory. For Cartesian grids and the schemes
+        ``"post-classified"``, ``"pre-integrated"`` and ``"first-order"``; see the page on large
+        data. By default all of it is read.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as
-        ``progress(done, total)``; it may raise to cancel.
+        ``progress(done, total)``, with numbers of rays (of cells, with `memory`); it may raise to
+        cancel.
 
     Returns
     -------
@@ -152,6 +160,7 @@ def in_steps(
     bounds: bool = False,
     max_panels: int = 1024,
     objects: Any = (),
+    memory: Any = None,
     **options: Any,
 ) -> Steps:
     """Render in batches of a given duration; to cancel, stop iterating.
@@ -180,6 +189,11 @@ def in_steps(
     if camera is not None and view is not None:
         raise InputError(f"give a camera or view={view!r}, not both")
     fitted = view is not None
+    pieces = None
+    if memory is not None:
+        choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
+        pieces = Pieces(volume, medium, memory, **choices)
+        volume = pieces.outline
     if medium is None and isinstance(volume, Volume):
         medium, fitted = first_medium(volume), True
     if camera is None:
@@ -193,6 +207,7 @@ def in_steps(
         precision=precision,
         samples=samples,
         antialias=antialias,
+        pieces=pieces,
         **options,
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
@@ -247,6 +262,8 @@ def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray
 
     def compute() -> np.ndarray:
         job.cutoff, job.progress = 0.0, silent
+        if job.pieces is not None:
+            job.pieces.report = silent
         return with_channels(run(job, 0.0).depth, channels, 0.0)
 
     return compute

@@ -16,11 +16,12 @@ from ..volume import Volume
 from .cache import Cache
 from .missing import HiddenCells
 from .options import DEFAULT_ERROR
+from .pieces import Pieces
 from .precision import sums_need_double
 from .sources.cells import CellEvaluator
 from .sources.channel_layout import GasStates, choose_layout
 from .sources.interpolated import interpolated_fields
-from .sources.table import tabulated
+from .sources.table import on_ray_in_pieces, tabulated
 
 
 @dataclass
@@ -39,6 +40,8 @@ class RenderJob:
         More rays where the picture is not smooth; parts of pixels no wider than cells.
     done : int
         Number of rays traced so far.
+    pieces : Pieces, optional
+        The blocks of cells to be drawn one after another.
     """
 
     volume: Volume
@@ -58,6 +61,7 @@ class RenderJob:
     adaptive: bool = False
     recursive: bool = False
     done: int = 0
+    pieces: Pieces | None = None
 
     def __post_init__(self) -> None:
         """Reverse the loop with RADMC-3D's steps: its rays run towards the observer."""
@@ -96,8 +100,12 @@ class RenderJob:
             numbers.on(self.backend, self.volume.grid.scale)
         known = self.backend, cache.statistics, self.tape
         evaluator = CellEvaluator(self.volume, self.medium, numbers, *known)
+        parts = self.pieces is not None
         if scheme.coefficients_at == "field":
-            return interpolated_fields(evaluator, cache, scheme, self.tolerance, faintest, whole)
+            limits = self.tolerance, faintest, whole
+            return interpolated_fields(evaluator, cache, scheme, *limits, parts)
+        if parts:
+            return on_ray_in_pieces(evaluator, cache, scheme)
         nx, ny = self.frame.pixels
         steps = float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
         return tabulated(evaluator, cache, scheme, steps, whole)

@@ -17,6 +17,7 @@ from ..colormaps import get_color, without_alpha
 from ..errors import InputError, check_name
 from ..geometry import many_valued
 from ..grids.contract import Grid
+from ..media.contract import Medium
 from ..memory import check_memory
 from ..schemes.base import Scheme
 from ..units import as_quantity, is_quantity
@@ -109,6 +110,52 @@ def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
         raise InputError(
             "antialias='radmc3d' compares pixels with cells: it needs parallel rays "
             "(vm.Orthographic); use antialias='adaptive'"
+        )
+
+
+# Schemes that draw chunk by chunk: they need no values beyond one layer of cells.
+IN_PIECES = ("post-classified", "pre-integrated", "first-order")
+
+
+def check_in_pieces(
+    volume: Any, medium: Any, *, order: Any, antialias: Any, bounds: Any, objects: Any
+) -> None:
+    """Refuse what cannot be drawn chunk by chunk."""
+    grid = getattr(volume, "grid", None)
+    if grid is None or not isinstance(medium, Medium):
+        raise InputError(
+            "memory= draws a vm.Volume with a medium that is given, as in vm.render(volume, "
+            f"medium, camera, memory='2 GiB'); got {type(volume).__name__} and "
+            f"{type(medium).__name__}"
+        )
+    if grid.kind != "cartesian":
+        raise InputError(
+            f"memory= draws Cartesian grids chunk by chunk, this is a {type(grid).__name__}: draw "
+            "it without memory=, or volume.resample(vm.CartesianGrid.uniform(…))"
+        )
+    choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
+    usual = {"order": ORDERS[0], "antialias": None, "bounds": False, "objects": ()}
+    for name, value in choices.items():
+        if value is not usual[name] and value != usual[name]:
+            raise InputError(
+                f"memory= draws front to back, one pass for all rays: leave out {name}={value!r}, "
+                "or draw without memory="
+            )
+    derived = [name for name in medium.names if name not in (*volume.fields, *volume.coordinates)]
+    known = [name for name in derived if name in volume]
+    if known or medium.sight:
+        raise InputError(
+            f"memory= reads fields as they are stored, and {(known or list(medium.sight))[0]!r} is "
+            "computed from them: make it a field of the file, or draw without memory="
+        )
+
+
+def check_scheme_in_pieces(scheme: Scheme) -> None:
+    """Refuse schemes that need more than one layer of cells around a chunk."""
+    if scheme.name not in IN_PIECES:
+        raise InputError(
+            f"scheme {scheme.name!r} cannot draw chunk by chunk (memory=): use one of "
+            + ", ".join(map(repr, IN_PIECES))
         )
 
 

@@ -24,10 +24,12 @@ from .options import (
     check_cutoff,
     check_order,
     check_pixels,
+    check_scheme_in_pieces,
     check_tolerance,
     check_walk,
     sample_count,
 )
+from .pieces import Pieces
 from .precision import needs_double, plain_widths
 from .sources.cells import check_fields
 
@@ -49,6 +51,7 @@ def prepare(
     samples: int = 1,
     antialias: str | None = None,
     progress: Progress = None,
+    pieces: Pieces | None = None,
 ) -> tuple[RenderJob, dict[str, int]]:
     """Return everything that a picture needs, and the number of missing values in each field.
 
@@ -75,6 +78,8 @@ def prepare(
     solver = get_scheme(scheme, controlled=tolerance is not None)
     by_field = solver.coefficients_at == "field"
     check_walk(solver, volume.grid)
+    if pieces is not None:
+        check_scheme_in_pieces(solver)
     volume = volume.seen_by(camera)
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
@@ -119,6 +124,10 @@ def prepare(
         samples=sample_count(samples, antialias, frame, volume.grid),
         adaptive=antialias == "adaptive",
         recursive=antialias == "radmc3d" and not volume.grid.is_rectilinear,
+        pieces=pieces,
     )
     check_pixels(frame.pixels, medium.channels, job.backend)
+    if pieces is not None:
+        pieces.plan(job.medium, solver, frame.pixels)
+        pieces.report, job.progress = job.progress, silent
     return job, missing

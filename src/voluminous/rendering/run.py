@@ -13,6 +13,7 @@ from .antialias import refine
 from .flux_conserving import FluxConserving
 from .job import RenderJob
 from .sources.channel_layout import channels_last, in_units_of
+from .streaming import StreamingTracer
 from .tolerance import Rounds, add_rounding_error, in_error_unit, render_to_tolerance
 from .tracer import Batches, KernelCache, RayTracer, exhausted
 
@@ -133,6 +134,8 @@ def make_tracer(
 ) -> RayTracer:
     """Return the tracer of a job's pixels."""
     kind = FluxConserving if job.recursive else RayTracer
+    if job.pieces is not None:
+        return StreamingTracer(job, job.source(faintest), background)
     tracer = kind(job, job.source(faintest), background)
     tracer.kernels = _kernels(job, tracer, faintest)
     return tracer

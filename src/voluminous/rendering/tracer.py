@@ -298,7 +298,7 @@ class RayTracer:
                 self.job.advance(0, lanes)
             own = self._rows_of(number, rows)
             if part.kernels is None or not part.kernels.draw(part, batch, own):
-                _write(own, *part.trace(batch, part.inputs(batch)), batch.first)
+                write_paths(own, *part.trace(batch, part.inputs(batch)), batch.first)
             del part  # and its table, before there is another
 
     def _rows_of(self, number: int, rows: list[Float]) -> list[Float]:
@@ -392,7 +392,7 @@ class RayTracer:
         return replace(ray, first=first, last=last)
 
 
-def _write(rows: list[Float], numbers: list[Float], lanes: Lanes, first: int) -> None:
+def write_paths(rows: list[Float], numbers: list[Float], lanes: Lanes, first: int) -> None:
     """Evaluate the components of paths into arrays, the first ray's at index `first`."""
     # Dr.Jit orders variables by scope: without a new scope, kernels traced now and earlier would
     # differ. Everything traced by another thread must be in one scope.
@@ -470,7 +470,7 @@ class KernelCache:
                 kept = self._kept[key] = own, tracer.trace(batch, own)
             dr.sync_thread()
             copy_into(kept[0], inputs)
-            _write(rows, *kept[1], batch.first)
+            write_paths(rows, *kept[1], batch.first)
             return True
         finally:
             self._lock.release()

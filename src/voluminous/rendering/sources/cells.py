@@ -67,11 +67,22 @@ class CellEvaluator:
         self.places = [n for n in medium.names if n in volume.coordinates and n not in volume]
         cartesian = all(name in COORDINATES for name in self.places)
         self._traced = cartesian and self.grid.has_traced_centers
+        self.origin: tuple[int, ...] = ()
 
     def block(self, numbers: PerChannel) -> CellEvaluator:
         """Return the evaluator of some of the channels."""
         part = copy.copy(self)
         part.medium, part.numbers = numbers.medium, numbers
+        return part
+
+    def within(self, volume: Volume, origin: tuple[int, int, int]) -> CellEvaluator:
+        """Return the evaluator of a part of the volume that begins at a cell of it.
+
+        Ranges remain those of the whole volume.
+        """
+        part = copy.copy(self)
+        part.volume, part.grid, part.origin = volume, volume.grid, origin
+        vars(part).pop("all_coordinates", None)
         return part
 
     def context(self, real: Any, tape: Tape | None = None) -> Context:
@@ -128,6 +139,8 @@ class CellEvaluator:
                 wrong.append(f"{name} of channel {k % channels} is {value:g}")
         names = [name for name in self.medium.names if name in self.volume]
         fields = ", ".join(f"{name} = {self.volume.array(name)[cell]:g}" for name in names)
+        if self.origin:
+            cell = tuple(a + i for a, i in zip(self.origin, cell, strict=True))
         raise InputError(
             f"the medium gives coefficients that cannot be used in {int(bad.sum())} cells (of "
             f"those looked at so far); the first is {cell}: {'; '.join(wrong)}"

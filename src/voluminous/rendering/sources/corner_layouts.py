@@ -46,6 +46,13 @@ class FieldLattice:
 
     unit: float
 
+    @classmethod
+    def of_range(cls, low: float, high: float, backend: Backend) -> FieldLattice:
+        """Return the unit of a field alone, given its range."""
+        lattice = cls()
+        lattice.unit = _unit_of(low, high, backend)
+        return lattice
+
     def corners(self, chord: Any, active: Mask) -> Corners:
         """Return the values around the dual cell of a segment."""
         raise NotImplementedError
@@ -113,8 +120,13 @@ def _checked_unit(array: np.ndarray, backend: Backend, count: int) -> float:
         )
     advice = "use scheme='first-order', which needs no copy, or a coarser or smaller volume"
     check_memory(count * backend.dtype.itemsize, "a field between cell centres", advice)
-    ends = np.fmin.reduce(array, axis=None), np.fmax.reduce(array, axis=None)
-    most = max(abs(float(end)) for end in ends)
+    return _unit_of(
+        float(np.fmin.reduce(array, axis=None)), float(np.fmax.reduce(array, axis=None)), backend
+    )
+
+
+def _unit_of(low: float, high: float, backend: Backend) -> float:
+    most = max(abs(low), abs(high))
     if backend.precision == "double" or not 0.0 < most < np.inf or 1e-25 < most < 1e25:
         return 1.0
     return unit_near(most)
@@ -152,15 +164,20 @@ def cartesian_lattices(
     arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[FacePackets | NodalValues]:
     """Return the `Grid.lattice` of Cartesian grids, each in the faster layout."""
-    return [_cartesian_lattice(array, backend) for array in arrays]
+    return [
+        cartesian_lattice(array, backend, _checked_unit(array, backend, _padded_size(array.shape)))
+        for array in arrays
+    ]
 
 
 def _padded_size(shape: tuple[int, ...]) -> int:
     return math.prod(int(n) + 2 for n in shape)
 
 
-def _cartesian_lattice(array: np.ndarray, backend: Backend) -> FacePackets | NodalValues:
-    unit = _checked_unit(array, backend, _padded_size(array.shape))
+def cartesian_lattice(
+    array: np.ndarray, backend: Backend, unit: float
+) -> FacePackets | NodalValues:
+    """Return a field of a Cartesian grid, divided by a unit, in the faster layout."""
     nx, ny, nz = (int(n) for n in array.shape)
     size = 4 * (nx + 2) * (ny + 1) * (nz + 1) * backend.dtype.itemsize
     padded = np.pad(array, 1, mode="edge")

@@ -25,7 +25,7 @@ from ...schemes.path import Path, layer
 from ..cache import Cache
 from .cells import CellEvaluator, along_sight, ray_coordinates
 from .channel_layout import PerChannel, some_channels
-from .corner_layouts import Corners, FieldLattice, get_lattices
+from .corner_layouts import Corners, FieldLattice, cartesian_lattice, get_lattices
 from .empty_space import DUAL, get_blocks, get_exactness, pruned_walk, visible_leaves
 
 # The smallest fraction of a peak that each precision represents.
@@ -166,6 +166,15 @@ class Interpolated:
     def accept(self, front: Path, panel: Path, where: Mask) -> None:
         """Take note of a panel that is accepted, and of the part of its segment in front of it."""
 
+    def within(self, fields: dict[str, np.ndarray]) -> Interpolated:
+        """Return the source in a box of cells, given these and one layer more on the low sides."""
+        part = copy.copy(self)
+        part.lattices = {
+            name: cartesian_lattice(fields[name], self.backend, lattice.unit)
+            for name, lattice in self.lattices.items()
+        }
+        return part
+
     def block(self, channels: slice) -> Interpolated:
         """Return the source of some of the channels; it shares fields and all that is skipped."""
         part = copy.copy(self)
@@ -246,6 +255,7 @@ def interpolated_fields(
     tolerance: float,
     faintest: bool,
     whole: bool,
+    in_pieces: bool = False,
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are cached with the volume.
 
@@ -255,6 +265,8 @@ def interpolated_fields(
         Whether to neglect only what the precision cannot represent.
     whole : bool
         No cells are hidden.
+    in_pieces : bool
+        Leave out the fields themselves: `Interpolated.within` takes those of parts of the volume.
     """
     volume, backend, medium = evaluator.volume, evaluator.backend, evaluator.medium
     grid, numbers, statistics = volume.grid, evaluator.numbers, evaluator.statistics
@@ -289,9 +301,13 @@ def interpolated_fields(
         tolerance=tolerance,
         coordinates=ray_coordinates(volume, medium.names),
     )
-    coarseness = scheme.coarseness_for(tolerance) if whole else 0.0
-    blocks = get_blocks(evaluator, cache, faint, DUAL, coarseness)
-    lattices = get_lattices(evaluator, cache)
+    blocks: Any = None
+    if in_pieces:
+        lattices = {n: FieldLattice.of_range(*ends, backend) for n, ends in extremes.items()}
+    else:
+        coarseness = scheme.coarseness_for(tolerance) if whole else 0.0
+        blocks = get_blocks(evaluator, cache, faint, DUAL, coarseness)
+        lattices = get_lattices(evaluator, cache)
     source = Interpolated(evaluator, lattices, context, blocks, paths)
     if whole and grid.can_be_pruned and all(name in volume for name in medium.names):
 

@@ -18,6 +18,7 @@ from ...grids.contract import Corners, Segment
 from ...memory import check_memory, fits
 from ...progress import reporter
 from ...schemes.base import Coefficients, Scheme
+from ...volume import Volume
 from ..cache import SLABS, Cache
 from ..precision import in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
@@ -198,6 +199,8 @@ class OnRay:
     evaluator : CellEvaluator
     single : bool
         Evaluate it in the precision of the picture; the bits then differ from a table's.
+    read : bool
+        Take the fields of the volume; else `within` gives those of a part of it.
     """
 
     blocks: Any = None
@@ -205,12 +208,20 @@ class OnRay:
     walk_kind = None
     tolerance: tuple[Float, ...] = ()
 
-    def __init__(self, evaluator: CellEvaluator, *, single: bool = False) -> None:
+    def __init__(
+        self, evaluator: CellEvaluator, *, single: bool = False, read: bool = True
+    ) -> None:
         self.evaluator, self.backend = evaluator, evaluator.backend
         self.real = self.backend.Float if single else self.backend.Wide
-        self.numbers, volume = evaluator.numbers, evaluator.volume
+        self.numbers = evaluator.numbers
         self.numbers.normalise(evaluator.sizes)
         self.fields: dict[str, Float] = {}
+        if read:
+            self._read(evaluator)
+        self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
+
+    def _read(self, evaluator: CellEvaluator) -> None:
+        volume = evaluator.volume
         for name in evaluator.medium.names:
             if name in volume:
                 array = volume.array(name)
@@ -220,7 +231,18 @@ class OnRay:
                     check_memory(size, "an integer field as floating point", advice)
                 self.fields[name] = device_array(array.reshape(-1), self.backend)
         evaluator.all_coordinates  # noqa: B018 (made before rays are traced)
-        self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
+
+    def within(self, volume: Volume, origin: tuple[int, int, int]) -> OnRay:
+        """Return the source in a part of the volume that begins at a cell, in the same units."""
+        part = copy.copy(self)
+        part.evaluator, part.fields = self.evaluator.within(volume, origin), {}
+        part._read(part.evaluator)
+        return part
+
+    def tabulated(self, volume: Volume, origin: tuple[int, int, int]) -> CoefficientTable:
+        """Return the coefficients of all cells of such a part."""
+        evaluator = self.evaluator.within(volume, origin)
+        return cell_table(evaluator, 0, volume.grid.size, measured=False)
 
     def block(self, channels: slice) -> OnRay:
         """Return the source of some of the channels."""
@@ -336,6 +358,16 @@ def tabulated(
         if whole and by_cell and grid.can_be_pruned:
             table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)
+
+
+def on_ray_in_pieces(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> OnRay:
+    """Return the medium on the ray, or for tables, of which parts of the volume are drawn.
+
+    The bits are those of `tabulated`.
+    """
+    many = len(blocks_of(evaluator.numbers.emissions, scheme)) > 1
+    many = many and isinstance(evaluator.numbers, PerChannel)
+    return OnRay(evaluator, single=many and _fits_in_single(evaluator, cache), read=False)
 
 
 def _pruned(evaluator: CellEvaluator, cache: Cache) -> Any:
