@@ -6,6 +6,7 @@ from astropy import units as u
 from scipy.special import erf
 
 import voluminous as vm
+from reference import data_directory
 from voluminous.physics.constants import CODATA, RADMC3D
 
 SCHEMES = ["first-order", "second-order", "olson-kunasz", "pre-integrated", "post-classified"]
@@ -516,3 +517,30 @@ def test_errors_say_what_to_do(attempt, told):
     with pytest.raises(Exception, match=told) as caught:
         attempt(random_gas(2))
     assert isinstance(caught.value, vm.VoluminousError)
+
+
+@pytest.mark.exhaustive
+def test_dust_and_a_line_of_a_real_disc():
+    """Along a ray where a thin warm layer of gas lies in front of opaque dust.
+
+    A bound by the source function alone took it for as thin as it seemed: a fifth was missed.
+    """
+    path = data_directory() / "data" / "phantom_disc" / "disc_00001.h5"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    disc = vm.open(path, ["density", "velocity"])
+    disc["dense"] = "density / (1e-13 g/cm**3)"
+    disc["radius"] = "sqrt(x**2 + y**2 + z**2) / (100 au)"
+    disc["T"] = "25 K * radius**-0.5 * interp(dense, [0.3, 10], [2, 1])"
+    disc["co"] = "1e-4 * density / (2.8 * 1.67e-24 g) * interp(dense, [0.1, 0.3], [0, 1])"
+    gas = vm.Lines("co", CO, temperature="T", velocity="velocity", turbulence="0.05 km/s")
+    medium = gas + vm.Dust("density / 100", "T", vm.Opacity.power_law(3.5, 870.0, 1.0))
+    place = ((43 + 0.5) * 260 / 60 - 130, (6 + 0.5) * 260 / 60 - 130) * u.au
+    camera = vm.Orthographic(20, width=0.01 * u.au, resolution=1, shift=place)
+    axis = vm.channels(-7.5, 7.5, 61, rest=REST)
+    cube, exact = (
+        vm.observe(disc, medium, camera, velocities=axis, tolerance=t) for t in (1e-3, 1e-4)
+    )
+    off = np.abs(cube.intensity - exact.intensity) / exact.intensity
+    assert np.median(exact.intensity) > 0.0
+    assert off[exact.intensity > 0.1 * exact.intensity.max()].max() <= 2e-3

@@ -106,9 +106,13 @@ def solve_with_error(source: Any, panel: Panel, backward: bool, seen: list[Float
         error = error + most(ordering) + numbers.brightness(hidden)
         spread = source.medium.source_spread(panel, source.context)
         if spread is not None:
-            # What is seen is a mean of the source function, whatever the order.
-            rows = zip(found.transparency, off[0], spread, found.emission, strict=True)
-            most_wrong = [dr.fma(s, dr.abs(b), theta * j * panel.length) for theta, j, s, b in rows]
+            # What is seen of an opaque panel is a mean of the source function, whatever the order;
+            # more matter than was found would add what comes through.
+            rows = zip(found.transparency, spread, found.emission, strict=True)
+            most_wrong = [
+                dr.abs(b) * (s + theta / dr.select(theta < 1.0, 1.0 - theta, 1e-6))
+                for theta, s, b in rows
+            ]
             every = zip(*map(numbers.bright, (wrong, hidden, most_wrong)), ordering, strict=True)
             error = most([dr.minimum(w + h + o, m) for w, h, m, o in every])
     if seen:
