@@ -31,6 +31,8 @@ _FIRST, _FINEST = 64, 1024
 # at the angle of the golden ratio a box face-on changes by 7e-5 from 128 to 256 pixels, not 6e-3.
 _TURNED = math.degrees(math.atan(0.5 * (math.sqrt(5.0) - 1.0)))
 _FLUX = "erg / (s cm2 Hz)"
+# Fluxes in the wings of a line, as a part of the largest, from which on the tolerance is relative.
+_WINGS = 1e-2
 # Rings within the innermost wall of a grid.
 _INNER_RINGS = 8
 
@@ -71,7 +73,8 @@ def spectrum(
         Of the observer. Default: 1 pc.
     tolerance : float or None
         Error allowed in each flux: the picture is drawn again with more pixels, until fluxes change
-        by no more than this fraction; and as in `observe`. None: once.
+        by no more than this fraction (of velocities, of a hundredth of the largest at least: wings
+        of lines come from few places); and as in `observe`. None: once.
     antialias : {None, "adaptive", "radmc3d"}
         Given, one picture is drawn, with rays as in `render`; with ``"radmc3d"`` pixels have parts
         no wider than the cells. Default: as the tolerance needs it.
@@ -140,7 +143,8 @@ def spectrum(
     if antialias is not None or tolerance is None:
         total = flux(camera, antialias)
     else:
-        total = _converged(flux, camera, _method(volume, camera), tolerance)
+        least = 0.0 if velocities is None else _WINGS
+        total = _converged(flux, camera, _method(volume, camera), tolerance, least)
     centimetres = 1.0 if volume.unit is None else float(volume.unit.to("cm"))
     (cube,) = cubes
     return Spectrum(
@@ -168,19 +172,24 @@ def _converged(
     camera: Orthographic,
     method: str | None,
     tolerance: float,
+    least: float,
 ) -> np.ndarray:
-    """Return fluxes of pictures with ever more pixels, once they keep the tolerance."""
+    """Return fluxes of pictures with ever more pixels, once they keep the tolerance.
+
+    It is relative to each flux, or to this part of the largest.
+    """
     total = flux(camera, method)
     while True:
         finer = _finer(camera, method)
         last, total = total, flux(finer, method)
-        change = np.abs(total - last)
-        if np.all(change <= tolerance * np.abs(total)):
+        change, size = np.abs(total - last), np.abs(total)
+        size = np.maximum(size, least * size.max())
+        if np.all(change <= tolerance * size):
             return total
         if max(finer.resolution) >= _FINEST:
             break
         camera = finer
-    worst = float(np.max(change / np.where(total != 0.0, np.abs(total), 1.0)))
+    worst = float(np.max(change / np.where(size > 0.0, size, 1.0)))
     warnings.warn(
         f"fluxes still change by {worst:.1g} from {max(camera.resolution)} to "
         f"{max(finer.resolution)} pixels; the tolerance is {tolerance:g}. Give a camera whose "
