@@ -291,7 +291,7 @@ def test_a_link_carries_the_scene_and_no_secret(browser):
             tab.page.goto("about:blank")
         tab.page.goto(address)
         until(tab, lambda k=k: undo_list(tab).count("shared scene") == k + 1)
-        assert "#" not in tab.page.url
+        until(tab, lambda: "#" not in tab.page.url)  # the page is told of it a moment later
         tab.rest()
         assert tab.view.camera == turned
         assert tab.explorer.document.settings["image"]["exposure"] == exposure
