@@ -316,18 +316,23 @@ class Lines(SpectralMedium):
     # --- at places ------------------------------------------------------------------------------
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        state = self._state(fields, context)
-        zero = state.velocity * 0.0
-        j, alpha = [zero] * self.channels, [zero] * self.channels
-        ratio = self.row(context, "unit", self._ratio)
-        speed = state.velocity * state.narrowness
+        return self._in_channels(self._state(fields, context), range(self.channels), context)
+
+    def _in_channels(
+        self, state: LineState, channels: Sequence[int], context: Context
+    ) -> MediumSample:
+        """Return j and α per unit length of some channels."""
+        zero, speed = state.velocity * 0.0, state.velocity * state.narrowness
+        j, alpha = [zero for _ in channels], [zero for _ in channels]
         for k, (bright, dense) in enumerate(zip(state.bright, state.dense, strict=True)):
-            for c, shift in enumerate(self.row(context, f"v {k}", self._shifts[k])):
-                z = dr.fma(shift, state.narrowness, speed)
+            shifts = self.row(context, f"v {k}", self._shifts[k])
+            for n, c in enumerate(channels):
+                z = dr.fma(shifts[c], state.narrowness, speed)
                 shape = decay(z * z)
-                j[c] = dr.fma(bright, shape, j[c])
-                alpha[c] = dr.fma(dense, shape, alpha[c])
-        return MediumSample([r * v for r, v in zip(ratio, j, strict=True)], alpha)
+                j[n] = dr.fma(bright, shape, j[n])
+                alpha[n] = dr.fma(dense, shape, alpha[n])
+        ratio = self.row(context, "unit", self._ratio)
+        return MediumSample([ratio[c] * v for c, v in zip(channels, j, strict=True)], alpha)
 
     def _state(self, fields: dict[str, Any], context: Context) -> LineState:
         """Return the gas at a place."""
@@ -336,16 +341,11 @@ class Lines(SpectralMedium):
         number = context.kept_number
         narrowness = self._narrowness(temperature, turbulence, context)
         velocity = self._velocity(fields, context) + narrowness * 0.0
-        bright, dense = [], []
         if self.populations is not None:
-            levels = [q.value(fields, context) for q in self._levels]
-            own = dict(zip(self._level_numbers, levels, strict=True))
-            for line in self._lines:
-                up, low = own[line.up], own[line.low] * number(line.ratio)
-                bright.append(up * narrowness * number(line.emission))
-                absorbed = (low - up) * narrowness * number(line.absorption)
-                dense.append(dr.select(absorbed > 0.0, absorbed, 0.0))
-            return LineState(narrowness, velocity, bright, dense)
+            return self._of_levels(
+                velocity, narrowness, self._level_pairs(fields, context), context
+            )
+        bright, dense = [], []
         cold = 1.0 / temperature
         base = density * narrowness / self._partition_at(temperature, context)
         for line in self._lines:
@@ -354,6 +354,28 @@ class Lines(SpectralMedium):
             theta, mean = any_attenuation(step)
             bright.append(low * theta * number(line.emission))
             dense.append(low * (step * mean) * number(line.absorption))
+        return LineState(narrowness, velocity, bright, dense)
+
+    def _level_pairs(self, fields: dict[str, Any], context: Context) -> list[tuple[Any, Any]]:
+        """Return the given populations of each line: of the upper level, and g_u/g_l × lower."""
+        levels = [q.value(fields, context) for q in self._levels]
+        own = dict(zip(self._level_numbers, levels, strict=True))
+        number = context.kept_number
+        return [(own[line.up], own[line.low] * number(line.ratio)) for line in self._lines]
+
+    def _of_levels(
+        self,
+        velocity: Float,
+        narrowness: Float,
+        levels: list[tuple[Any, Any]],
+        context: Context,
+    ) -> LineState:
+        """Return the gas with populations of the levels of each line, as of `_level_pairs`."""
+        number, bright, dense = context.kept_number, [], []
+        for line, (up, low) in zip(self._lines, levels, strict=True):
+            bright.append(up * narrowness * number(line.emission))
+            absorbed = (low - up) * narrowness * number(line.absorption)
+            dense.append(dr.select(absorbed > 0.0, absorbed, 0.0))
         return LineState(narrowness, velocity, bright, dense)
 
     # --- states, which RADMC-3D interpolates ----------------------------------------------------
@@ -373,11 +395,7 @@ class Lines(SpectralMedium):
         velocity = self._velocity(fields, context) + 0.0 * temperature
         found = [velocity, turbulence + 0.0 * temperature, temperature]
         if self.populations is not None:
-            levels = [q.value(fields, context) for q in self._levels]
-            own = dict(zip(self._level_numbers, levels, strict=True))
-            for line in self._lines:
-                found += [own[line.up], own[line.low] * context.kept_number(line.ratio)]
-            return found
+            return found + [v for pair in self._level_pairs(fields, context) for v in pair]
         base = density / self._partition_at(temperature, context)
         for line in self._lines:
             low = base * dr.exp(-context.kept_number(line.lower) / temperature)
@@ -389,22 +407,10 @@ class Lines(SpectralMedium):
     ) -> MediumSample:
         """Return j and α per unit length of some channels from (interpolated) states."""
         velocity, turbulence, temperature, *levels = values
-        number, narrowness = context.kept_number, self._narrowness(temperature, turbulence, context)
-        zero, speed = velocity * 0.0, velocity * narrowness
-        j, alpha = [zero for _ in channels], [zero for _ in channels]
-        for k, line in enumerate(self._lines):
-            up, low = levels[2 * k : 2 * k + 2]
-            bright = up * narrowness * number(line.emission)
-            dense = (low - up) * narrowness * number(line.absorption)
-            dense = dr.select(dense > 0.0, dense, 0.0)
-            shifts = self.row(context, f"v {k}", self._shifts[k])
-            for n, c in enumerate(channels):
-                z = dr.fma(shifts[c], narrowness, speed)
-                shape = dr.exp(-(z * z))
-                j[n] = dr.fma(bright, shape, j[n])
-                alpha[n] = dr.fma(dense, shape, alpha[n])
-        ratio = self.row(context, "unit", self._ratio)
-        return MediumSample([ratio[c] * v for c, v in zip(channels, j, strict=True)], alpha)
+        narrowness = self._narrowness(temperature, turbulence, context)
+        pairs = list(zip(levels[::2], levels[1::2], strict=True))
+        state = self._of_levels(velocity, narrowness, pairs, context)
+        return self._in_channels(state, channels, context)
 
     def steps(
         self, first: list[Float], last: list[Float], resolution: float, context: Context

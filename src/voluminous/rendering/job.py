@@ -19,7 +19,7 @@ from .options import DEFAULT_ERROR
 from .pieces import Pieces
 from .precision import sums_need_double
 from .sources.cells import CellEvaluator
-from .sources.channel_layout import GasStates, choose_layout
+from .sources.channel_layout import choose_layout
 from .sources.interpolated import interpolated_fields
 from .sources.table import on_ray_in_pieces, tabulated
 
@@ -95,9 +95,7 @@ class RenderJob:
 
     def _make_source(self, faintest: bool) -> Any:
         scheme, cache, whole = self.scheme, self.cache, self.hidden is None
-        numbers = choose_layout(self.medium, scheme, self.backend)
-        if isinstance(numbers, GasStates):
-            numbers.on(self.backend, self.volume.grid.scale)
+        numbers = choose_layout(self.medium, scheme, self.backend, self.volume.grid.scale)
         known = self.backend, cache.statistics, self.tape
         evaluator = CellEvaluator(self.volume, self.medium, numbers, *known)
         parts = self.pieces is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
@@ -338,12 +338,13 @@ class GasStates(PerChannel):
     def signed(self) -> int:
         return self.count
 
-    def on(self, backend: Backend, scale: float) -> GasStates:
-        """Return it for a device, precision and grid."""
-        real = backend.Float
+    @classmethod
+    def on(cls, medium: Medium, backend: Backend, scale: float) -> GasStates:
+        """Return it for a device, a precision, and the scale of a grid."""
+        states, real = cls(medium), backend.Float
         number = functools.partial(dr.opaque, real)
-        self.context, self.scale = Context(real, number, None, no_unit), scale
-        return self
+        states.context, states.scale = Context(real, number, None, no_unit), scale
+        return states
 
     def block(self, channels: slice) -> PerChannel:
         part = GasStates(self.medium.block(channels.start, channels.stop), self.unit[channels])
@@ -365,33 +366,35 @@ class GasStates(PerChannel):
 
     def split(self, values: list[Float], channel: int | None = None) -> Coefficients:
         """Return j and α per unit of the scale from the state of the gas, of one channel or all."""
-        some = slice(channel, None if channel is None else channel + 1)
-        chosen = list(range(self.emissions))[some]
-        zero = values[0] * 0.0
-        j, alpha, first = [zero for _ in chosen], [zero for _ in chosen], 0
-        for part in self.lines:
-            own = values[first : first + part.state_count]
-            sample = part.from_states(own, chosen, self.context)
-            scale = self.context.kept_number(self.scale)
+        chosen = list(range(self.emissions)) if channel is None else [channel]
+        zero, scale = values[0] * 0.0, self.context.kept_number(self.scale)
+        j, alpha = [zero for _ in chosen], [zero for _ in chosen]
+        for part, own in self._of_lines():
+            sample = part.from_states(values[own], chosen, self.context)
             j = [dr.fma(scale, a, b) for a, b in zip(sample.emissivity, j, strict=True)]
             alpha = [dr.fma(scale, a, b) for a, b in zip(sample.extinction, alpha, strict=True)]
-            first += part.state_count
         if self.others:
             k = self.emissions
+            first = len(values) - 2 * k
             j = [values[first + c] + v for c, v in zip(chosen, j, strict=True)]
             alpha = [values[first + k + c] + v for c, v in zip(chosen, alpha, strict=True)]
         # In units of channels, as tables of coefficients.
-        units = [self.context.kept_number(1.0 / float(np.ravel(self.unit)[c])) for c in chosen]
+        units = [self.context.kept_number(1.0 / float(self.unit[c])) for c in chosen]
         return [u * v for u, v in zip(units, j, strict=True)], alpha
+
+    def _of_lines(self) -> Iterator[tuple[Lines, slice]]:
+        """Yield media of lines, and which values of a state are theirs."""
+        first = 0
+        for part in self.lines:
+            yield part, slice(first, first + part.state_count)
+            first += part.state_count
 
     def steps(self, first: list[Float], last: list[Float], resolution: float) -> list[Float]:
         """Return, per channel, the number of steps that resolve lines between two states."""
-        found, place = [first[0] * 0.0] * self.emissions, 0
-        for part in self.lines:
-            own = slice(place, place + part.state_count)
+        found = [first[0] * 0.0] * self.emissions
+        for part, own in self._of_lines():
             counts = part.steps(first[own], last[own], resolution, self.context)
             found = [dr.select(a > b, a, b) for a, b in zip(counts, found, strict=True)]
-            place += part.state_count
         return found
 
 
@@ -534,10 +537,10 @@ class SharedProfiles:
 ChannelLayout: TypeAlias = PerChannel | SharedProfiles
 
 
-def choose_layout(medium: Medium, scheme: Scheme, backend: Backend) -> ChannelLayout:
+def choose_layout(medium: Medium, scheme: Scheme, backend: Backend, scale: float) -> ChannelLayout:
     """Return the layout of a medium's numbers: shapes where that is possible and fewer."""
     if scheme.states:
-        return GasStates(medium)
+        return GasStates.on(medium, backend, scale)
     parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.mixes)
     mixed = len(parts) < len(medium.components())
     # Of shared profiles colours and opacities are no numbers of kernels.
