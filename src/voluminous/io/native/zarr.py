@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError, VoluminousError
+from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
 from ...packages import require
 from ...progress import reporter
@@ -26,7 +26,7 @@ from ...store import SIDE, Store, means
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..guard import by_library, placed
-from ..zarr.store import arrays_in, checked, holds_zarr, opened
+from ..zarr.store import arrays_in, checked, opened, root_fits
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 from .reader import (
     GRID,
@@ -76,13 +76,7 @@ class NativeZarrReader(ContentsReader):
     remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        if not holds_zarr(path, head):
-            return False
-        try:
-            with opened(path) as root:
-                return bool(root.attrs.get("format") == MARK)
-        except VoluminousError:
-            return False  # the plain reader says what is wrong
+        return bool(root_fits(path, head, lambda root: bool(root.attrs.get("format") == MARK)))
 
     def contents(self, path: Path, **options: Any) -> Contents:
         with opened(path) as root:

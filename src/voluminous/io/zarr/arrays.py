@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import FileFormatError, VoluminousError, unknown_name
+from ...errors import FileFormatError, unknown_name
 from ...packages import require
 from ..arrays.layout import Entry
 from ..arrays.named_arrays import NamedArraysReader
 from ..labelled.convert import LabelledReader
 from ..names import field_name
 from ..unit_texts import known_unit
-from .store import arrays_in, dimensions, holds_zarr, opened
+from .store import arrays_in, dimensions, holds_zarr, opened, root_fits
 
 if TYPE_CHECKING:
     import xarray
@@ -71,14 +71,12 @@ class LabelledZarrReader(LabelledReader):
     remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        if not holds_zarr(path, head):
-            return False
-        try:
-            with opened(path) as root:
-                arrays = arrays_in(root) if hasattr(root, "members") else {}
-        except VoluminousError:
-            return False  # the plain reader says what is wrong
-        return bool(arrays) and all(dimensions(array) is not None for array in arrays.values())
+        def fits(root: Any) -> bool:
+            arrays = arrays_in(root) if hasattr(root, "members") else {}
+            named = (dimensions(array) is not None for array in arrays.values())
+            return bool(arrays) and all(named)
+
+        return bool(root_fits(path, head, fits))
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError, VoluminousError, unknown_name
+from ...errors import FileFormatError, InputError, unknown_name
 from ...memory import available_memory
 from ..axes import AXES
 from ..channels import Y_DOWN, Channel, channel
 from ..contract import FieldInfo
 from ..scanners.placement import Placement, conversion, equal_voxels, length_unit
 from ..scanners.voxels import VoxelReader, Voxels, component_names
-from .store import checked, holds_zarr, opened
+from .store import checked, opened, root_fits
 
 if TYPE_CHECKING:
     import zarr
@@ -51,13 +51,8 @@ class OMEZarrReader(VoxelReader):
     remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        if not holds_zarr(path, head):
-            return False
-        try:
-            with opened(path) as root:
-                return bool(_images(root))
-        except VoluminousError:  # the plain reader says what is wrong with others
-            return ".ome." in path.name.lower()
+        fits = root_fits(path, head, lambda root: bool(_images(root)))
+        return ".ome." in path.name.lower() if fits is None else fits
 
     def voxels(
         self,

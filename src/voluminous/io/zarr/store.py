@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import FileFormatError
+from ...errors import FileFormatError, VoluminousError
 from ...files import url_of
 from ...memory import check_memory
 from ...packages import require
@@ -50,6 +50,20 @@ def opened(path: Path) -> Iterator[Any]:
         finally:
             if archive is not None:
                 archive.close()
+
+
+def root_fits(path: Path, head: bytes, fits: Callable[[Any], bool]) -> bool | None:
+    """Return whether a file is a Zarr store whose root fits; None if that cannot be opened.
+
+    The reader of plain arrays then says what is wrong.
+    """
+    if not holds_zarr(path, head):
+        return False
+    try:
+        with opened(path) as root:
+            return fits(root)
+    except VoluminousError:
+        return None
 
 
 def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array[Any]]:
