@@ -328,8 +328,7 @@ def tabulated(
         return OnRay(evaluator)
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
     count = len(blocks_of(numbers.emissions, scheme))
-    many = count > 1 or (by_cell and sight)
-    if many and isinstance(numbers, PerChannel) and not backend.derivatives:
+    if _without_table(evaluator, scheme):
         blocks = None if scheme.everywhere else get_blocks(evaluator, cache, faint, CELLS)
         if by_cell:
             source = OnRay(evaluator, single=_fits_in_single(evaluator, cache))
@@ -365,9 +364,16 @@ def on_ray_in_pieces(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> 
 
     The bits are those of `tabulated`.
     """
-    many = len(blocks_of(evaluator.numbers.emissions, scheme)) > 1
-    many = many and isinstance(evaluator.numbers, PerChannel)
-    return OnRay(evaluator, single=many and _fits_in_single(evaluator, cache), read=False)
+    single = _without_table(evaluator, scheme) and _fits_in_single(evaluator, cache)
+    return OnRay(evaluator, single=single, read=False)
+
+
+def _without_table(evaluator: CellEvaluator, scheme: Scheme) -> bool:
+    """Return whether there is no table of all channels: of many, or of lines, which rays shift."""
+    numbers = evaluator.numbers
+    many = len(blocks_of(numbers.emissions, scheme)) > 1
+    many |= scheme.coefficients_at == "cell" and bool(evaluator.medium.sight)
+    return many and isinstance(numbers, PerChannel) and not evaluator.backend.derivatives
 
 
 def _pruned(evaluator: CellEvaluator, cache: Cache) -> Any:
