@@ -10,22 +10,14 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from test_confined_walk import CAMERAS as WALKED
+from test_confined_walk import SHAPE, UNEVEN, UNIFORM
 from voluminous.errors import InputError, MemoryNeededError
 from voluminous.store import FieldStore
 
-SHAPE = (9, 7, 8)
-UNIFORM = vm.CartesianGrid.uniform(SHAPE, [(-1, 1), (-0.8, 0.9), (-1.1, 1)])
-UNEVEN = vm.CartesianGrid(*(np.sort(np.random.default_rng(n).uniform(-1, 1, n + 1)) for n in SHAPE))
 VERTEX = [float(edges[4]) for edges in UNIFORM.edges]
 CAMERAS = {
-    "oblique": vm.Orthographic(35, 50, 20, width=4, resolution=24),
-    "face-on": vm.Orthographic(0, 0, width=2.6, resolution=24),
-    "along x": vm.Orthographic(90, 90, width=2.6, resolution=24),
-    "along the diagonal": vm.Orthographic(
-        np.degrees(np.arccos(3**-0.5)), 45, width=4, resolution=24
-    ),
-    "from outside": vm.Perspective((3, 1, 2), (0, 0, 0), 50, resolution=24),
-    "from inside": vm.Perspective((0.1, 0.05, 0.02), (1, 1, 0.3), 80, resolution=24),
+    **WALKED,
     "in a vertex": vm.Perspective(VERTEX, (1, 1, 0.3), 80, resolution=24),
     "all around": vm.Panorama((0.1, 0.05, 0.02), (1, 1, 0.3), resolution=(32, 16)),
 }
@@ -223,6 +215,8 @@ MEASURED = """
 import sys
 import numpy as np
 import voluminous as vm
+from test_confined_walk import CAMERAS as WALKED
+from test_confined_walk import SHAPE, UNEVEN, UNIFORM
 
 def peak():  # what getrusage tells includes the parent's
     status = open("/proc/self/status").read().splitlines()

@@ -135,12 +135,11 @@ def observe(
     tuned, count = at_frequencies(medium, bands), len(axis)
     _warn_of_lines(tuned, bands)
     groups = [slice(0, count)] if count <= _TOGETHER else list(_groups(count))
-    report = reporter()
+    report, light = reporter(), intensities(behind, bands)
 
     def draw(part: slice) -> Image:
         """Draw some of the channels, in their units."""
         own = bands.some(part.start, part.stop)
-        light = intensities(behind, bands)
 
         def reported(done: int, total: int) -> None:
             report(part.start * total + (part.stop - part.start) * done, count * total)
@@ -194,7 +193,7 @@ def _cube(
     Of several groups nothing but intensities are kept: optical depths are drawn when asked for.
     """
     planes: dict[str, Any] = {}
-    shares, brightest = [], 0.0
+    shares, brightest, whole = [], 0.0, len(groups) == 1
     for part in groups:
         image, unit = draw(part), bands.unit[part]
         peaks = np.max(np.abs(image.intensity), axis=(0, 1), initial=0.0)
@@ -206,7 +205,7 @@ def _cube(
             if own is None:
                 continue
             scaled = in_units_of(unit, own)
-            if len(groups) == 1:
+            if whole:
                 planes[name] = scaled
                 continue
             if part.start == 0:
@@ -219,11 +218,10 @@ def _cube(
         planes["error"] = in_units_of(brightest, np.max(shares, axis=0))
 
     def depth() -> np.ndarray:
-        if len(groups) == 1:
+        if whole:
             return np.asarray(image.plane("optical_depth"))
         return np.concatenate([draw(part).plane("optical_depth") for part in groups], axis=-1)
 
-    whole = len(groups) == 1
     return Cube(
         **planes,
         spectral=axis,
