@@ -148,7 +148,7 @@ def observe(
             volume,
             tuned if len(groups) == 1 else tuned.block(part.start, part.stop),
             camera,
-            objects=[lit(thing, own) for thing in things],
+            objects=tuple(lit(thing, own) for thing in things),
             background=light[..., part] if light.ndim and light.shape[-1] == count else light,
             progress=reported,
             **options,

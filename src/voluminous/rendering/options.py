@@ -143,10 +143,15 @@ def check_in_pieces(
             )
     derived = [name for name in medium.names if name not in (*volume.fields, *volume.coordinates)]
     known = [name for name in derived if name in volume]
-    if known or medium.sight:
+    if known:
         raise InputError(
-            f"memory= reads fields as they are stored, and {(known or list(medium.sight))[0]!r} is "
-            "computed from them: make it a field of the file, or draw without memory="
+            f"memory= reads fields as they are stored, and {known[0]!r} is computed from them: "
+            "make it a field of the file, or draw without memory="
+        )
+    if medium.sight:
+        raise InputError(
+            "memory= does not draw lines that velocities shift along the rays: draw them without "
+            "memory="
         )
 
 
