@@ -277,3 +277,15 @@ def test_attributes_of_a_volume_are_not_assigned(name):
     volume.meta = {"time": 1.0}
     assert volume.grid is grid
     assert volume.fields == ("density",)
+
+
+def test_a_pickled_volume_is_equal_and_its_fields_have_numbers_of_their_own():
+    grid = vm.CartesianGrid.uniform((4, 3, 2), (-1, 1), unit="pc")
+    volume = vm.Volume(grid, density=np.arange(24.0).reshape(grid.shape))
+    volume.own()
+    other = pickle.loads(pickle.dumps(volume))
+    assert np.array_equal(other.array("density"), volume.array("density"))
+    assert other.field_unit("density") == volume.field_unit("density")
+    assert not other.array("density").flags.writeable
+    # Caches take equal numbers for equal contents.
+    assert other.digest("density") != volume.digest("density")

@@ -97,6 +97,14 @@ class _Field:
     owned: bool = False
     sealed: int | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "sealed": None}  # numbers are those of one process
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if self.owned:
+            self.own()
+
     def own(self) -> None:
         self.owned = True
         if self.array is not None and seal(self.array):

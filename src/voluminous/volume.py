@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -41,6 +42,8 @@ from .units import parse_unit, shown, unit_name
 
 if TYPE_CHECKING:
     from .grids.contract import Grid
+
+_SMALLER = "make a coarser volume of it, or use a machine with more memory"
 
 
 class Volume(Evaluation):
@@ -284,14 +287,9 @@ class Volume(Evaluation):
 
     def _defer(self, name: str, value: Deferred) -> None:
         size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
-        advice = "make a coarser volume of it, or use a machine with more memory"
-
-        def load() -> np.ndarray:
-            check_memory(size, f"reading {name!r}", advice)
-            return checked_array(name, self.grid.pack(value.load()), self.grid)
-
         if value.pieces is None:
-            check_memory(size, f"reading {name!r}", advice)
+            check_memory(size, f"reading {name!r}", _SMALLER)
+        load = functools.partial(_load, name, self.grid, value, size)
         self._fields.defer(name, load, value)
 
     def load(self, *names: str) -> Volume:
@@ -624,3 +622,9 @@ class Volume(Evaluation):
 
 def _needed(derived: DerivedField) -> set[str]:
     return {name for argument in derived.arguments for name in required_names(argument)}
+
+
+def _load(name: str, grid: Grid, value: Deferred, size: int) -> np.ndarray:
+    """Return the array of a deferred field."""
+    check_memory(size, f"reading {name!r}", _SMALLER)
+    return checked_array(name, grid.pack(value.load()), grid)

@@ -52,6 +52,9 @@ class Backend:
     module: Any
     derivatives: bool = False
 
+    def __reduce__(self) -> Any:
+        return get_backend, (self.device, self.precision, self.derivatives)
+
     def with_precision(self, precision: str) -> Backend:
         """Return the backend of another precision, otherwise the same."""
         return get_backend(self.device, precision, self.derivatives)
