@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import h5py
 import numpy as np
 import pytest
@@ -153,6 +155,9 @@ def test_boxes_of_files(tmp_path, monkeypatch, name, write):
     store = volume.store
     for field in volume.fields:
         assert_boxes(store, field, RHO)
+        # Other processes read boxes, too.
+        pieces = pickle.loads(pickle.dumps(volume._fields.pieces(field)))
+        np.testing.assert_array_equal(pieces.read((1, 2, 0), (4, 5, 3), 0), RHO[1:4, 2:5, :3])
     assert volume.waiting == volume.fields or name.endswith(".raw")
     np.testing.assert_array_equal(volume.array("rho"), RHO)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from pathlib import Path
@@ -77,11 +78,7 @@ class RawReader(ContentsReader):
             )
             raise FileFormatError(f"{what} take {expected} bytes, but there are {size}: {hint}")
 
-        def load() -> np.ndarray:
-            values: np.ndarray
-            if not packed:
-                values = mapped(path, offset, shape, dtype)
-                return np.transpose(values, order)
+        def unpack() -> np.ndarray:
             with unpacked(path) as stream:
                 if offset:
                     read_exactly(stream, (offset,), np.uint8, "the bytes before the data")
@@ -90,16 +87,32 @@ class RawReader(ContentsReader):
                     raise FileFormatError(f"it holds more than {what}; give shape, dtype or offset")
             return np.transpose(values, order)
 
-        def part(index: tuple[slice, ...], level: int) -> np.ndarray:
-            return np.array(mapped(path, offset, shape, dtype)[index])
-
-        pieces = None if packed else boxes(part, [shape], order=order)
+        there = (path, offset, shape, dtype)
+        load = unpack if packed else functools.partial(_turned, *there, order)
+        pieces = None if packed else boxes(functools.partial(_part, *there), [shape], order=order)
         stays = not packed and axes == AXES and dtype.isnative
         return Contents(
             [StoredField(name, field_name(rest or stem), shape, dtype, "", load, stays, pieces)],
             lambda _: equal_cells(cells, placing, options.get("unit")),
             {"shape_from": source},
         )
+
+
+def _turned(
+    path: Path, offset: int, shape: tuple[int, ...], dtype: np.dtype, order: tuple[int, ...]
+) -> np.ndarray:
+    return np.transpose(mapped(path, offset, shape, dtype), order)
+
+
+def _part(
+    path: Path,
+    offset: int,
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    index: tuple[slice, ...],
+    level: int,
+) -> np.ndarray:
+    return np.array(mapped(path, offset, shape, dtype)[index])
 
 
 def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype | None, str]:

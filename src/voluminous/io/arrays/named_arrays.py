@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,21 +77,14 @@ class NamedArraysReader(Reader):
             grid, turns = make_grid(entries, chosen[first], shapes.pop(), orders[first], options)
             volume = Volume(grid)
 
-            def part(place: str, whole: str, index: Any, level: int = 0) -> np.ndarray:
-                with self.entries(path, whole, **own) as stored:
-                    return with_components(stored, components)[place].load(index)
-
-            def load(place: str, whole: str, order: tuple[int, ...]) -> np.ndarray:
-                return np.transpose(part(place, whole, ...), order)[turns]
-
             backward = [turn.step == -1 for turn in turns]
             for name, place in chosen.items():
                 entry, order, pieces = entries[place], orders[name], None
                 whole = entry.part_of or place
+                part = functools.partial(self._part, path, own, components, place, whole)
                 if entry.chunks is not None:
-                    read_part = functools.partial(part, place, whole)
-                    pieces = boxes(read_part, [entry.shape], entry.chunks, order, backward)
-                read = functools.partial(load, place, whole, order)
+                    pieces = boxes(part, [entry.shape], entry.chunks, order, backward)
+                read = functools.partial(_whole, part, order, turns)
                 volume[name] = Deferred(read, entry.dtype, entry.unit, entry.mapped, pieces)
         return volume
 
@@ -105,10 +98,29 @@ class NamedArraysReader(Reader):
                 if entry.is_field
             )
 
+    def _part(
+        self,
+        path: Path,
+        own: dict[str, Any],
+        components: str | None,
+        place: str,
+        whole: str,
+        index: Any,
+        level: int = 0,
+    ) -> np.ndarray:
+        with self.entries(path, whole, **own) as stored:
+            return with_components(stored, components)[place].load(index)
+
     def _own(self, options: dict[str, Any]) -> dict[str, Any]:
         """Take the options of the format itself."""
         own = [name for name in options if name not in NamedArraysReader.options]
         return {name: options.pop(name) for name in own}
+
+
+def _whole(
+    part: Callable[[Any], np.ndarray], order: tuple[int, ...], turns: tuple[slice, ...]
+) -> np.ndarray:
+    return np.transpose(part(...), order)[turns]
 
 
 def _chosen(entries: Mapping[str, Entry], fields: FieldChoice) -> dict[str, str]:

@@ -249,17 +249,8 @@ class LabelledReader(Reader):
         held: list[xarray.Dataset] = []  # the data while they are open
 
         def reader_of(layout: NamedLayout, place: str) -> tuple[Callable[[], np.ndarray], Any]:
-            def part(low: Any, high: Any, level: int) -> np.ndarray:
-                with self.dataset(path, group) as data:
-                    return np.array(layout.part(selected(data, options)[place], low, high, level))
-
-            def load() -> np.ndarray:
-                if held:
-                    return layout.values(held[0][place])
-                with self.dataset(path, group) as data:
-                    return layout.values(selected(data, options)[place])
-
-            return load, part
+            taken = functools.partial(self._taken, held, path, group, options, place)
+            return functools.partial(taken, layout.values), functools.partial(taken, layout.part)
 
         with self.dataset(path, group) as data:
             held.append(selected(data, options))
@@ -268,6 +259,23 @@ class LabelledReader(Reader):
                 volume.load()  # opening the file again for each field would take longer
             held.clear()
         return volume
+
+    def _taken(
+        self,
+        held: list[xarray.Dataset],
+        path: Path,
+        group: Any,
+        options: Mapping[str, Any],
+        place: str,
+        take: Callable[..., np.ndarray],
+        *box: Any,
+    ) -> np.ndarray:
+        """Return what `take` makes of a variable."""
+        if held:
+            return take(held[0][place], *box)
+        with self.dataset(path, group) as data:
+            values = take(selected(data, options)[place], *box)
+            return np.array(values) if box else values
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         with self.dataset(path, options.get("group")) as data:

@@ -312,12 +312,7 @@ def _array(root: Any, place: str, shape: tuple[int, ...]) -> zarr.Array[Any]:
 
 def _pieces(path: Path, root: Any, name: str, arrays: Sequence[zarr.Array[Any]]) -> Pieces:
     shapes = [tuple(array.shape) for array in arrays]
-    load = functools.partial(_part, path, name)
-
-    def part(index: tuple[slice, ...], level: int) -> np.ndarray:
-        return load(index, level)
-
-    pieces = boxes(part, shapes, tuple(arrays[0].chunks))
+    pieces = boxes(functools.partial(_part, path, name), shapes, tuple(arrays[0].chunks))
     if (place := f"stats/{name}") not in root:
         return pieces
     counts = _counts(shapes[0], arrays[0].chunks)

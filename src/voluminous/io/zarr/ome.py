@@ -6,6 +6,7 @@ sizes of voxels.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -87,19 +88,12 @@ class OMEZarrReader(VoxelReader):
         else:
             placement = Placement(shift, np.diag(scale), unit or result.unit)
 
-        def load(component: int, box: Any = (slice(None),) * 3, level: int = 0) -> np.ndarray:
-            chosen = {"t": step, "c": numbers[component], **dict(zip(AXES, box, strict=True))}
-            with opened(path) as root:
-                array: Any = checked(root[result.levels[number + level][0]])
-                values = np.asarray(array[tuple(chosen[axis] for axis in result.axes)])
-            left = [axis for axis in result.axes if axis in AXES]
-            return np.asarray(values.transpose([left.index(axis) for axis in AXES]))
-
+        places = [place for place, *_ in result.levels[number:]]
         return Voxels(
             shape=shape,
             dtype=dtype,
             placement=placement,
-            load=load,
+            load=functools.partial(_voxels, path, result.axes, places, step, tuple(numbers)),
             components=tuple(f"_{k}" for k in numbers) if count > 1 else component_names(1),
             name="channel" if count > 1 else path.name.split(".")[0],
             channels=[channels[k] for k in numbers],
@@ -110,6 +104,24 @@ class OMEZarrReader(VoxelReader):
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         return super().info(path, **{"time": 0, **options})  # those of all times are alike
+
+
+def _voxels(
+    path: Path,
+    axes: tuple[str, ...],
+    places: Sequence[str],
+    time: int,
+    channels: Sequence[int],
+    component: int,
+    box: Any = (slice(None),) * 3,
+    level: int = 0,
+) -> np.ndarray:
+    chosen = {"t": time, "c": channels[component], **dict(zip(AXES, box, strict=True))}
+    with opened(path) as root:
+        array: Any = checked(root[places[level]])
+        values = np.asarray(array[tuple(chosen[axis] for axis in axes)])
+    left = [axis for axis in axes if axis in AXES]
+    return np.asarray(values.transpose([left.index(axis) for axis in AXES]))
 
 
 class _Multiscale(NamedTuple):
