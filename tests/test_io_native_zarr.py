@@ -14,7 +14,7 @@ from astropy.wcs import WCS
 
 import voluminous as vm
 from contracts import ReaderContract
-from test_io_native import DTYPES, META, UNITS, assert_same, edges
+from test_io_native import DTYPES, GRIDS, META, UNITS, assert_same, edges
 from voluminous.cli import main
 from voluminous.io.native.zarr import rounded
 from voluminous.io.registry import open_lazily
@@ -184,10 +184,35 @@ def test_wrong_options(tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_refined_grids_are_refused(tmp_path):
+@pytest.mark.parametrize("kind", [kind for kind in GRIDS if kind != "cartesian"])
+def test_any_grid_comes_back_in_pieces(tmp_path, kind):
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        grid = GRIDS[kind](rng)
+        volume = vm.Volume(grid, a=rng.random(grid.shape), b=rng.integers(0, 9, grid.shape))
+        volume.meta.update(META)
+        volume.save(path := tmp_path / f"{seed}.zarr", stats=True, chunks=7)
+        again = open_lazily(path)
+        assert again.waiting == volume.fields
+        axes = len(grid.shape)
+        assert again.store.chunks == tuple(min(7, n) for n in grid.shape)
+        low = [n // 2 for n in grid.shape]
+        part = volume.array("a")[tuple(slice(a, None) for a in low)]
+        np.testing.assert_array_equal(again.store.read("a", low, grid.shape), part)
+        first = tuple(slice(0, 7) for _ in range(axes))
+        ends = [end(volume.array("b")[first]) for end in (np.min, np.max)]
+        assert again.store.extremes("b")[(0,) * axes].tolist() == ends
+        assert_same(again, volume)
+
+
+def test_refined_grids_have_no_coarser_levels(tmp_path):
     tree = vm.Volume(vm.OctreeGrid([0, 1], [0, 1], [0, 1], [1, *[0] * 8]), rho=np.ones(8))
-    with pytest.raises(vm.InputError, match=r"save the volume as \.h5"):
-        tree.save(tmp_path / "a.zarr")
+    with pytest.raises(vm.InputError, match="leave out levels"):
+        tree.save(tmp_path / "a.zarr", levels=True)
+    with pytest.raises(vm.InputError, match=r"chunks must be a number of cells, got \(2, 2, 2\)"):
+        tree.save(tmp_path / "a.zarr", chunks=(2, 2, 2))
+    tree.save(tmp_path / "a.zarr")
+    assert open_lazily(tmp_path / "a.zarr").store.chunks == (8,)
 
 
 def test_conversion_never_holds_the_whole(tmp_path, capsys, monkeypatch):

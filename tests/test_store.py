@@ -200,9 +200,33 @@ def test_what_cannot_be():
             volume.store.read("rho", low, high)
     with pytest.raises(vm.InputError, match="level must be from 0 to 0"):
         volume.store.shape(1)
-    tree = vm.OctreeGrid([0, 1], [0, 1], [0, 1], [1, *[0] * 8])
-    with pytest.raises(vm.InputError, match="resample"):
-        vm.Volume(tree, rho=np.ones(8)).store.levels  # noqa: B018
+
+
+def as_leaves(path):
+    tree = vm.OctreeGrid(np.arange(5), [0, 1], [0, 1], 4 * [1, *[0] * 8])
+    volume = vm.Volume(tree, rho=np.arange(32.0), unit_=np.ones(32))
+    volume.set_unit("rho", "g/cm3")
+    return volume
+
+
+@pytest.mark.parametrize("kind", ["memory", "native", "packed", "radmc3d"])
+def test_leaves_of_a_tree(tmp_path, monkeypatch, kind):
+    """They are counted along one axis; those of RADMC-3D's octrees are mapped."""
+    monkeypatch.setattr("voluminous.store.SIDE", 2)
+    volume = as_leaves(tmp_path)
+    if kind == "radmc3d":
+        del volume["unit_"]
+        vm.io.radmc3d.write(volume, tmp_path, {"dust_density": "rho"})
+        opened, name = vm.open(tmp_path), "dust_density"
+    elif kind == "memory":
+        opened, name = volume, "rho"
+    else:
+        volume.save(tmp_path / "a.h5", compress=kind == "packed")
+        opened, name = open_lazily(tmp_path / "a.h5"), "rho"
+    store = opened.store
+    assert store.levels == 1
+    assert kind == "packed" or store.chunks == (8,)
+    assert_boxes(store, name, volume.array("rho"))
 
 
 @pytest.mark.parametrize("shape", [(8, 8, 8), (9, 7, 1), (5, 4, 3)])

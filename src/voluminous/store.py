@@ -19,25 +19,25 @@ SIDE = 128
 
 
 class Store(Protocol):
-    """Fields on three axes, of which any box can be read.
+    """Fields of which any box can be read: on three axes, or one of the leaves of a refined grid.
 
     Attributes
     ----------
-    chunks : tuple of three int
-        Cells of a chunk at every level; those at the upper ends may be smaller.
+    chunks : tuple of int
+        Cells of a chunk along each axis, at every level; those at the upper ends may be smaller.
     levels : int
         Number of resolutions; 1 if there are only the cells themselves.
     """
 
     @property
-    def chunks(self) -> tuple[int, int, int]:
+    def chunks(self) -> tuple[int, ...]:
         """Cells of a chunk."""
 
     @property
     def levels(self) -> int:
         """Number of resolutions."""
 
-    def shape(self, level: int) -> tuple[int, int, int]:
+    def shape(self, level: int) -> tuple[int, ...]:
         """Return the number of cells of a level along each axis; level 0 is the finest."""
 
     def read(
@@ -64,8 +64,8 @@ class Store(Protocol):
         Returns
         -------
         ndarray or None
-            Shape ``(kx, ky, kz, 2)``: of the cells of level 0 that a chunk covers, and so of its
-            own; NaN if one of them is.
+            Shape ``(kx, ky, kz, 2)``, or ``(k, 2)``: of the cells of level 0 that a chunk covers,
+            and so of its own; NaN if one of them is.
         """
 
 
@@ -73,19 +73,14 @@ class FieldStore:
     """The `Store` of a volume: its files as far as these can be read in pieces, else its arrays."""
 
     def __init__(self, shape: Sequence[int], fields: Fields) -> None:
-        if len(shape) != 3:
-            raise InputError(
-                "a volume is read in pieces where its cells are counted along three axes; these "
-                "are refined: volume.resample(vm.CartesianGrid.uniform(…)) makes a Cartesian one"
-            )
         self._fields = fields
         pieces = [p for p in map(fields.pieces, fields) if p is not None]
         first = next((p for p in pieces if p.chunks), None)
-        stored = list(first.chunks if first and first.chunks else (SIDE,) * 3)
+        usual = (SIDE,) * 3 if len(shape) == 3 else (SIDE**3,)
+        stored = list(first.chunks if first and first.chunks else usual)
         if first is not None and first.extremes is None:
             stored = _several(stored)
-        x, y, z = (min(c, n) for c, n in zip(stored, shape, strict=True))
-        self.chunks = x, y, z
+        self.chunks = tuple(min(c, n) for c, n in zip(stored, shape, strict=True))
         # Levels that not all files have are left out; those of arrays are made when asked for.
         coarser = min((p.coarser for p in pieces), key=len, default=())
         self._shapes = [tuple(shape), *coarser]
@@ -97,12 +92,11 @@ class FieldStore:
         """Number of resolutions."""
         return len(self._shapes)
 
-    def shape(self, level: int) -> tuple[int, int, int]:
+    def shape(self, level: int) -> tuple[int, ...]:
         """Return the number of cells of a level along each axis."""
         if not 0 <= level < self.levels:
             raise InputError(f"level must be from 0 to {self.levels - 1}, got {level!r}")
-        x, y, z = self._shapes[level]
-        return x, y, z
+        return self._shapes[level]
 
     def read(
         self, name: str, low: Sequence[int], high: Sequence[int], level: int = 0
@@ -143,7 +137,8 @@ class FieldStore:
 
     def _factors(self, level: int) -> tuple[int, ...]:
         """Return how many cells, along each axis, a cell of a level covers."""
-        return level_factors(self._shapes[0], self._shapes[level]) or (1, 1, 1)
+        factors = level_factors(self._shapes[0], self._shapes[level])
+        return factors or (1,) * len(self._shapes[0])
 
 
 def _several(chunk: Sequence[int]) -> list[int]:
@@ -151,7 +146,7 @@ def _several(chunk: Sequence[int]) -> list[int]:
     sides = [int(n) for n in chunk]
     for axis in np.argsort(sides, kind="stable"):
         others = math.prod(sides) // sides[axis]
-        most = min(SIDE, SIDE**3 // others)
+        most = min(SIDE ** (3 if len(sides) == 1 else 1), SIDE**3 // others)
         sides[axis] *= max(1, most // sides[axis])
     return sides
 

@@ -314,12 +314,8 @@ class Volume(Evaluation):
         """The fields in pieces: boxes of cells, without reading the rest of a file.
 
         Boxes are read from Zarr, OME-Zarr, HDF5, NetCDF, ``.npy`` and raw files. Fields of others,
-        and those that were set, are parts of their arrays.
-
-        Raises
-        ------
-        InputError
-            If the grid is refined: its cells are not counted along three axes.
+        and those that were set, are parts of their arrays. Cells of refined grids are counted
+        along one axis.
 
         Examples
         --------

@@ -60,7 +60,7 @@ def _read(
     high: Sequence[int],
     level: int,
 ) -> np.ndarray:
-    index = [slice(None)] * 3
+    index = [slice(None)] * len(order)
     for a, b, source, back in zip(low, high, order, backward, strict=True):
         n = shapes[level][source]
         index[source] = slice(n - b, n - a) if back else slice(a, b)

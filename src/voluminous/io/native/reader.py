@@ -86,9 +86,9 @@ class NativeReader(ContentsReader):
                 )
                 shape, dtype, plain = item.shape, item.dtype, _is_plain(item)
                 pieces = None
-                if item.chunks and len(shape) == 3:
-                    part = functools.partial(_field_part, path, name)
-                    pieces = boxes(part, [shape], item.chunks)
+                if item.chunks:
+                    part, axes = functools.partial(_field_part, path, name), range(len(shape))
+                    pieces = boxes(part, [shape], item.chunks, axes, [False for _ in axes])
                 fields.append(StoredField(name, name, shape, dtype, unit, load, plain, pieces))
             return NativeContents(fields, lambda _: grid, _meta(file), _wcs(file))
 

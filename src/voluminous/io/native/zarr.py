@@ -50,26 +50,31 @@ if TYPE_CHECKING:
 MARK = "voluminous volume"
 ABOUT = (
     "A volume: /grid has the edges of the cells, /fields/NAME one value per cell in 'units', index "
-    "[ix, iy, iz]; /levels/K/NAME means over 2^K cells along each axis (fewer at the upper ends), "
-    "/stats/NAME the least and largest value per chunk. Read it with voluminous.open(path)."
+    "[ix, iy, iz] (of a refined grid, flat in the 'order' of the grid); /levels/K/NAME means over "
+    "2^K cells along each axis (fewer at the upper ends), /stats/NAME the least and largest value "
+    "per chunk. Read it with voluminous.open(path)."
 )
 # Stored bits of the fraction of a number.
 _FRACTION = {4: 23, 8: 52}
 _HALVES = (2, 2, 2)
+# Leaves of a refined grid in a chunk, where nothing else is asked for: 1 MiB of single precision.
+LEAVES = 1 << 18
 
 
 class NativeZarrReader(ContentsReader):
-    """Zarr with the package's mark: fields on three axes in chunks, and metadata."""
+    """Zarr with the package's mark: any grid, fields in chunks, and metadata."""
 
     name = "voluminous-zarr"
     description = "a volume saved by voluminous (Zarr)"
     suffixes = (".zarr",)
     writes = writes_directory = True
     write_options = {  # noqa: RUF012 - as in Reader
-        "levels": "True to add coarser levels: means over 2 x 2 x 2 cells, and so on",
+        "levels": "True to add coarser levels: means over 2 x 2 x 2 cells, and so on (of grids "
+        "that are not refined)",
         "stats": "True to add the least and the largest value of each chunk",
         "keep_bits": "bits of the fraction to keep of real numbers: 10 change them by up to 5e-4",
-        "chunks": "cells along the sides of a chunk: a number, or three; by default 128",
+        "chunks": "cells along the sides of a chunk: a number, or three; by default 128; of a "
+        "refined grid, cells of a chunk: by default 262144",
     }
     packages = ("zarr",)
     extra = "arrays"
@@ -99,7 +104,7 @@ class NativeZarrReader(ContentsReader):
                 arrays = [_array(root, place, shapes[k]) for k, place in _places(name, levels)]
                 unit, dtype = str(arrays[0].attrs.get("units", "")), np.dtype(arrays[0].dtype)
                 pieces = _pieces(path, root, name, arrays)
-                load = functools.partial(_part, path, name, (slice(None),) * 3, 0)
+                load = functools.partial(_part, path, name, (slice(None),) * len(grid.shape), 0)
                 fields.append(StoredField(name, name, grid.shape, dtype, unit, load, False, pieces))
             tables = _tables(root) if SKY in told else {}
             sky = wcs_of(str(told[SKY]), tables) if SKY in told else None
@@ -124,12 +129,12 @@ class NativeZarrReader(ContentsReader):
 
         library = require("zarr", self.extra, "writing Zarr")
         grid = volume.grid
-        if not grid.is_structured:
+        if levels and not grid.is_structured:
             raise InputError(
-                "Zarr holds cells that are counted along three axes, these are refined; save the "
-                "volume as .h5, which holds any grid, or make a Cartesian one by volume.resample"
+                "coarser levels are means over 2 x 2 x 2 cells, and these are refined: leave out "
+                "levels, or make a Cartesian grid by volume.resample"
             )
-        sides = _sides(chunks, bool(levels))
+        sides = _sides(chunks, len(grid.shape), bool(levels))
         if keep_bits is not None and (type(keep_bits) is not int or not 1 <= keep_bits <= 52):
             raise InputError(f"keep_bits must be a number from 1 to 52, got {keep_bits!r}")
         root = library.open_group(str(path), mode="w-", zarr_format=3)
@@ -155,7 +160,8 @@ class NativeZarrReader(ContentsReader):
                 ends = pyramid.extremes
                 _new_array(root, f"stats/{name}", ends.shape, ends.shape, dtype)[...] = ends
         told: dict[str, Any] = {"written_by": f"voluminous {SOFTWARE}", "about": ABOUT}
-        told |= {GRID: {"type": plain.type, **plain.attributes}, "fields": list(volume.fields)}
+        told |= {GRID: {"type": plain.type, "order": plain.order, **plain.attributes}}
+        told |= {"fields": list(volume.fields)}
         told |= {"levels": len(shapes)}
         if volume.meta:
             told[META] = json.dumps(volume.meta, default=json_value, ensure_ascii=False)
@@ -234,11 +240,13 @@ def rounded(values: np.ndarray, keep_bits: int | None) -> np.ndarray:
     return np.asarray(np.where(np.isfinite(numbers) & np.isfinite(values), numbers, values))
 
 
-def _sides(chunks: Any, even: bool) -> tuple[int, ...]:
+def _sides(chunks: Any, axes: int, even: bool) -> tuple[int, ...]:
     """Return the sides of chunks that a user gives."""
-    sides = (SIDE,) * 3 if chunks is None else (chunks,) * 3 if np.ndim(chunks) == 0 else chunks
-    if len(sides) != 3 or not all(isinstance(n, (int, np.integer)) and n > 0 for n in sides):
-        raise InputError(f"chunks must be a number of cells, or three, got {chunks!r}")
+    given: Any = (SIDE if axes == 3 else LEAVES) if chunks is None else chunks
+    sides = (given,) * axes if np.ndim(given) == 0 else given
+    if len(sides) != axes or not all(isinstance(n, (int, np.integer)) and n > 0 for n in sides):
+        more = ", or three" if axes == 3 else ""
+        raise InputError(f"chunks must be a number of cells{more}, got {chunks!r}")
     if even and any(n % 2 for n in sides):
         raise InputError(f"chunks must be even where there are levels, got {chunks!r}")
     return tuple(int(n) for n in sides)
@@ -312,16 +320,14 @@ def _array(root: Any, place: str, shape: tuple[int, ...]) -> zarr.Array[Any]:
 
 def _pieces(path: Path, root: Any, name: str, arrays: Sequence[zarr.Array[Any]]) -> Pieces:
     shapes = [tuple(array.shape) for array in arrays]
-    pieces = boxes(functools.partial(_part, path, name), shapes, tuple(arrays[0].chunks))
+    load, axes = functools.partial(_part, path, name), range(len(shapes[0]))
+    pieces = boxes(load, shapes, tuple(arrays[0].chunks), axes, [False for _ in axes])
     if (place := f"stats/{name}") not in root:
         return pieces
     counts = _counts(shapes[0], arrays[0].chunks)
     _array(root, place, (*counts, 2))
-    return replace(pieces, extremes=functools.partial(_extremes, path, place))
-
-
-def _extremes(path: Path, place: str) -> np.ndarray:
-    return _read(path, place, (slice(None),) * 4)
+    whole = (slice(None),) * (len(axes) + 1)
+    return replace(pieces, extremes=functools.partial(_read, path, place, whole))
 
 
 def _part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
