@@ -45,6 +45,7 @@ from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
 from .yt.reader import AnyYtReader, YtReader
 from .zarr.arrays import LabelledZarrReader, ZarrReader
 from .zarr.ome import OMEZarrReader
+from .zarr.store import forget
 
 if TYPE_CHECKING:
     from ..volume import Volume
@@ -152,6 +153,8 @@ def open_lazily(
 ) -> Volume:
     """Same as `open`, but each field is read on first use."""
     path = as_path(path)
+    if url_of(path):
+        forget()
     reader = find_reader(path, format)
     shown = url_of(path) or path
     with placed(shown):

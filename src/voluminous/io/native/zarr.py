@@ -11,6 +11,7 @@ import functools
 import itertools
 import json
 import math
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,8 +26,7 @@ from ...progress import reporter
 from ...store import SIDE, Store, means
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
-from ..guard import by_library, placed
-from ..zarr.store import arrays_in, checked, opened, root_fits
+from ..zarr.store import arrays_in, checked, opened, part, root_fits
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 from .reader import (
     GRID,
@@ -97,7 +97,7 @@ class NativeZarrReader(ContentsReader):
                 raise FileFormatError("its attributes must name 'grid' and 'fields'")
             if not isinstance(levels, int) or levels < 1:
                 raise FileFormatError(f"its attribute 'levels' must be 1 or more, got {levels!r}")
-            grid = grid_of(PlainGrid(str(plain.get("type")), "", _values(root, GRID), plain))
+            grid = grid_of(PlainGrid(str(plain.get("type")), "", _values(path, root, GRID), plain))
             shapes = _shapes(grid.shape, levels)
             fields = []
             for name in names:
@@ -106,7 +106,7 @@ class NativeZarrReader(ContentsReader):
                 pieces = _pieces(path, root, name, arrays)
                 load = functools.partial(_part, path, name, (slice(None),) * len(grid.shape), 0)
                 fields.append(StoredField(name, name, grid.shape, dtype, unit, load, False, pieces))
-            tables = _tables(root) if SKY in told else {}
+            tables = _tables(path, root) if SKY in told else {}
             sky = wcs_of(str(told[SKY]), tables) if SKY in told else None
             meta = known_meta(str(told.get(META, "{}")))
             return NativeContents(fields, lambda _: grid, meta, sky)
@@ -172,6 +172,10 @@ class NativeZarrReader(ContentsReader):
                 root.create_array(f"{TABLES}/{table}/{column}", data=np.asarray(values))
         # Last of all: without them the store is no volume.
         root.attrs.update({"format": MARK, "version": VERSION, **told})
+        with warnings.catch_warnings():
+            # The specification of Zarr 3 does not have it; readers of servers need it.
+            warnings.simplefilter("ignore")
+            library.consolidate_metadata(str(path))
 
 
 @dataclass
@@ -292,17 +296,19 @@ def _new_array(
     return made
 
 
-def _values(root: Any, place: str) -> dict[str, np.ndarray]:
+def _values(path: Path, root: Any, place: str) -> dict[str, np.ndarray]:
     """Return all arrays in a group."""
     if place not in root:
         raise FileFormatError(f"expected a group /{place}")
-    arrays = arrays_in(root, place)
-    return {key.removeprefix(f"{place}/"): np.asarray(array[...]) for key, array in arrays.items()}
+    return {
+        key.removeprefix(f"{place}/"): part(path, key, complete=True)
+        for key in arrays_in(root, place)
+    }
 
 
-def _tables(root: Any) -> dict[tuple[str, str], np.ndarray]:
+def _tables(path: Path, root: Any) -> dict[tuple[str, str], np.ndarray]:
     """Return the columns of tabulated axes of world coordinates."""
-    values = _values(root, TABLES) if TABLES in root else {}
+    values = _values(path, root, TABLES) if TABLES in root else {}
     keys = [key.split("/") for key in values]
     return {(k[0], k[1]): v for k, v in zip(keys, values.values(), strict=True) if len(k) == 2}
 
@@ -326,31 +332,8 @@ def _pieces(path: Path, root: Any, name: str, arrays: Sequence[zarr.Array[Any]])
         return pieces
     counts = _counts(shapes[0], arrays[0].chunks)
     _array(root, place, (*counts, 2))
-    whole = (slice(None),) * (len(axes) + 1)
-    return replace(pieces, extremes=functools.partial(_read, path, place, whole))
+    return replace(pieces, extremes=functools.partial(part, path, place, complete=True))
 
 
 def _part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
-    return _read(path, _places(name, level + 1)[level][1], index)
-
-
-def _read(path: Path, place: str, index: tuple[slice, ...]) -> np.ndarray:
-    with opened(path) as root:
-        array: Any = checked(root[place])
-        parts = (part.indices(n) for part, n in zip(index, array.shape, strict=True))
-        cells = ", ".join(f"{low}:{high}" for low, high, _ in parts)
-        with placed(f"/{place}[{cells}]"), by_library("zarr"):
-            if path.is_dir():
-                _check_chunks(path / place, array, index)
-            return np.asarray(array[index])
-
-
-def _check_chunks(place: Path, array: zarr.Array[Any], index: tuple[slice, ...]) -> None:
-    """Refuse to read chunks that are lost: Zarr takes them for the fill value."""
-    ranges = []
-    for part, n, side in zip(index, array.shape, array.chunks, strict=True):
-        low, high, _ = part.indices(n)
-        ranges.append(range(low // side, -(-high // side)))
-    for number in itertools.product(*ranges):
-        if not (place / array.metadata.encode_chunk_key(number)).is_file():
-            raise FileFormatError(f"the chunk {number} is missing")
+    return part(path, _places(name, level + 1)[level][1], index, complete=True)

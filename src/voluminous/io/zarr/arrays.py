@@ -17,11 +17,10 @@ from ..arrays.named_arrays import NamedArraysReader
 from ..labelled.convert import LabelledReader
 from ..names import field_name
 from ..unit_texts import known_unit
-from .store import arrays_in, dimensions, holds_zarr, opened, root_fits
+from .store import arrays_in, dimensions, holds_zarr, opened, part, root_fits
 
 if TYPE_CHECKING:
     import xarray
-    import zarr
 
 
 class ZarrReader(NamedArraysReader):
@@ -43,22 +42,21 @@ class ZarrReader(NamedArraysReader):
     ) -> Iterator[dict[str, Entry]]:
         stem = field_name(path.name.split(".")[0])
         with opened(path) as root:
-            lone = not hasattr(root, "members")
-            arrays = arrays_in(root, "" if lone or only is None else only)
+            if only is None or not hasattr(root, "members"):
+                arrays = arrays_in(root)
+            else:
+                with opened(path, only) as array:
+                    arrays = {only: array}
             if not arrays:
                 raise FileFormatError("there is no array in this Zarr store")
             result = {}
             for place, array in arrays.items():
                 unit = known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
                 shape = tuple(int(n) for n in array.shape)
-                load, chunks = functools.partial(_values, array), tuple(array.chunks)
+                load, chunks = functools.partial(part, path, place), tuple(array.chunks)
                 dtype = np.dtype(array.dtype)
                 result[place or stem] = Entry(shape, dtype, unit, load, chunks=chunks)
             yield result
-
-
-def _values(array: zarr.Array[Any], index: Any = ...) -> np.ndarray:
-    return np.asarray(array[index])
 
 
 class LabelledZarrReader(LabelledReader):
@@ -82,17 +80,19 @@ class LabelledZarrReader(LabelledReader):
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
         xarray = require("xarray", self.extra, "reading Zarr with named dimensions")
         with opened(path) as root:
-            place = _group(list(arrays_in(root)), group)
-            consolidated = None if root.metadata.consolidated_metadata else False
-            data = xarray.open_zarr(
-                root.store,
-                group=place or None,
-                chunks=None,
-                consolidated=consolidated,
-                decode_timedelta=False,
-            )
-            with data:
-                yield data
+            # Opened once, as the store is.
+            kept = root.store.kept
+            if group not in kept:
+                # Memory is taken by the volume only: xarray would keep what it reads beside it.
+                kept[group] = xarray.open_dataset(
+                    root.store,
+                    engine="zarr",
+                    cache=False,
+                    group=_group(list(arrays_in(root)), group) or None,
+                    consolidated=None if root.metadata.consolidated_metadata else False,
+                    decode_timedelta=False,
+                )
+            yield kept[group]
 
 
 def _group(places: list[str], group: str | None) -> str:

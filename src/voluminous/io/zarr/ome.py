@@ -21,7 +21,7 @@ from ..channels import Y_DOWN, Channel, channel
 from ..contract import FieldInfo
 from ..scanners.placement import Placement, conversion, equal_voxels, length_unit
 from ..scanners.voxels import VoxelReader, Voxels, component_names
-from .store import checked, opened, root_fits
+from .store import checked, opened, part, root_fits
 
 if TYPE_CHECKING:
     import zarr
@@ -117,9 +117,7 @@ def _voxels(
     level: int = 0,
 ) -> np.ndarray:
     chosen = {"t": time, "c": channels[component], **dict(zip(AXES, box, strict=True))}
-    with opened(path) as root:
-        array: Any = checked(root[places[level]])
-        values = np.asarray(array[tuple(chosen[axis] for axis in axes)])
+    values = part(path, places[level], tuple(chosen[axis] for axis in axes))
     left = [axis for axis in axes if axis in AXES]
     return np.asarray(values.transpose([left.index(axis) for axis in AXES]))
 

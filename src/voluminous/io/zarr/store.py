@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+import functools
+import itertools
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import FileFormatError, VoluminousError
+import numpy as np
+
+from ...errors import FileFormatError, InputError, VoluminousError
 from ...files import url_of
 from ...memory import check_memory
 from ...packages import require
-from ..guard import by_library
+from ..guard import by_library, placed
 from ..payload import ZIP, zip_names
 
 if TYPE_CHECKING:
@@ -21,6 +26,24 @@ if TYPE_CHECKING:
 
 _NODES = ("zarr.json", ".zarray", ".zgroup")
 _DEEPEST = 16
+# Descriptions of groups and arrays that are kept: reading them takes longer than reading a box.
+_KEPT = 256
+# Seconds before a transfer that failed is tried again.
+_WAITS = (0.2, 1.0)
+# Seconds until a server must be reached, and must send something.
+_CONNECT, _SILENCE = 10, 30
+# HTTP's numbers for servers that are busy; those of errors begin with 5.
+_BUSY = (408, 425, 429)
+_DENIED = (401, 403)
+_CREDENTIALS = "NoCredentialsError"
+_HOW_TO_SIGN_IN = (
+    "credentials for s3 come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or from "
+    "~/.aws/credentials; data that are public are read with FSSPEC_S3_ANON=true"
+)
+
+
+class UnreachableError(InputError, OSError):
+    """A server that cannot be reached, or does not give what is asked for."""
 
 
 def holds_zarr(path: Path, head: bytes) -> bool:
@@ -36,20 +59,125 @@ def holds_zarr(path: Path, head: bytes) -> bool:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """Yield the root node of a store; errors of the library become a `FileFormatError`."""
+def opened(path: Path, place: str = "") -> Iterator[Any]:
+    """Yield the root of a store, or what is at a place; errors become a `FileFormatError`.
+
+    It is opened once per process, except for ZIP files: as long as its description in a directory
+    is the same, or until a URL is opened by the user again (`forget`).
+    """
     library = require("zarr", "arrays", "reading Zarr")
     url = url_of(path)
     if url:
         require("fsspec", "remote", f"opening {url}")
-    with by_library("zarr"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of files that are no part of the hierarchy
-        archive = library.storage.ZipStore(path, mode="r") if path.is_file() else None
-        try:
-            yield library.open(archive or url or path, mode="r")
-        finally:
-            if archive is not None:
+    with by_library("zarr"):
+        if not url and path.is_file():
+            archive = library.storage.ZipStore(path, mode="r")
+            try:
+                root = _open(archive)
+                yield root[place] if place else root
+            finally:
                 archive.close()
+        else:
+            text = url or str(path.absolute())
+            yield _node(text, place, () if url else (_stamp(path), _stamp(path / place)))
+
+
+def _stamp(place: Path) -> tuple[Any, ...]:
+    """Return what changes when the description of a group or an array does."""
+    found = []
+    for name in _NODES:
+        try:
+            status = (place / name).stat()
+        except OSError:
+            continue
+        found.append((name, status.st_ino, status.st_mtime_ns, status.st_size))
+    return tuple(found)
+
+
+@functools.lru_cache(_KEPT)
+def _node(text: str, place: str, stamp: tuple[Any, ...]) -> Any:
+    if place:
+        return checked(_node(text, "", stamp and (stamp[0], stamp[0]))[place])
+    from zarr.storage import FsspecStore, LocalStore
+
+    url = url_of(Path(text))
+    if not url:
+        return _open(LocalStore(text, read_only=True))
+    options: dict[str, Any] = {}
+    if url.startswith("http"):
+        import aiohttp
+        from fsspec.config import conf
+
+        patience = aiohttp.ClientTimeout(None, sock_connect=_CONNECT, sock_read=_SILENCE)
+        given = conf.get(url.partition(":")[0], {}).get("client_kwargs", {})
+        options["client_kwargs"] = {"timeout": patience, **given}
+    return _open(FsspecStore.from_url(url, options, read_only=True))
+
+
+def forget() -> None:
+    """Open stores anew: one at a URL may be another by now."""
+    _node.cache_clear()
+
+
+def _open(store: Any) -> Any:
+    import zarr
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of files that are no part of the hierarchy
+        return zarr.open(_careful()(store), mode="r")
+
+
+@functools.cache
+def _careful() -> type:
+    """Return the class of stores that try again, and note what is not there."""
+    from zarr.storage import WrapperStore
+
+    class CarefulStore(WrapperStore[Any]):
+        def __init__(self, store: Any) -> None:
+            super().__init__(store)
+            self.absent: set[str] = set()
+            self.told: set[str] = set()  # arrays of which it was said that chunks are missing
+            self.kept: dict[Any, Any] = {}  # what readers made of it
+
+        async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
+            for wait in (*_WAITS, None):
+                try:
+                    value = await self._store.get(key, prototype, byte_range)
+                    break
+                except Exception as error:
+                    if wait is None or not _may_pass(error):
+                        raise _in_words(key, error) from error
+                await asyncio.sleep(wait)
+            (self.absent.add if value is None else self.absent.discard)(key)
+            return value
+
+    return CarefulStore
+
+
+def _may_pass(error: Exception) -> bool:
+    """Return True for errors of a transfer that may not come again."""
+    status = getattr(error, "status", None)
+    if isinstance(status, int):
+        return status >= 500 or status in _BUSY
+    of_transfer = isinstance(error, (OSError, asyncio.TimeoutError))
+    return (of_transfer or _of_http(error)) and not isinstance(error, PermissionError)
+
+
+def _of_http(error: Exception) -> bool:
+    return type(error).__module__.startswith("aiohttp")
+
+
+def _in_words(key: str, error: Exception) -> Exception:
+    """Return the error for a transfer that failed; any other is returned as it is."""
+    said = f"{type(error).__name__}: {error}"[:400]
+    status = getattr(error, "status", None)
+    denied = isinstance(error, PermissionError) or status in _DENIED
+    if denied or type(error).__name__ == _CREDENTIALS:
+        return UnreachableError(f"access to {key} is denied ({said}); {_HOW_TO_SIGN_IN}")
+    if _may_pass(error):
+        tried = f"tried {1 + len(_WAITS)} times"
+        return UnreachableError(f"{key} cannot be read, {tried} ({said}); try later")
+    return UnreachableError(f"{key} cannot be read ({said})") if _of_http(error) else error
 
 
 def root_fits(path: Path, head: bytes, fits: Callable[[Any], bool]) -> bool | None:
@@ -62,8 +190,60 @@ def root_fits(path: Path, head: bytes, fits: Callable[[Any], bool]) -> bool | No
     try:
         with opened(path) as root:
             return fits(root)
+    except UnreachableError as error:
+        raise UnreachableError(f"{url_of(path) or path}: {error}") from error
     except VoluminousError:
         return None
+
+
+def part(path: Path, place: str, index: Any = ..., *, complete: bool = False) -> np.ndarray:
+    """Return a part of an array; errors name the array and the cells.
+
+    Parameters
+    ----------
+    index : tuple of slices and int, or ...
+        One for each axis of the array.
+    complete : bool
+        True if all chunks must be there. Zarr takes the fill value for those that are not, which
+        many programs leave out on purpose; then a warning names the first.
+    """
+    with opened(path, place) as array:
+        index = (slice(None),) * len(array.shape) if index is ... else index
+        cells = ", ".join(
+            str(i) if isinstance(i, int) else "{}:{}".format(*i.indices(n))
+            for i, n in zip(index, array.shape, strict=True)
+        )
+        with placed(f"/{place}[{cells}]"), by_library("zarr"):
+            values = np.asarray(array[index])
+            lost = _lost(array, index)
+            if lost is not None and complete:
+                raise FileFormatError(f"the chunk {lost} is missing")
+        told = array.store.told
+        if lost is not None and place not in told:
+            told.add(place)
+            warnings.warn(
+                f"{url_of(path) or path}: the chunk {lost} of /{place} is missing: its cells have "
+                f"the fill value {array.fill_value}, as Zarr has it; others may be missing, too",
+                stacklevel=2,
+            )
+        return values
+
+
+def _lost(array: zarr.Array[Any], index: Sequence[Any]) -> tuple[int, ...] | None:
+    """Return the first chunk of a part that was not there when it was read."""
+    store: Any = array.store
+    if not store.absent:
+        return None
+    ranges = []
+    sides = array.shards or array.chunks
+    for one, n, side in zip(index, array.shape, sides, strict=True):
+        low, high = (one, one + 1) if isinstance(one, int) else one.indices(n)[:2]
+        ranges.append(range(low // side, -(-high // side)))
+    start = f"{array.path}/" if array.path else ""
+    for number in itertools.product(*ranges):
+        if start + array.metadata.encode_chunk_key(number) in store.absent:
+            return number
+    return None
 
 
 def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array[Any]]:
@@ -71,7 +251,9 @@ def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array[Any]]:
     node = node[place] if place else node
     if not hasattr(node, "members"):
         return {place: checked(node)}
-    found = dict(node.members(max_depth=_DEEPEST))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of files that are no part of the hierarchy
+        found = dict(node.members(max_depth=_DEEPEST))
     ordered = sorted(found, key=lambda name: name.split("/"))
     start = f"{place}/" if place else ""
     return {start + name: checked(found[name]) for name in ordered if hasattr(found[name], "shape")}
