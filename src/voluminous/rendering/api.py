@@ -28,6 +28,7 @@ from .prepare import prepare
 from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
 from .sources.channel_layout import before
+from .sweep import Sweep
 from .tracer import exhausted
 
 Steps: TypeAlias = Generator[tuple[np.ndarray, np.ndarray, np.ndarray], None, Image]
@@ -53,6 +54,8 @@ def render(
     max_panels: int = 1024,
     objects: Any = (),
     memory: Any = None,
+    executor: Any = None,
+    checkpoint: Any = None,
     progress: Progress = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
@@ -114,6 +117,13 @@ def render(
         chunk, front to back, and may be larger than memory. For Cartesian grids and the schemes
         ``"post-classified"``, ``"pre-integrated"`` and ``"first-order"``; see the page on large
         data. By default all of it is read.
+    executor : concurrent.futures.Executor or Dask client, optional
+        Processes that draw blocks of chunks, which they read from files that all of them see;
+        `memory` is that of each (2 GiB by default). The picture is the same to the bit for any
+        number of them.
+    checkpoint : str or Path, optional
+        Folder in which finished blocks are kept until the picture is finished: where drawing was
+        interrupted, the same call goes on.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as
@@ -161,6 +171,8 @@ def in_steps(
     max_panels: int = 1024,
     objects: Any = (),
     memory: Any = None,
+    executor: Any = None,
+    checkpoint: Any = None,
     **options: Any,
 ) -> Steps:
     """Render in batches of a given duration; to cancel, stop iterating.
@@ -189,10 +201,12 @@ def in_steps(
     if camera is not None and view is not None:
         raise InputError(f"give a camera or view={view!r}, not both")
     fitted = view is not None
-    pieces = None
-    if memory is not None:
+    pieces = sweep = None
+    if executor is not None or checkpoint is not None:
+        sweep = Sweep(executor, checkpoint)
+    if memory is not None or sweep is not None:
         choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
-        pieces = Pieces(volume, medium, memory, **choices)
+        pieces = Pieces(volume, medium, memory, sweep, **choices)
         volume = pieces.outline
     if medium is None and isinstance(volume, Volume):
         medium, fitted = first_medium(volume), True
@@ -215,6 +229,8 @@ def in_steps(
     budget = guaranteed.check_bounds(bounds, max_panels, job)
     start = time.monotonic()
     planes = yield from run_in_batches(job, float(np.max(np.abs(behind))), seconds, focus)
+    if sweep is not None:
+        sweep.finish()
     if not planes.finite:
         refuse_unusable(job.backend.precision)
     if planes.nothing and not things:

@@ -11,6 +11,7 @@ from ..cameras.contract import Camera, Frame
 from ..media.context import Tape
 from ..media.contract import Medium
 from ..packages import VERSION
+from ..progress import silent
 from ..schemes.base import Scheme
 from ..volume import Volume
 from .cache import Cache
@@ -66,6 +67,14 @@ class RenderJob:
     def __post_init__(self) -> None:
         """Reverse the loop with RADMC-3D's steps: its rays run towards the observer."""
         self.backward |= self.radmc3d_steps
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs: it has its own cache."""
+        return {**vars(self), "cache": None, "progress": silent}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.cache = Cache(self.volume)
 
     @property
     def radmc3d_steps(self) -> bool:

@@ -7,7 +7,8 @@ import math
 import mmap
 import re
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,8 +31,12 @@ _SIZES = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 _TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECASE)
 # Sides of a block do not exceed this: larger ones save no time, and cut less empty space off.
 _WIDEST = 256
+# Memory of each process, if several draw.
+_USUAL = "2 GiB"
 # Chunks that are read for a sample of cells all over a volume.
 _SAMPLED = 16
+# Blocks of a picture that several processes draw: a task of Dask takes 2 ms.
+_MOST_BLOCKS = 200
 # Temporary arrays of classification, kernels and what Dr.Jit keeps of freed memory.
 _OTHERS = 160 << 20
 
@@ -51,6 +56,15 @@ def byte_count(memory: Any) -> int:
             f"or 2_000_000_000, got {memory!r}"
         )
     return int(count * (1024 if found[3] else 1000) ** _SIZES[found[2].upper()])
+
+
+@dataclass(frozen=True)
+class Block:
+    """Boxes of cells that one process draws one after another; together they are a box."""
+
+    boxes: tuple[CellBox, ...]
+    # Coordinates of its corners, shape (3, 2).
+    extent: np.ndarray
 
 
 class FlatField:
@@ -195,16 +209,23 @@ class Pieces:
     ----------
     side : tuple of three int
         Cells of a block along the axes: some chunks of the file.
+    sweep : Sweep or None
+        Draws blocks in other processes, or keeps them in files.
     report : callable
         Is told the cells done, and all of them.
     """
 
-    def __init__(self, volume: Any, medium: Any, memory: Any, **options: Any) -> None:
-        self.memory, self.asked = byte_count(memory), memory
+    def __init__(
+        self, volume: Any, medium: Any, memory: Any, sweep: Any = None, **options: Any
+    ) -> None:
+        memory = _USUAL if memory is None else memory
+        self.memory, self.asked, self.sweep = byte_count(memory), memory, sweep
         check_in_pieces(volume, medium, **options)
         self.outline = Outline.of(volume)
         self.grid: CartesianGrid = volume.grid
         self.side = self.outline.store.chunks
+        # Coordinates between which the cells are met by rays, of each axis.
+        self.walls = self.grid.edges
         self.report: Report = silent
         for name in medium.names:
             if name in self.outline and not np.all(np.isfinite(self.outline.extremes(name))):
@@ -212,6 +233,10 @@ class Pieces:
                     f"field {name!r} has missing or infinite values, which memory= cannot draw "
                     "(neighbours in other chunks fill them); replace them, or draw without memory="
                 )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs."""
+        return {**vars(self), "sweep": None, "report": silent}
 
     def plan(self, medium: Medium, scheme: Scheme, pixels: tuple[int, int]) -> None:
         """Set the blocks: as large as the memory allows.
@@ -228,6 +253,10 @@ class Pieces:
         per_cell = 2 * sum(sizes) + 6 * max(numbers, len(medium.components()))
         path = numbers + extinctions
         if scheme.coefficients_at == "field":
+            # Cells are met between the centres of those before and their own.
+            self.walls = tuple(
+                np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.grid.edges
+            )
             per_cell = sum(2 * size + 20 for size in sizes)
             path += 3 + extinctions + 2 * len(medium.scalars())
         # Lanes; paths of all rays, of those in a block before and after it, and as results.
@@ -280,9 +309,31 @@ class Pieces:
             )
             yield CellBox(low, high)
 
+    def blocks(self, boxes: Sequence[CellBox]) -> list[Block]:
+        """Return boxes in blocks of k × k × k: few, that several processes draw."""
+        counts = [-(-n // side) for n, side in zip(self.grid.shape, self.side, strict=True)]
+        k = 1
+        while math.prod(-(-n // k) for n in counts) > _MOST_BLOCKS:
+            k += 1
+        groups: dict[tuple[int, ...], list[CellBox]] = {}
+        for box in boxes:
+            place = tuple(low // (k * side) for low, side in zip(box.low, self.side, strict=True))
+            groups.setdefault(place, []).append(box)
+        return [Block(tuple(group), self._around(group)) for group in groups.values()]
+
+    def _around(self, boxes: Sequence[CellBox]) -> np.ndarray:
+        extents = np.array([self.extent(box) for box in boxes])
+        return np.stack([extents[..., 0].min(axis=0), extents[..., 1].max(axis=0)], axis=-1)
+
+    def extent(self, box: CellBox) -> np.ndarray:
+        """Return the coordinates between which rays meet a box, shape (3, 2)."""
+        return np.array(
+            [(w[a], w[b]) for w, a, b in zip(self.walls, box.low, box.high, strict=True)]
+        )
+
     def _place(self, axis: int, walls: list[int], origin: np.ndarray) -> int:
         """Return the number of the block that rays begin in along an axis; they may be outside."""
-        edges = self.grid.edges[axis][walls]
+        edges = self.walls[axis][walls]
         first, last = (np.searchsorted(edges, origin, "right") - 1).tolist()
         if first != last:
             raise InputError(

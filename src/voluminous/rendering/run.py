@@ -135,7 +135,7 @@ def make_tracer(
     """Return the tracer of a job's pixels."""
     kind = FluxConserving if job.recursive else RayTracer
     if job.pieces is not None:
-        return StreamingTracer(job, job.source(faintest), background)
+        return StreamingTracer(job, job.source(faintest), background, faintest)
     tracer = kind(job, job.source(faintest), background)
     tracer.kernels = _kernels(job, tracer, faintest)
     return tracer

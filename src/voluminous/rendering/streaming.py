@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import functools
+import hashlib
+import json
+import math
+import pickle
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Backend, dr, from_host
 from ..backend.functions import flush_subnormal
 from ..backend.types import Float
+from ..errors import InputError
 from ..grids.contract import CellBox
 from ..media.ranges import RangeContext
 from ..schemes.base import Position
@@ -41,10 +49,13 @@ class StreamingTracer(RayTracer):
     whose medium may be visible. Rays that have reached the cut-off need no further blocks.
     """
 
-    def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
+    def __init__(
+        self, job: RenderJob, source: Any, brightest_background: float, faintest: bool = False
+    ) -> None:
         super().__init__(job, source, brightest_background)
         assert job.pieces is not None
         self.pieces: Pieces = job.pieces
+        self.faintest = faintest
         nx, ny = job.frame.pixels
         self.batch = max(self.batch, (nx + _GROUP) * (ny + _GROUP))  # blocks are read once
         self._done, self._counts = 0, False
@@ -62,31 +73,72 @@ class StreamingTracer(RayTracer):
 
     def _draw(self, batch: RayBatch, rows: list[Float], lanes: int = 0) -> None:
         for number, part in self.parts():  # blocks of channels are passes of their own
-            path, over = self._through_all(part, batch)
+            rays = Rays.starting(self, part, batch)
+            if self.pieces.sweep is None:
+                self.through(part, rays, self.pieces.boxes(*rays.origins()))
+            else:
+                self.pieces.sweep.draw(self, number, part, rays)
+            path, over = rays.state.path, rays.state.over
             numbers = path.emission + path.transparency + path.depth + path.error
             real = self.backend.Float
             values = [flush_subnormal(from_host(real, n), MARGIN) for n in numbers]
             values.append(from_host(real, over.astype(self.backend.dtype)))
             write_paths(self._rows_of(number, rows), values, batch.lanes, batch.first)
 
-    def _through_all(self, part: RayTracer, batch: RayBatch) -> tuple[Any, np.ndarray]:
-        """Return the paths of a batch, and which rays reached the cut-off, as NumPy arrays."""
-        rays = _Rays(self, part, batch)
-        total = self.pieces.grid.size * self.job.samples**2 * len(self.blocks)
-        for box in self.pieces.boxes(*rays.origins()):
-            chosen = rays.meeting(box)
+    def through(self, part: RayTracer, rays: Rays, boxes: Iterable[CellBox]) -> None:
+        """Let rays go through boxes of cells, one after another."""
+        for box in boxes:
+            chosen = rays.meeting(self.pieces.extent(box))
             if len(chosen):
-                if self._visible(part, box):
+                if self.visible(part, box):
                     self._through(part, rays, chosen, box)
                 else:
                     self._past(part, rays, chosen, box)
-            if self._counts:
-                cells = (high - low for low, high in zip(box.low, box.high, strict=True))
-                self._done += int(np.prod(list(cells)))
-            self.pieces.report(self._done, total)
-        return rays.state.path, rays.state.over
+            if self.pieces.sweep is None:
+                self.drawn([box])
 
-    def _visible(self, part: RayTracer, box: CellBox) -> bool:
+    def drawn(self, boxes: Iterable[CellBox]) -> None:
+        """Report boxes that are done."""
+        if self._counts:
+            self._done += sum(
+                math.prod(high - low for low, high in zip(box.low, box.high, strict=True))
+                for box in boxes
+            )
+        total = self.pieces.grid.size * self.job.samples**2 * len(self.blocks)
+        self.pieces.report(self._done, total)
+
+    @functools.cached_property
+    def packed(self) -> bytes:
+        """What another process needs to make this tracer."""
+        try:
+            return pickle.dumps((self.job, self.background, self.faintest))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InputError(
+                f"executor= sends the picture to other processes, which is not possible: {error}. "
+                "Functions must be those of a module; volumes those of vm.open(path)"
+            ) from error
+
+    @functools.cached_property
+    def name(self) -> str:
+        """A hash of what is drawn: pictures of the same name are equal."""
+        job, pieces = self.job, self.pieces
+        tables = [pieces.outline.extremes(n) for n in job.medium.names if n in pieces.outline]
+        told = job.provenance(), repr(job.camera), job.frame.pixels, pieces.side, job.samples
+        also = job.cutoff, job.tolerance, self.background, self.faintest, job.scheme.controlled
+        digest = hashlib.sha256(json.dumps([*told, *also], default=repr).encode())
+        for numbers in (*self.pieces.grid.edges, *tables, *job.frame.vectors):
+            digest.update(np.ascontiguousarray(numbers).tobytes())
+        return digest.hexdigest()[:24]
+
+    def task(self, number: int, rays: Rays, boxes: Sequence[CellBox]) -> tuple[Any, ...]:
+        """Return a function and its arguments, which another process calls: the rays' new state."""
+        source = self.source
+        limits = _mapped(
+            lambda a: a.numpy(), [list(source.tolerance), list(source.numbers.weights)]
+        )
+        return _draw_elsewhere, self.packed, number, limits, rays.plain(), tuple(boxes)
+
+    def visible(self, part: RayTracer, box: CellBox) -> bool:
         """Return whether the medium may be visible in a block."""
         medium, volume = self.job.medium, self.job.volume
         dual = isinstance(part.source, Interpolated)
@@ -99,7 +151,7 @@ class StreamingTracer(RayTracer):
     def _walk(self, box: CellBox) -> Any:
         return self.job.volume.grid.walk(self.backend, self.job.walk_kind, box)
 
-    def _through(self, part: RayTracer, rays: _Rays, chosen: np.ndarray, box: CellBox) -> None:
+    def _through(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
         """Let rays go through a block, and remember their state."""
         source, walk = self._source(part.source, box, len(chosen)), self._walk(box)
         ray, before = rays.some(chosen)
@@ -109,7 +161,7 @@ class StreamingTracer(RayTracer):
         dr.eval(state)
         rays.put(chosen, state)
 
-    def _past(self, part: RayTracer, rays: _Rays, chosen: np.ndarray, box: CellBox) -> None:
+    def _past(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
         """Let rays skip a block; it is not read."""
         if not rays.state.carried:
             return
@@ -135,27 +187,57 @@ class StreamingTracer(RayTracer):
         return source.within(volume, box.low)
 
 
-class _Rays:
-    """The rays of a batch, and their state: in NumPy's memory, of which blocks take some."""
+class Rays:
+    """Some rays, and their state: in NumPy's memory, of which blocks take some.
 
-    def __init__(self, tracer: StreamingTracer, part: RayTracer, batch: RayBatch) -> None:
-        self.tracer, self.batch = tracer, batch
-        count, lanes = len(batch.lanes.target), batch.lanes
-        self.u, self.v, self.target = (np.asarray(a) for a in (lanes.u, lanes.v, lanes.target))
-        self.there = np.asarray(lanes.there)
-        path = _mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
-        none = np.zeros(count, bool)
-        self.state = RayState(path, None, none, none.copy())
+    Attributes
+    ----------
+    offset : (float, float)
+        Additional offset within the pixels.
+    u, v : double arrays
+        Positions, in pixels from the middle of the picture; near ones follow each other.
+    there : bool array
+        Lanes that are rays.
+    """
+
+    def __init__(
+        self,
+        tracer: StreamingTracer,
+        offset: tuple[float, float],
+        places: tuple[np.ndarray, np.ndarray, np.ndarray],
+        state: RayState,
+    ) -> None:
+        self.tracer, self.offset, self.state = tracer, offset, state
+        self.u, self.v, self.there = places
         # The least and the largest places of rays that are together.
-        ends = np.append(np.arange(0, count, _GROUP), count)
+        starts = np.arange(0, len(self.u), _GROUP)
         self.low, self.high = (
-            np.array([end.reduceat(values, ends[:-1]) for values in (self.u, self.v)])
+            np.array([end.reduceat(values, starts) for values in (self.u, self.v)])
             for end in (np.minimum, np.maximum)
         )
 
+    @classmethod
+    def starting(cls, tracer: StreamingTracer, part: RayTracer, batch: RayBatch) -> Rays:
+        """Return the rays of a batch, which have not met anything yet."""
+        lanes, count = batch.lanes, len(batch.lanes.target)
+        path = _mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
+        none = np.zeros(count, bool)
+        places = np.asarray(lanes.u), np.asarray(lanes.v), np.asarray(lanes.there)
+        return cls(tracer, batch.offset, places, RayState(path, None, none, none.copy()))
+
+    def taken(self, chosen: np.ndarray) -> Rays:
+        """Return some of the rays by themselves."""
+        places = self.u[chosen], self.v[chosen], self.there[chosen]
+        state = _mapped(lambda a: a[chosen], self.state)
+        return Rays(self.tracer, self.offset, places, state)
+
+    def plain(self) -> tuple[Any, ...]:
+        """Return the arguments besides the tracer, which other processes take."""
+        return self.offset, (self.u, self.v, self.there), self.state
+
     def origins(self) -> tuple[bool, np.ndarray, np.ndarray]:
         """Return whether rays are parallel, the extent of their origins, and their direction."""
-        ray, origin = self.tracer.ray(self.batch.lanes), np.zeros((3, 2))
+        ray, origin = self.ray(np.arange(len(self.u))), np.zeros((3, 2))
         if parallel := self.tracer.job.camera.parallel:
             direction = np.array([np.asarray(d).ravel()[0] for d in ray.direction])
         else:
@@ -163,24 +245,25 @@ class _Rays:
             direction = np.zeros(3)
         return parallel, origin, direction
 
-    def meeting(self, box: CellBox) -> np.ndarray:
-        """Return the numbers of rays that may meet a block and are not at their end."""
+    def meeting(self, extent: np.ndarray) -> np.ndarray:
+        """Return the numbers of rays that may meet a box and are not at their end.
+
+        Parameters
+        ----------
+        extent : array, shape (3, 2)
+            Coordinates of the box.
+        """
         job = self.tracer.job
         low, high = np.full(2, -np.inf), np.full(2, np.inf)
         if job.camera.straight:
-            corners = np.meshgrid(
-                *(
-                    (e[max(a - 1, 0)], e[b])
-                    for e, a, b in zip(job.volume.grid.edges, box.low, box.high, strict=True)
-                )
-            )
-            seen = job.camera.project(np.reshape(corners, (3, -1)), job.volume.grid)[:2]
+            corners = np.reshape(np.meshgrid(*extent), (3, -1))
+            seen = job.camera.project(corners, job.volume.grid)[:2]
             places = [
                 (s - shift) / step
                 for s, shift, step in zip(seen, job.frame.shift, job.frame.pixel, strict=True)
             ]
             if np.all(np.isfinite(places)):
-                places = np.asarray(places) - np.array(self.batch.offset)[:, None]
+                places = np.asarray(places) - np.array(self.offset)[:, None]
                 low, high = places.min(axis=1) - _MARGIN, places.max(axis=1) + _MARGIN
         beyond = (low[:, None] > self.high) | (high[:, None] < self.low)
         near = ~np.any(beyond, axis=0)
@@ -192,18 +275,18 @@ class _Rays:
         # Kernels of one lane differ from those of many.
         return np.resize(chosen, 2) if len(chosen) == 1 else chosen
 
+    def ray(self, chosen: np.ndarray) -> Any:
+        """Return some rays as kernels have them."""
+        backend = self.tracer.backend
+        u, v = (from_host(backend.Wide, a[chosen]) for a in (self.u, self.v))
+        lanes = Lanes(u, v, dr.arange(backend.UInt, len(chosen)))
+        return self.tracer.ray(lanes, [backend.wide(o) for o in self.offset])
+
     def some(self, chosen: np.ndarray) -> tuple[Any, RayState]:
         """Return some rays, and their state on the device."""
         backend = self.tracer.backend
-        u, v = (from_host(backend.Wide, a[chosen]) for a in (self.u, self.v))
-        lanes = Lanes(u, v, from_host(backend.UInt, self.target[chosen]))
-        ray = self.tracer.ray(lanes, [backend.wide(o) for o in self.batch.offset])
-        kinds = {"float32": "Float32", "float64": "Float64", "bool": "Bool"}
-
-        def take(values: np.ndarray) -> Any:
-            return from_host(getattr(backend.module, kinds[values.dtype.name]), values[chosen])
-
-        return ray, _mapped(take, self.state)
+        state = _mapped(lambda a: _on_device(backend, a[chosen]), self.state)
+        return self.ray(chosen), state
 
     def put(self, chosen: np.ndarray, state: RayState) -> None:
         """Remember the state of some rays; of the others nothing is carried yet."""
@@ -212,6 +295,38 @@ class _Rays:
             self.state.carried = _mapped(lambda a: np.zeros(count, a.numpy().dtype), state.carried)
         for own, new in zip(_leaves(self.state), _leaves(state), strict=True):
             own[chosen] = new.numpy()
+
+
+# Processes that draw blocks of others' pictures do one after another: kernels use all cores.
+_LOCK = threading.Lock()
+_TRACERS: OrderedDict[bytes, StreamingTracer] = OrderedDict()
+_MOST_TRACERS = 2
+
+
+def _draw_elsewhere(
+    packed: bytes, number: int, limits: Any, rays: tuple[Any, ...], boxes: tuple[CellBox, ...]
+) -> RayState:
+    """Return the state of rays that have gone through boxes; see `StreamingTracer.task`."""
+    with _LOCK:
+        key = hashlib.sha256(packed).digest()
+        if key not in _TRACERS:
+            job, background, faintest = pickle.loads(packed)
+            made = StreamingTracer(job, job.source(faintest), background, faintest)
+            _TRACERS[key] = made
+            if len(_TRACERS) > _MOST_TRACERS:
+                _TRACERS.popitem(last=False)
+        tracer = _TRACERS[key]
+        tolerance, weights = _mapped(lambda a: _on_device(tracer.backend, a), limits)
+        tracer.source.tolerance, tracer.source.numbers.weights = tuple(tolerance), weights
+        part = next(part for k, part in tracer.parts() if k == number)
+        own = Rays(tracer, *rays)
+        tracer.through(part, own, boxes)
+        return own.state
+
+
+def _on_device(backend: Backend, values: np.ndarray) -> Any:
+    kinds = {"float32": "Float32", "float64": "Float64", "bool": "Bool"}
+    return from_host(getattr(backend.module, kinds[values.dtype.name]), values)
 
 
 def _leaves(tree: Any) -> Iterator[Any]:
