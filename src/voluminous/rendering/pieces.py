@@ -141,6 +141,12 @@ class Outline(Volume):
         """Where boxes of fields are read from."""
         return self._whole.store
 
+    @property
+    def bytes_in_memory(self) -> int:
+        """Bytes of the fields that are not read from files."""
+        arrays = [self.in_memory(name) for name in self.fields]
+        return sum(array.nbytes for array in arrays if array is not None)
+
     def dtype(self, name: str) -> np.dtype[Any]:
         """Return the type of a field without reading it."""
         kind: np.dtype[Any] = self._fields.dtype(name)
@@ -221,7 +227,7 @@ class Pieces:
         memory = _USUAL if memory is None else memory
         self.memory, self.asked, self.sweep = byte_count(memory), memory, sweep
         check_in_pieces(volume, medium, **options)
-        self.outline = Outline.of(volume)
+        self.outline = Outline.of(volume if sweep is None else _with(volume, medium.names))
         self.grid: CartesianGrid = volume.grid
         self.side = self.outline.store.chunks
         # Coordinates between which the cells are met by rays, of each axis.
@@ -378,6 +384,16 @@ class Pieces:
         part._fields.update(fields)
         part._units.update(self.outline._units)
         return part
+
+
+def _with(volume: Volume, names: Any) -> Volume:
+    """Return a volume without other fields that are in memory: what other processes need."""
+    lean = volume.with_arrays({})
+    for name in lean.fields:
+        if name not in names and name not in lean.waiting:
+            del lean[name]
+    lean.tables = volume.tables
+    return lean
 
 
 def _below(box: CellBox) -> tuple[int, int, int]:

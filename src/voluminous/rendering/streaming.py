@@ -38,6 +38,8 @@ _GROUP = 256
 _FAINTEST = 1e-37
 # In pixels: rounding of where the corners of a block are seen.
 _MARGIN = 1e-3
+# Bytes of fields in memory that every block of another process may bring.
+_SENT = 16 << 20
 # With fewer cells than this for each that a ray crosses a table is made first.
 _CELLS_PER_STEP = 0.5
 
@@ -109,7 +111,20 @@ class StreamingTracer(RayTracer):
 
     @functools.cached_property
     def packed(self) -> bytes:
-        """What another process needs to make this tracer."""
+        """What another process needs to make this tracer.
+
+        Raises
+        ------
+        InputError
+            If it cannot be sent, or is more than a task should carry.
+        """
+        size = self.pieces.outline.bytes_in_memory
+        if size > _SENT:
+            raise InputError(
+                f"executor= sends {size / 2**20:.0f} MiB of fields that are in memory with every "
+                "block: write the volume first, volume.save('big.zarr', stats=True), and draw "
+                "vm.open('big.zarr')"
+            )
         try:
             return pickle.dumps((self.job, self.background, self.faintest))
         except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -159,7 +174,7 @@ class StreamingTracer(RayTracer):
         after = march(walk, source, self.scheme, ray, before, part.ending, False)
         state = hand_on(before, cursor.inside, after)
         dr.eval(state)
-        rays.put(chosen, state)
+        rays.put(chosen, _mapped(lambda a: a.numpy(), state))
 
     def _past(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
         """Let rays skip a block; it is not read."""
@@ -173,7 +188,7 @@ class StreamingTracer(RayTracer):
         carried = self.scheme.after_skip(here, part.source, before.carried, cursor.inside)
         state = replace(before, carried=carried)
         dr.eval(state)
-        rays.put(chosen, state)
+        rays.put(chosen, _mapped(lambda a: a.numpy(), state))
 
     def _source(self, source: Any, box: CellBox, rays: int) -> Any:
         """Return the coefficients in a block."""
@@ -272,8 +287,26 @@ class Rays:
         u, v = self.u[chosen], self.v[chosen]
         inside = (u >= low[0]) & (u <= high[0]) & (v >= low[1]) & (v <= high[1])
         chosen = chosen[inside & self.there[chosen] & ~self.state.over[chosen]]
+        if len(chosen):
+            chosen = chosen[self._through_box(chosen, extent)]
         # Kernels of one lane differ from those of many.
         return np.resize(chosen, 2) if len(chosen) == 1 else chosen
+
+    def _through_box(self, chosen: np.ndarray, extent: np.ndarray) -> np.ndarray:
+        """Return which of some rays go through a box, or close by."""
+        ray, bounds = self.ray(chosen), self.tracer.job.volume.grid.bounds
+        double = np.dtype(self.tracer.backend.Wide.__name__.lower()) == np.float64
+        margin = (1e-9 if double else 1e-4) * np.max(np.abs(bounds))
+        first = -np.inf if ray.first is None else np.asarray(ray.first) - margin
+        last = np.inf if ray.last is None else np.asarray(ray.last) + margin
+        for origin, direction, ends in zip(ray.origin, ray.direction, extent, strict=True):
+            o, d = np.asarray(origin), np.asarray(direction)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                near, far = (ends[0] - margin - o) / d, (ends[1] + margin - o) / d
+            # Along a ray that is parallel to the walls both are infinite, or NaN on one of them.
+            first = np.fmax(first, np.fmin(near, far))
+            last = np.fmin(last, np.fmax(near, far))
+        return np.broadcast_to(first <= last, chosen.shape)
 
     def ray(self, chosen: np.ndarray) -> Any:
         """Return some rays as kernels have them."""
@@ -292,9 +325,9 @@ class Rays:
         """Remember the state of some rays; of the others nothing is carried yet."""
         if self.state.carried is None:
             count = len(self.u)
-            self.state.carried = _mapped(lambda a: np.zeros(count, a.numpy().dtype), state.carried)
+            self.state.carried = _mapped(lambda a: np.zeros(count, a.dtype), state.carried)
         for own, new in zip(_leaves(self.state), _leaves(state), strict=True):
-            own[chosen] = new.numpy()
+            own[chosen] = new
 
 
 # Processes that draw blocks of others' pictures do one after another: kernels use all cores.

@@ -1,9 +1,9 @@
 """Draws a picture block by block in other processes; a block waits for those that may hide it.
 
 The state of rays is handed from block to block, as in one process, so the picture is the same to
-the bit; nothing is composited. Blocks side by side, as seen from the observer, share no ray, and
-are drawn at the same time: of k × k × k blocks up to about k² · 3/4 (the sweep of transport codes:
-Koch, Baker & Alcouffe 1992, Trans. Am. Nucl. Soc. 65, 198).
+the bit; nothing is composited. Blocks that share no ray are drawn at the same time: of k × k × k up
+to about k² · 3/4 (the sweep of transport codes: Koch, Baker & Alcouffe 1992, Trans. Am. Nucl. Soc.
+65, 198).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import numpy as np
 
 from ..errors import InputError, VoluminousError
 from ..files import as_path, replacing
-from .pieces import Block
 
 if TYPE_CHECKING:
     from .streaming import Rays, StreamingTracer
@@ -74,9 +73,9 @@ class Sweep:
         number : int
             Of the block of channels that `part` draws.
         """
-        way = rays.origins()
-        blocks = tracer.pieces.blocks(list(tracer.pieces.boxes(*way)))
-        hiding = hidden_by(blocks, *way)
+        blocks = tracer.pieces.blocks(list(tracer.pieces.boxes(*rays.origins())))
+        met = [rays.meeting(block.extent) for block in blocks]
+        before = _before(met, len(rays.u))
         self.passes += 1
         waiting, left = list(range(len(blocks))), set(range(len(blocks)))
         running: dict[Future[Any], int] = {}
@@ -84,7 +83,7 @@ class Sweep:
 
         def begin(k: int) -> bool:
             """Start to draw a block; return whether it is done already."""
-            chosen[k] = rays.meeting(blocks[k].extent)
+            chosen[k] = met[k][~rays.state.over[met[k]]]
             if not len(chosen[k]):
                 return True
             if not any(tracer.visible(part, box) for box in blocks[k].boxes):
@@ -109,7 +108,7 @@ class Sweep:
 
         try:
             while left:
-                ready = [k for k in waiting if not hiding[k] & left]
+                ready = [k for k in waiting if not before[k] & left]
                 waiting = [k for k in waiting if k not in ready]
                 for k in ready:
                     if begin(k):
@@ -182,23 +181,18 @@ class Sweep:
         self.executor = self.folder = None
 
 
-def hidden_by(
-    blocks: list[Block], parallel: bool, origin: np.ndarray, direction: np.ndarray
-) -> list[set[int]]:
-    """Return, for each block, those that a ray may go through before it.
+def _before(met: list[np.ndarray], count: int) -> list[set[int]]:
+    """Return, for each block, those that its rays meet before it.
 
-    Along each axis a ray moves away from where it begins. So a block may hide another only if it
-    begins before the other ends, along all axes.
+    Parameters
+    ----------
+    met : list of int arrays
+        The rays that meet each block, front to back.
+    count : int
+        Number of rays.
     """
-    low, high = (np.array([block.extent[:, end] for block in blocks]) for end in (0, 1))
-    # Numbers of blocks [other, own, axis]: one ray may go through the first, then the second,
-    # upwards or downwards.
-    up = low[:, None] < high
-    down = high[:, None] > low
-    if parallel:
-        before = np.where(direction >= 0, up, down)
-    else:
-        above, below = high > origin[:, 0], low < origin[:, 1]
-        before = (up & above[:, None] & above) | (down & below[:, None] & below)
-    together = np.all(before, axis=2) & ~np.eye(len(blocks), dtype=bool)
-    return [set(np.flatnonzero(own).tolist()) for own in together.T]
+    last, before = np.full(count, -1), []
+    for k, rays in enumerate(met):
+        before.append(set(np.unique(last[rays]).tolist()) - {-1})
+        last[rays] = k
+    return before

@@ -1,0 +1,281 @@
+"""Pictures drawn block by block by several processes: the same bits, and nothing drawn is lost."""
+
+from __future__ import annotations
+
+import functools
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from test_confined_walk import UNIFORM
+from test_streaming import CAMERAS, MEDIUM, assert_same_bits, chunks, noise, reads
+from voluminous.errors import InputError, VoluminousError
+from voluminous.rendering.sweep import Sweep
+
+__all__ = ["chunks", "reads"]
+
+
+class Counting(ThreadPoolExecutor):
+    """Counts tasks; may fail at some."""
+
+    def __init__(self, fails=lambda number: None):
+        super().__init__(2)
+        self.count, self.fails = 0, fails
+
+    def submit(self, function, *given):
+        self.count += 1
+        error = self.fails(self.count)
+        if error is None:
+            return super().submit(function, *given)
+        failed = Future()
+        failed.set_exception(error)
+        return failed
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """Return a volume that is read from a file, in chunks of eight cells."""
+    path = tmp_path_factory.mktemp("sweep") / "noise.zarr"
+    values = np.random.default_rng(2).random((40, 32, 24), dtype=np.float32)
+    grid = vm.CartesianGrid.uniform(values.shape, (-1, 1))
+    vm.Volume(grid, a=values).save(path, stats=True, chunks=8)
+    return path
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    """Make boxes of one chunk, and blocks of two along each axis."""
+    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 8)
+    monkeypatch.setattr("voluminous.rendering.pieces._MOST_BLOCKS", 12)
+
+
+@pytest.mark.parametrize("options", [{"scheme": "first-order"}, {"tolerance": None}, {}])
+@pytest.mark.parametrize(
+    "camera", ["oblique", "along the diagonal", "along x", "from inside", "in a vertex"]
+)
+def test_blocks_have_the_bits_of_the_whole(camera, options, chunks):
+    chunks(4)
+    volume = noise(UNIFORM)
+    whole = vm.render(volume, MEDIUM, CAMERAS[camera], **options)
+    executor = Counting()
+    with executor:
+        parts = vm.render(volume, MEDIUM, CAMERAS[camera], executor=executor, **options)
+    assert_same_bits(whole, parts)
+    assert executor.count > 3
+
+
+def test_processes_have_the_bits_of_the_whole(stored, narrow):
+    volume = vm.open(stored)
+    camera = vm.Orthographic(35, 50, width=4, resolution=60)
+    pool = ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+    with pool:
+        for options in ({"scheme": "first-order", "samples": 2}, {}):
+            whole = vm.render(vm.open(stored), MEDIUM, camera, **options)
+            parts = vm.render(volume, MEDIUM, camera, executor=pool, **options)
+            assert_same_bits(whole, parts)
+    assert volume.waiting == ("a",)  # nothing was read here
+    # The optical depth of rays that stopped is computed here, when the pool is closed.
+    opaque = MEDIUM.replace(path_length=0.01)
+    with ThreadPoolExecutor(1) as pool:
+        image = vm.render(volume, opaque, camera, executor=pool, scheme="first-order")
+    whole = vm.render(vm.open(stored), opaque, camera, scheme="first-order")
+    np.testing.assert_array_equal(image.optical_depth, whole.optical_depth)
+
+
+def test_what_was_drawn_is_not_drawn_again(stored, narrow, tmp_path, reads):
+    volume, camera = vm.open(stored), vm.Orthographic(35, 50, width=4, resolution=60)
+    whole = vm.render(vm.open(stored), MEDIUM, camera)
+    draw = functools.partial(
+        vm.render, volume, MEDIUM, camera, memory="1 GiB", checkpoint=tmp_path / "kept"
+    )
+    del reads[:]
+    assert_same_bits(whole, draw())
+    all_of_them = len(reads)
+    del reads[:]
+    for stop in (0.3, 0.6, 0.9):
+
+        def cancel(done, total, stop=stop):
+            if done > stop * total:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            draw(progress=cancel)
+    assert any((tmp_path / "kept").rglob("*-*"))
+    # A file that is not whole is drawn again; one of another picture is not taken.
+    damaged = next((tmp_path / "kept").rglob("*-*"))
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    dim = MEDIUM.replace(opacity=0.1)
+    np.testing.assert_array_equal(
+        vm.render(volume, dim, camera, checkpoint=tmp_path / "kept").intensity,
+        vm.render(vm.open(stored), dim, camera).intensity,
+    )
+    own = len(reads)
+    assert_same_bits(whole, draw())
+    assert len(reads) < 1.3 * all_of_them + own
+    assert not list((tmp_path / "kept").iterdir())
+
+
+def test_tasks_that_cannot_read_are_tried_again(stored, narrow):
+    volume, camera = vm.open(stored), CAMERAS["oblique"]
+    whole = vm.render(vm.open(stored), MEDIUM, camera, scheme="first-order")
+    draw = functools.partial(vm.render, volume, MEDIUM, camera, scheme="first-order")
+    with Counting(lambda number: OSError("gone") if number in (2, 3, 7) else None) as executor:
+        assert_same_bits(whole, draw(executor=executor))
+    with (
+        Counting(lambda number: OSError("gone") if number > 4 else None) as executor,
+        pytest.raises(OSError, match="gone"),
+    ):
+        draw(executor=executor)
+    with (
+        Counting(lambda number: ValueError("wrong") if number == 4 else None) as executor,
+        pytest.raises(ValueError, match="wrong"),
+    ):
+        draw(executor=executor)
+    assert executor.count < 12
+
+
+def test_cancelling_does_not_wait(stored, narrow):
+    started, go_on = threading.Event(), threading.Event()
+
+    class Slow(ThreadPoolExecutor):
+        def submit(self, function, *given):
+            def wait_first():
+                started.set()
+                go_on.wait()
+                return function(*given)
+
+            return super().submit(wait_first)
+
+    def cancel(done, total):
+        if started.is_set():
+            raise KeyboardInterrupt
+
+    executor = Slow(1)
+    with pytest.raises(KeyboardInterrupt):
+        vm.render(vm.open(stored), MEDIUM, CAMERAS["oblique"], executor=executor, progress=cancel)
+    go_on.set()
+    executor.shutdown()
+
+
+def test_progress_grows_to_all_cells(stored, narrow):
+    told = []
+    with ThreadPoolExecutor(2) as executor:
+        vm.render(
+            vm.open(stored),
+            MEDIUM,
+            CAMERAS["oblique"],
+            executor=executor,
+            progress=lambda done, total: told.append((done, total)),
+        )
+    done = [d for d, _ in told]
+    assert done == sorted(done)
+    assert told[-1] == (40 * 32 * 24, 40 * 32 * 24)
+
+
+def test_refusals(stored, monkeypatch):
+    camera = CAMERAS["oblique"]
+    with pytest.raises(InputError, match="or a Dask client, got 4"):
+        vm.render(vm.open(stored), MEDIUM, camera, executor=4)
+    monkeypatch.setattr("voluminous.rendering.streaming._SENT", 1 << 10)
+    with (
+        ThreadPoolExecutor(1) as executor,
+        pytest.raises(InputError, match=r"write the volume first, volume.save\('big.zarr'"),
+    ):
+        vm.render(noise(UNIFORM), MEDIUM, camera, executor=executor)
+    # Other fields in memory are not sent.
+    volume = vm.open(stored)
+    volume["b"] = np.ones(volume.grid.shape)
+    with ThreadPoolExecutor(1) as executor:
+        vm.render(volume, MEDIUM, camera, executor=executor)
+    assert volume.fields == ("a", "b")
+
+
+def _die(*given):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_pool_whose_process_dies_is_named(stored, narrow, tmp_path, monkeypatch):
+    volume, camera = vm.open(stored), CAMERAS["oblique"]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
+        pool.submit(_die)
+        with pytest.raises(VoluminousError, match="finished blocks are kept: call again"):
+            vm.render(volume, MEDIUM, camera, executor=pool, checkpoint=tmp_path / "kept")
+
+
+SCRIPT = """
+import sys
+import voluminous as vm
+import voluminous.rendering.pieces as pieces
+from concurrent.futures import ThreadPoolExecutor
+pieces._WIDEST, pieces._MOST_BLOCKS = 8, 12
+medium = vm.Gaussian("a", 0.5, 0.2, (1, 0.5, 0.2), opacity=0.4, path_length=0.5)
+image = vm.render(
+    vm.open(sys.argv[1]), medium, vm.Orthographic(35, 50, width=4, resolution=60),
+    checkpoint=sys.argv[2], executor=ThreadPoolExecutor(2),
+)
+image.save(sys.argv[3])
+"""
+
+
+def test_a_killed_driver_goes_on(stored, tmp_path):
+    kept, picture = tmp_path / "kept", tmp_path / "picture.npz"
+    command = [sys.executable, "-c", SCRIPT, str(stored), str(kept), str(picture)]
+    for count in (3, 9):
+        process = subprocess.Popen(command)
+        while process.poll() is None and len(list(kept.rglob("*-*"))) < count:
+            time.sleep(0.005)
+        process.kill()
+        process.wait()
+    before = len(list(kept.rglob("*-*")))
+    assert before >= 9
+    subprocess.run(command, check=True)
+    whole = vm.render(vm.open(stored), MEDIUM, vm.Orthographic(35, 50, width=4, resolution=60))
+    np.testing.assert_array_equal(vm.Image.load(picture).intensity, whole.intensity)
+    assert not list(kept.iterdir())
+
+
+def test_passes_of_a_sweep_are_told_apart():
+    assert Sweep(None, None).passes == 0
+
+
+@pytest.mark.parametrize("deaths", [1, pytest.param(10, marks=pytest.mark.exhaustive)])
+def test_dask_goes_on_where_workers_die(stored, narrow, deaths):
+    distributed = pytest.importorskip("distributed")
+    camera = vm.Orthographic(35, 50, width=4, resolution=60)
+    whole = vm.render(vm.open(stored), MEDIUM, camera, scheme="first-order")
+    rng = np.random.default_rng(deaths)
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        for _ in range(deaths):
+            last, killed = rng.integers(1, 6), []
+
+            def kill(done, total, last=last, killed=killed):
+                if done > last * total / 8 and not killed:
+                    workers = [w for w in cluster.workers.values() if w.process.is_alive()]
+                    killed.append(workers[rng.integers(len(workers))].pid)
+                    os.kill(killed[0], signal.SIGKILL)
+
+            image = vm.render(
+                vm.open(stored),
+                MEDIUM,
+                camera,
+                scheme="first-order",
+                executor=client,
+                progress=kill,
+            )
+            assert_same_bits(whole, image)
+            assert killed
