@@ -90,6 +90,18 @@ def test_chunks_have_the_bits_of_the_whole_on_interpolated_fields(tolerance, cam
     assert_same_bits(*both(noise(grid), MEDIUM, CAMERAS[camera], tolerance=tolerance))
 
 
+def test_observers_beside_the_wall_of_a_chunk(chunks):
+    # Cells of interpolated fields lie between centres: half a cell below the wall of a chunk rays
+    # begin in the next one, and go through this one later.
+    chunks(4)
+    volume = noise(UNIFORM)
+    for part in (-0.3, 0.3, 0.5):
+        place = [e[4] + part * (e[5] - e[4]) for e in map(np.asarray, UNIFORM.edges)]
+        for target in ((-1, -1, -1), (1, -1, 0.3)):
+            camera = vm.Perspective([float(x) for x in place], target, 90, resolution=24)
+            assert_same_bits(*both(volume, MEDIUM, camera, tolerance=None))
+
+
 def test_pixels_beyond_the_tolerance_are_drawn_again(chunks, reads):
     chunks(5)
     for resolution in (24, 120):

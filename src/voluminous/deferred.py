@@ -188,7 +188,7 @@ class Fields(MutableMapping[str, np.ndarray]):
             assert field.load is not None
             with self._reading():
                 field.array = field.load()
-            field.dtype, field.load = field.array.dtype, None
+            field.dtype = field.array.dtype
             if field.owned:
                 field.own()
         return field.array
@@ -198,6 +198,12 @@ class Fields(MutableMapping[str, np.ndarray]):
 
     def __delitem__(self, name: str) -> None:
         del self._fields[name]
+
+    def unread(self) -> None:
+        """Forget the arrays that can be read again in pieces, and that cannot have been changed."""
+        for field in self._fields.values():
+            if field.pieces is not None and field.load is not None and field.sealed is not None:
+                field.array = field.sealed = None
 
     def own(self, *names: str) -> None:
         """Declare that no other code holds some arrays, or will hold them once they are read."""

@@ -387,8 +387,9 @@ class Pieces:
 
 
 def _with(volume: Volume, names: Any) -> Volume:
-    """Return a volume without other fields that are in memory: what other processes need."""
+    """Return a volume without other fields in memory: other processes read what is in files."""
     lean = volume.with_arrays({})
+    lean._fields.unread()
     for name in lean.fields:
         if name not in names and name not in lean.waiting:
             del lean[name]
