@@ -87,7 +87,7 @@ def _part_of_file(
 
 @dataclass
 class _Field:
-    """One array, or how it is read; `sealed` is its number if it cannot change."""
+    """One array, or how it is read; `sealed` is its number if it cannot change, read or not."""
 
     dtype: np.dtype[Any]
     array: np.ndarray | None = None
@@ -107,7 +107,10 @@ class _Field:
 
     def own(self) -> None:
         self.owned = True
-        if self.array is not None and seal(self.array):
+        fixed = not self.mapped if self.array is None else seal(self.array)
+        if not fixed:
+            self.sealed = None
+        elif self.sealed is None:
             self.sealed = next(_NUMBERS)
 
 

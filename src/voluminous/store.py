@@ -95,7 +95,10 @@ class FieldStore:
     def shape(self, level: int) -> tuple[int, ...]:
         """Return the number of cells of a level along each axis."""
         if not 0 <= level < self.levels:
-            raise InputError(f"level must be from 0 to {self.levels - 1}, got {level!r}")
+            raise InputError(
+                f"level must be from 0 to {self.levels - 1}, the coarsest that is stored, got "
+                f"{level!r}"
+            )
         return self._shapes[level]
 
     def read(

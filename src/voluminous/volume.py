@@ -31,6 +31,7 @@ from .fields import (
     unit_quantity,
     without_mask,
 )
+from .levels import level_of_volume
 from .memory import check_memory
 from .progress import Progress, with_progress
 from .regrid.resample import resampled_volume
@@ -281,9 +282,8 @@ class Volume(Evaluation):
 
     def digest(self, name: str) -> bytes:
         """Return a hash of a field's contents, or of its version number if the array is owned."""
-        array = self.array(name)
-        number = None if self._derived(name) else self._fields.sealed(name)
-        return digest(array) if number is None else b"sealed %d" % number
+        number = self._fields.sealed(name) if name in self._fields else None
+        return digest(self.array(name)) if number is None else b"sealed %d" % number
 
     def _defer(self, name: str, value: Deferred) -> None:
         size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
@@ -324,6 +324,32 @@ class Volume(Evaluation):
         (4, 2, 4)
         """
         return FieldStore(self.grid.shape, self._fields)
+
+    def level(self, level: int) -> Volume:
+        """Return a coarser level of the file as a volume, of which nothing is read yet.
+
+        It has the same fields, bounds and units; a cell is the mean of 2, 4 … cells along each
+        axis. Zarr that was saved with ``levels=True`` has levels, and OME-Zarr.
+
+        Parameters
+        ----------
+        level : int
+            0 is this volume itself. ``volume.store.levels`` is their number.
+
+        Raises
+        ------
+        InputError
+            If there is no such level, or the grid is not Cartesian.
+
+        Examples
+        --------
+        >>> vm.models.sphere(32).save("levels.zarr", levels=True, chunks=8)
+        >>> coarse = vm.open("levels.zarr").level(2)
+        >>> coarse.grid.shape
+        (8, 8, 8)
+        """
+        coarse: Volume = level_of_volume(self, level)
+        return coarse
 
     def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
         """Read deferred fields within a context that adds the file name to errors."""

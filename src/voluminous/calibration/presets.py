@@ -16,6 +16,7 @@ from ..expressions import Expression
 from ..media import Medium, Sum, Table
 from ..volume import Volume
 from .open_numbers import check_volume, nothing_to_see
+from .samples import measurable
 from .suggest import main_scalar
 
 __all__ = [
@@ -105,7 +106,7 @@ def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
 def _levels(volume: Volume, field: Any, percentiles: Sequence[float]) -> list[float]:
     """Return percentiles of the finite values, increasing."""
     expr = main_scalar(volume) if field is None else Expression(field)
-    values = np.asarray(volume.evaluate(expr), dtype=np.float64)
+    values = np.asarray(measurable(volume).evaluate(expr), dtype=np.float64)
     values = values[np.isfinite(values)]
     if not values.size:
         raise InputError(f"{expr.text} has no finite value in this volume; choose another field")

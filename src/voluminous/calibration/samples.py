@@ -14,6 +14,7 @@ import numpy as np
 
 from ..derivatives import BoxesOfTree, NeighbourDifferences, differences
 from ..expressions import Expression
+from ..levels import kept_level, level_within
 from ..volume import Volume
 
 # Cells sampled: enough for any median or histogram, and a second of work at most.
@@ -163,6 +164,16 @@ class GridLayers:
 
 
 Piece: TypeAlias = Samples | CellRuns | GridLayers
+
+
+def measurable(volume: Volume) -> Volume:
+    """Return the level of a large volume that has few enough cells to be measured; else itself.
+
+    Of a file that is larger than memory parts would be read that are most of it: a layer of cells
+    is in many chunks.
+    """
+    level: Volume = kept_level(volume, level_within(volume, BUDGET))
+    return level
 
 
 def pieces(

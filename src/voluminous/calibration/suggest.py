@@ -17,7 +17,7 @@ from ..media import Gaussian, Medium, Rectangle, Sum
 from ..volume import Volume
 from .histogram import Histogram, histogram, is_constant, sampled_values
 from .open_numbers import check_volume, nothing_to_see
-from .samples import pieces
+from .samples import measurable, pieces
 from .thickness import Profile, Thickness, thicknesses
 
 # --- the main scalar --------------------------------------------------------------------------
@@ -47,6 +47,7 @@ def main_scalar(volume: Volume) -> Expression:
         names = [name for name in names if not pattern.fullmatch(name)] or names
     if len(names) == 1:
         return Expression(names[0])
+    volume = measurable(volume)
     return max(map(Expression, names), key=lambda expr: _entropy(sampled_values(volume, expr)))
 
 
@@ -277,7 +278,9 @@ def suggest_medium(
     "Semi-automatic generation of transfer functions for direct volume rendering"), one in each of
     n equal parts of the range of values whose isosurfaces are large enough to be seen. If negative
     values are noise around zero, as in telescope cubes, levels are above four σ. In volumes of more
-    than 4 million cells, evenly spread parts are sampled.
+    than 4 million cells, evenly spread parts are sampled; where a file has coarser levels, the
+    finest of no more cells is measured instead, so that the rest need not be read: peaks and noise
+    are smaller there.
 
     Examples
     --------
@@ -295,12 +298,13 @@ def suggest_medium(
         )
     if not isinstance(opacity, Real) or not 0 < opacity <= sys.float_info.max:
         raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
+    whole, volume = volume, measurable(volume)
     scalar = main_scalar(volume) if expr is None else _expression(expr)
     values = sampled_values(volume, scalar)
     if not len(values):
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
     colormap = get_colormap(cmap)
-    labels = labels_of(volume, scalar, values)
+    labels = labels_of(whole, scalar, values)
     if labels is None:
         scalar, centers, sigma = _boundaries(volume, scalar, values, int(count))
         drafts: list[Gaussian | Rectangle] = [

@@ -21,7 +21,7 @@ from ..volume import Volume
 from .at_values import coefficients, one_path_length, scalar_of, units_of
 from .histogram import is_constant, sampled_values
 from .open_numbers import calibrate, check_volume
-from .samples import pieces
+from .samples import measurable, pieces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -178,7 +178,7 @@ def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
         medium = with_each(medium, one_path_length)
     else:
         check_volume("medium.plot", "first", volume)
-        medium = calibrate(medium, volume)
+        medium, volume = calibrate(medium, volume), measurable(volume)
     panels, several = _panels(medium, volume)
     count = len(panels) + len(several)
     if ax is None:

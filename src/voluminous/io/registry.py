@@ -124,7 +124,8 @@ def open(
     **options
         Options of the reader. NPZ, NPY and HDF5: ``bounds``, ``spacing`` or the cell edges
         ``x, y, z`` (default: those in the file, else cells of unit length), ``unit`` of length,
-        and ``axes="zyx"`` if z is the first axis of the arrays.
+        and ``axes="zyx"`` if z is the first axis of the arrays. Of any file that has coarser
+        levels, ``level=1`` … opens one of these (`Volume.level`).
 
     Returns
     -------
@@ -157,6 +158,8 @@ def open_lazily(
         forget()
     reader = find_reader(path, format)
     shown = url_of(path) or path
+    # Readers without such an option have levels that the volume's store reads.
+    level = 0 if "level" in reader.options else options.pop("level", 0)
     with placed(shown):
         check_options(reader, options)
     guard = functools.partial(reading, shown, reader.description)
@@ -164,7 +167,10 @@ def open_lazily(
         volume = reader.read(path, fields, **options)
     volume.explain_reading(guard)
     volume.own()
-    return volume
+    if level == 0:
+        return volume
+    with placed(shown):
+        return volume.level(level)
 
 
 def readers() -> tuple[Reader, ...]:

@@ -21,6 +21,7 @@ from .empty_picture import warn_of_nothing
 from .framing import first_camera, first_medium, framed
 from .job import RenderJob
 from .layers import with_channels
+from .levels import at_level
 from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .pieces import Pieces
@@ -56,6 +57,7 @@ def render(
     memory: Any = None,
     executor: Any = None,
     checkpoint: Any = None,
+    level: Any = None,
     progress: Progress = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
@@ -124,6 +126,11 @@ def render(
     checkpoint : str or Path, optional
         Folder in which finished blocks are kept until the picture is finished: where drawing was
         interrupted, the same call goes on.
+    level : int or "auto", optional
+        Draw a coarser level of the file (`Volume.level`); ``"auto"``: the coarsest whose cells are
+        no wider than a pixel, where the visible ones are nearest; level 0, all cells, if the file
+        has no levels. A picture of means is not the mean of pictures: `Image.error` says by how
+        much it may differ, where that is known. ``image.provenance["level"]`` is what was drawn.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as
@@ -173,6 +180,7 @@ def in_steps(
     memory: Any = None,
     executor: Any = None,
     checkpoint: Any = None,
+    level: Any = None,
     **options: Any,
 ) -> Steps:
     """Render in batches of a given duration; to cancel, stop iterating.
@@ -201,6 +209,18 @@ def in_steps(
     if camera is not None and view is not None:
         raise InputError(f"give a camera or view={view!r}, not both")
     fitted = view is not None
+    whole, drawn = volume, None
+    if level is not None:
+        if medium is None and isinstance(volume, Volume):
+            medium, fitted = first_medium(volume), True
+        if camera is None:
+            camera = framed(volume, medium, view=view) if fitted else first_camera(volume)
+        volume, medium, drawn = at_level(volume, medium, camera, level)
+        if drawn and bounds:
+            raise InputError(
+                f"bounds=True is for all cells, this picture is drawn from level {drawn}: leave "
+                "out bounds=True, or draw level=0"
+            )
     pieces = sweep = None
     if executor is not None or checkpoint is not None:
         sweep = Sweep(executor, checkpoint)
@@ -244,6 +264,8 @@ def in_steps(
         provenance["objects"] = [one.describe(MANY) for one in things]
     if missing:
         provenance["missing"] = missing
+    if drawn is not None:
+        provenance["level"] = drawn
     intensity = planes.emission
     if np.any(behind):
         intensity = before(behind, intensity, planes.transparency)
@@ -254,7 +276,7 @@ def in_steps(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
-        error=planes.error,
+        error=None if drawn else planes.error,
         lower=lower,
         upper=upper,
         x=x,
@@ -262,7 +284,7 @@ def in_steps(
         intensity_unit=unit_name(job.medium.intensity_unit(context)),
         pixel_size=job.frame.pixel,
         unit=job.camera.plane_unit or unit_name(volume.unit),
-        wcs=image_wcs(volume, job.camera, job.frame),
+        wcs=image_wcs(whole, job.camera, job.frame),
         camera=job.camera.describe(),
         provenance={**job.provenance(), **provenance},
     )

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..calibration import presets, suggest_medium
+from ..calibration import calibrated, presets, suggest_medium
+from ..calibration.samples import measurable
 from ..cameras import Orthographic
 from ..cameras.views import view_angles
 from ..errors import InputError
@@ -46,6 +47,9 @@ def framed(
         return camera
     scheme = None if "dual" in volume.grid.walk_kinds else "first-order"
     coarse = camera.replace(resolution=_COARSE)
+    if isinstance(volume, Volume) and isinstance(medium, Medium):  # `prepare` refuses others
+        medium = calibrated(medium, volume, Cache(volume).measurements)
+        volume = measurable(volume)
     job, _ = prepare(volume, medium, coarse, scheme=scheme, tolerance=None)
     light = run(job, 0.0).emission.sum(axis=-1, dtype=np.float64)
     if not light.max() > 0.0:
