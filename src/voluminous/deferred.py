@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,11 @@ def _part_of_file(
 
 @dataclass
 class _Field:
-    """One array, or how it is read; `sealed` is its number if it cannot change, read or not."""
+    """One array, or how it is read.
+
+    `sealed` is its number if it cannot change, read or not; `origin` the file it is from, and how
+    that is read.
+    """
 
     dtype: np.dtype[Any]
     array: np.ndarray | None = None
@@ -96,6 +101,7 @@ class _Field:
     pieces: Pieces | None = None
     owned: bool = False
     sealed: int | None = None
+    origin: tuple[Path, str] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "sealed": None}  # numbers are those of one process
@@ -134,9 +140,23 @@ class Fields(MutableMapping[str, np.ndarray]):
             np.dtype(what.dtype), load=load, mapped=what.mapped, pieces=pieces
         )
 
-    def guard(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
-        """Read within a context that explains errors."""
+    def guard(
+        self,
+        reading: Callable[[], AbstractContextManager[None]],
+        origin: tuple[Path, str] | None = None,
+    ) -> None:
+        """Read within a context that explains errors; remember the file and how it is read."""
         self._reading = reading
+        for name in self._fields:
+            self.set_origin(name, origin)
+
+    def origin(self, name: str) -> tuple[Path, str] | None:
+        """Return the file that a field is from, and how it is read; None if it was set."""
+        return self._fields[name].origin
+
+    def set_origin(self, name: str, origin: tuple[Path, str] | None) -> None:
+        """Set the file that a field is from, and how it is read."""
+        self._fields[name].origin = origin
 
     @property
     def waiting(self) -> tuple[str, ...]:

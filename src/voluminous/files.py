@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import difflib
 import errno
-import glob
+import hashlib
+import itertools
 import os
+import platform
 import re
 import secrets
 import shutil
-from collections.abc import Iterator
+import time
+import zlib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import islice
 from pathlib import Path
 
 from .errors import FileFormatError, InputError, VoluminousError, how_to_take
 
 # How systems, and libraries that do not pass on their numbers, say that a disk is full.
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# Names in a directory that are compared with a mistyped one.
+# Names in a directory that are compared with a mistyped one, or looked at for changes.
 _MOST = 10_000
+# Seconds after which nobody is still writing.
+_STALE = 3600.0
 _URL = re.compile("(https?|s3|gs|gcs|az|abfs):/{1,2}")
 _SPACE = re.compile("no space left|not enough space|quota exceeded|file too large", re.IGNORECASE)
 
@@ -49,6 +54,20 @@ def seen_from(directory: Path, path: str) -> Path:
     return expanded if url_of(expanded) else directory / expanded
 
 
+def stamp(path: Path) -> str:
+    """Return what changes when a file does: its name, size and time; of a directory, of all in it.
+
+    Of a directory of more than 10 000 files only those that come first, by their names, are looked
+    at. A URL is its own stamp.
+    """
+    if url := url_of(path):
+        return url
+    files = itertools.chain([path], sorted(path.rglob("*")) if path.is_dir() else ())
+    states = ((p.relative_to(path.parent), p.stat()) for p in itertools.islice(files, _MOST))
+    told = [f"{p.as_posix()} {s.st_size} {s.st_mtime_ns}" for p, s in states]
+    return told[0] if len(told) == 1 else hashlib.sha256("\n".join(told).encode()).hexdigest()
+
+
 class UnwritablePathError(InputError, OSError):
     """A file that cannot be written where it shall be."""
 
@@ -65,7 +84,10 @@ def missing(path: Path) -> MissingPathError:
         return MissingPathError(f"there is no file {path}")
     wrong, rest = parts[first - 1], parts[: first - 1]
     with suppress(OSError):
-        names = {entry.name.lower(): entry.name for entry in islice(parts[first].iterdir(), _MOST)}
+        names = {
+            entry.name.lower(): entry.name
+            for entry in itertools.islice(parts[first].iterdir(), _MOST)
+        }
         for name in difflib.get_close_matches(wrong.name.lower(), names, n=3):
             near = parts[first] / names[name]
             for part in reversed(rest):
@@ -84,7 +106,8 @@ def replacing(path: Path) -> Iterator[Path]:
     always either the old file or the complete new one. A symbolic link is followed, not replaced.
     """
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(_temporary_name(target, secrets.token_hex(6)))
+    word = f"{_this_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
+    temporary = target.with_name(_temporary_name(target, word))
     with _naming(path):
         _check_place(path, target)
         temporary.touch()
@@ -104,11 +127,37 @@ def _temporary_name(target: Path, word: str) -> str:
     return f".{target.stem[:40]}.{word}.part{target.suffix}"
 
 
-def unfinished(path: Path) -> list[Path]:
-    """Return the temporary files for a path that `replacing` left where it was killed."""
-    target = Path(os.path.realpath(path))
-    before, _, after = _temporary_name(target, "\0").partition("\0")
-    return list(target.parent.glob(f"{glob.escape(before)}*{glob.escape(after)}"))
+# A word of `replacing`: the machine, the process and a random number.
+_TEMPORARY = re.compile(r"(\..*\.)([0-9a-f]{8})-(\d+)-[0-9a-f]{12}(\.part.*)", re.DOTALL)
+
+
+def _this_machine() -> str:
+    return f"{zlib.crc32(platform.node().encode()):08x}"
+
+
+def unfinished(paths: Iterable[Path]) -> list[Path]:
+    """Return the temporary files for some paths that `replacing` left where it was killed.
+
+    Those that a process may be writing at this moment are left out: a process that runs on this
+    machine, or one of another that has written in the last hour.
+    """
+    import psutil
+
+    targets = [Path(os.path.realpath(path)) for path in paths]
+    ends = {(t.parent, *_temporary_name(t, "/").split("/")) for t in targets}
+    left = []
+    for directory in {target.parent for target in targets}:
+        for file in directory.glob(".*.part*"):
+            found = _TEMPORARY.fullmatch(file.name)
+            if found is None or (directory, found[1], found[4]) not in ends:
+                continue
+            with suppress(FileNotFoundError):  # written meanwhile
+                if found[2] == _this_machine():
+                    dead = not psutil.pid_exists(int(found[3]))
+                else:
+                    dead = time.time() - file.stat().st_mtime > _STALE
+                left += [file] if dead else []
+    return left
 
 
 @contextmanager

@@ -53,6 +53,7 @@ def level_of_volume(volume: Any, level: int) -> Any:
         load = functools.partial(store.read, name, (0, 0, 0), shape, level)
         dtype = volume._fields.dtype(name)
         coarse[name] = Deferred(load, dtype, volume.field_unit(name), pieces=pieces)
+        coarse._fields.set_origin(name, volume._fields.origin(name))
     coarse.own()
     coarse.meta.update({**volume.meta, "level": level + volume.meta.get("level", 0)})
     coarse.wcs = _coarse_wcs(volume.wcs, grid.shape, factors)

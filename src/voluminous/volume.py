@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import functools
+import hashlib
+import json
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -31,6 +33,7 @@ from .fields import (
     unit_quantity,
     without_mask,
 )
+from .files import stamp
 from .levels import level_of_volume
 from .memory import check_memory
 from .progress import Progress, with_progress
@@ -285,6 +288,23 @@ class Volume(Evaluation):
         number = self._fields.sealed(name) if name in self._fields else None
         return digest(self.array(name)) if number is None else b"sealed %d" % number
 
+    def fingerprint(self) -> str:
+        """Return a hash of grid and fields that is the same in all processes, today and tomorrow.
+
+        Fields of a file are not read: the file's name, size and time of change stand for them.
+        """
+        told: list[Any] = []
+        for name in self._fields:
+            origin = self._fields.origin(name)
+            one = digest(self.array(name)).hex() if origin is None else origin[1]
+            told.append((name, self.units[name], one))
+        files = {origin[0] for name in self._fields if (origin := self._fields.origin(name))}
+        edges = [
+            digest(np.ascontiguousarray(e)).hex() for e in self.grid.base_edges or self.grid.edges
+        ]
+        told += [sorted(map(stamp, files)), self.grid.describe(), edges]
+        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:32]
+
     def _defer(self, name: str, value: Deferred) -> None:
         size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
         if value.pieces is None:
@@ -351,9 +371,16 @@ class Volume(Evaluation):
         coarse: Volume = level_of_volume(self, level)
         return coarse
 
-    def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
-        """Read deferred fields within a context that adds the file name to errors."""
-        self._fields.guard(reading)
+    def explain_reading(
+        self,
+        reading: Callable[[], AbstractContextManager[None]],
+        origin: tuple[Path, str] | None = None,
+    ) -> None:
+        """Read deferred fields within a context that adds the file name to errors.
+
+        `origin` is the file, and how it is read, of all fields that there are; see `fingerprint`.
+        """
+        self._fields.guard(reading, origin)
 
     def set_unit(self, name: str, unit: Any) -> None:
         """Set the unit of a field; its values do not change."""

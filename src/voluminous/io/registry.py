@@ -165,7 +165,8 @@ def open_lazily(
     guard = functools.partial(reading, shown, reader.description)
     with guard():
         volume = reader.read(path, fields, **options)
-    volume.explain_reading(guard)
+    place = path if url_of(path) else path.absolute()
+    volume.explain_reading(guard, (place, repr((fields, format, options))))
     volume.own()
     if level == 0:
         return volume

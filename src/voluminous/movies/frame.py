@@ -1,0 +1,90 @@
+"""One frame of a film: it is drawn and written in this process, or by a worker in another one."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cameras import Camera
+from ..cameras.contract import pixel_counts
+from ..executors import Sent
+from ..image import Image, metadata
+from ..image.annotate.marks import readable_unit
+from ..media.contract import Medium
+from ..rendering import render
+from ..volume import Volume
+
+# Sides of coarse pictures in pixels.
+_COARSE = 100
+# One picture at a time: kernels use all threads, and two pictures twice the memory.
+_drawing = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is drawn, how, and where to: all but the volume.
+
+    Attributes
+    ----------
+    noted : dict
+        Added to the provenance of the picture.
+    """
+
+    medium: Medium
+    camera: Camera
+    options: dict[str, Any]
+    picture: dict[str, Any]
+    finish: Callable[[Image], Image] | None
+    path: Path
+    noted: dict[str, Any]
+
+    def image(self, volume: Volume | Sent) -> Image:
+        """Return the picture."""
+        with _drawing:
+            volume = volume.value() if isinstance(volume, Sent) else volume
+            image = render(volume, self.medium, self.camera, progress=False, **self.options)
+            image = image if self.finish is None else self.finish(image)
+        return image.replace(provenance={**(image.provenance or {}), **self.noted})
+
+    def coarse(self) -> Frame:
+        """Return the frame with few pixels of about the same shape, quickly drawn."""
+        camera = self.camera
+        pair = pixel_counts(camera.arguments().get("resolution", _COARSE))
+        if max(pair) > _COARSE:
+            nx, ny = (max(1, round(n * _COARSE / max(pair))) for n in pair)
+            camera = camera.within((nx, ny))
+        return replace(self, camera=camera, options={**self.options, "tolerance": None})
+
+
+def draw(frame: Frame, volume: Volume | Sent) -> None:
+    """Draw and write a frame."""
+    frame.image(volume).save(frame.path, **frame.picture)
+
+
+def display(frame: Frame, volume: Volume | Sent) -> tuple[float, float, float, str]:
+    """Return the least and the largest intensity, the exposure, and a unit for a scale bar."""
+    image = frame.coarse().image(volume)
+    finite = image.intensity[np.isfinite(image.intensity)]
+    return float(finite.min()), float(finite.max()), image.exposure, readable_unit(image) or ""
+
+
+def provenance(path: Path) -> dict[str, Any]:
+    """Return how a picture was made; {} if it is missing, damaged, or another program's."""
+    if not path.is_file():
+        return {}
+    try:
+        if path.suffix.lower() != ".png":
+            return Image.load(path).provenance or {}
+        from PIL import Image as Pillow
+
+        with Pillow.open(path) as file:  # reads the texts; pixels are not unpacked
+            text, size = file.info.get(metadata.KEY), file.size
+            file.verify()
+        return metadata.loads(text, (size[1], size[0], 3)).get("provenance") or {}
+    except Exception:
+        return {}
