@@ -80,7 +80,7 @@ def run_tasks(
                 del later[k]
                 pending[_submit(executor, function, tasks[k], names[k])] = k
             finished, _ = wait(pending, _POLL, FIRST_COMPLETED) if pending else ((), ())
-            for future in finished:
+            for future in sorted(finished, key=pending.__getitem__):
                 k = pending.pop(future)
                 error = _error(future)
                 if error is None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import glob
+import os
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +19,37 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 
+# Jobs of an array, if the user does not say how many.
+_JOBS = 32
+# A job that is started again, or sent again, draws what is missing.
+_SCRIPT = """\
+#!/bin/bash
+#SBATCH --job-name={name}
+#SBATCH --array=1-{jobs}
+#SBATCH --ntasks=1
+#SBATCH --cpus-per-task=4
+#SBATCH --mem=8G
+#SBATCH --time=04:00:00
+#SBATCH --requeue
+#SBATCH --output={name}-%a.log
+# Draws {frames} frames: job I of the array number I, I + {jobs}, …, but for those that are made.
+# The job that finds all of them made is the last, and finishes. Whatever fails: send this again.
+# Change times, memory and processors above as your data and your cluster need.
+set -euo pipefail
+cd {directory}
+# Compiled kernels: on a disk of the node, not in a home that all nodes share.
+export DRJIT_CACHE_DIR="${{TMPDIR:-/tmp}}/drjit-$UID"
+exec {command} --share "$SLURM_ARRAY_TASK_ID/{jobs}"
+"""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
     add_scene_arguments(parser)
-    help = ".mp4, .gif or .webp; or a picture per frame: orbit.png writes orbit_0000.png and so on"
+    help = (
+        ".mp4, .gif or .webp; or a picture per frame: orbit.png writes orbit_0000.png and so on, "
+        "frames/ a directory of them"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=help)
     group = parser.add_argument_group("path of the camera")
     help = "go around once, in so many frames"
@@ -37,6 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=float, default=30.0, help="frames per second (30)")
     help = "add a scale bar, axes and colour bars"
     parser.add_argument("--annotate", action="store_true", help=help)
+    group = parser.add_argument_group("several programs side by side")
+    help = "draw the I-th of N shares of the frames, as 2/8; the last to be ready makes the film"
+    group.add_argument("--share", metavar="I/N", help=help)
+    help = f"print a script for sbatch that draws N shares as an array of jobs ({_JOBS} at most)"
+    group.add_argument("--slurm-array", type=int, nargs="?", const=0, metavar="N", help=help)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
     from ..progress import progress_bar
 
     check_directory(args.output)
+    if args.slurm_array is not None:
+        args.quiet = True  # what is printed is the script
     scene = scene_from(args)
     picture = dict(scene.image_options)
     if args.annotate:
@@ -55,20 +92,54 @@ def run(args: argparse.Namespace) -> int:
         if not volumes:
             raise InputError(f"there are no files {args.over}")
     options = {**scene.render_options, "objects": scene.objects}
+    cameras = cameras_of(args, scene)
+    if args.slurm_array is not None:
+        count = max(len(cameras), len(volumes) if isinstance(volumes, list) else 1)
+        print(slurm_script(args, count), end="")
+        return 0
     with progress_bar(False if args.quiet else None, args.output.name) as progress:
         paths = movie(
             volumes,
             scene.medium,
-            cameras_of(args, scene),
+            cameras,
             args.output,
             fps=args.fps,
             picture=picture,
+            share=None if args.share is None else share_of(args.share),
             progress=progress,
             **options,
         )
     last = "" if len(paths) == 1 else f" … {paths[-1].name}"
     say(args.quiet, f"{paths[0]}{last}")
     return 0
+
+
+def share_of(text: str) -> tuple[int, int]:
+    """Return the numbers of ``2/8``."""
+    number, _, shares = text.partition("/")
+    if not (number.isdecimal() and shares.isdecimal()):
+        raise InputError(f"--share expects I/N such as 2/8, got {text!r}")
+    return int(number), int(shares)
+
+
+def slurm_script(args: argparse.Namespace, frames: int) -> str:
+    """Return a script for sbatch that draws a film by the same command."""
+    jobs = args.slurm_array or min(_JOBS, frames)
+    if not 1 <= jobs <= frames:
+        raise InputError(f"--slurm-array is from 1 to {frames}, the number of frames, got {jobs}")
+    if args.share is not None:
+        raise InputError("--slurm-array makes the shares; leave out --share")
+    at = next(k for k, word in enumerate(args.argv) if word.startswith("--sl"))
+    words, rest = args.argv[:at], args.argv[at + 1 :]
+    if "=" not in args.argv[at] and args.slurm_array:
+        rest = rest[1:]
+    return _SCRIPT.format(
+        name="".join(c if c.isalnum() else "-" for c in args.output.stem) or "film",
+        jobs=jobs,
+        frames=frames,
+        directory=shlex.quote(os.getcwd()),
+        command=shlex.join([sys.executable, "-m", "voluminous", *words, *rest]),
+    )
 
 
 def cameras_of(args: argparse.Namespace, scene: Scene) -> list[Camera]:
