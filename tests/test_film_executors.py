@@ -375,3 +375,11 @@ def test_the_script_for_slurm_draws_a_film(tmp_path, capsys, monkeypatch):
     for more in (["--slurm-array=4"], ["--share", "3"], ["--share", "1/2", "--slurm-array"]):
         assert main([*words, "b.gif", *more]) == 2
         assert more[0].split("=")[0] in capsys.readouterr().err
+
+
+def test_fingerprints_of_levels_read_nothing(tmp_path):
+    VOLUME.save(tmp_path / "a.zarr", levels=True, stats=True, chunks=4)
+    volume = open_lazily(tmp_path / "a.zarr")
+    coarse = volume.level(1)
+    assert len({volume.fingerprint(), coarse.fingerprint()}) == 2
+    assert coarse.waiting == volume.waiting == ("a",)
