@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from twin.shadows import mean_column
 from voluminous.backend import get_backend
-from voluminous.measuring.exact_projection import Screen, project_cells
+from voluminous.measuring.exact_projection import Screen, empty_sums, project_cells, received
 
 BACKEND = get_backend("cpu", "double")
 ANGLES = st.one_of(
@@ -57,7 +57,9 @@ def test_shadows_of_boxes_are_those_of_their_slices(incl, phi, posang, width, se
     camera = vm.Orthographic(incl, phi, posang, width=5 * width, resolution=5, center=(0, 0, 0))
     screen = Screen.of(camera.frame(GRIDS["even"]))
     center, size = rng.uniform(-0.3, 0.3, 3), rng.uniform(0.2, 2.0, 3)
-    found = project_cells(screen, center[:, None], size[:, None], np.ones((1, 1)), BACKEND)[0]
+    sums = empty_sums(screen, 1)
+    project_cells(screen, center[:, None], size[:, None], np.ones((1, 1)), BACKEND, sums)
+    (found,) = received(screen, sums)
     place = center + np.linalg.pinv(screen.axes) @ screen.origin
     for (j, i), value in np.ndenumerate(found):
         expected = mean_column(screen.axes, place, size, np.array([i, j]), np.array([i + 1, j + 1]))

@@ -68,12 +68,14 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
     return reporting
 
 
-def reported_range(size: int, step: int) -> Iterator[int]:
-    """Yield from ``range(0, size, step)``, and report each step."""
+def reported_range(
+    size: int, step: int, before: int = 0, total: int | None = None
+) -> Iterator[int]:
+    """Yield from ``range(0, size, step)``, and report each step: of a part of a larger total."""
     report = reporter()
     for first in range(0, size, step):
         yield first
-        report(min(first + step, size), size)
+        report(before + min(first + step, size), size if total is None else total)
 
 
 def reporter() -> Report:

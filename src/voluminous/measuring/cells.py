@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,16 +12,22 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression, components, is_dex, without_unit
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
+from ..progress import reported_range
 from ..regions import Region
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
+from ..rendering.options import check_cartesian
+from ..rendering.pieces import Outline, byte_count
 from ..units import Unit, UnitLike, parse_unit, unit_name
 
 if TYPE_CHECKING:
+    from ..grids.contract import Grid
     from ..volume import Volume
 
 # Cells evaluated at once.
 _CHUNK = 1 << 20
+# Bytes for each of them, for temporary arrays and what cells are multiplied by.
+_PER_CELL = 320
 # The parts of a cell that is entirely inside add up to one only to this.
 _ROUNDING = 1e-12
 
@@ -80,6 +86,46 @@ def check_volume(volume: Any) -> None:
         raise InputError(f"measurements need a Volume first, got {type(volume).__name__}")
 
 
+class Block(NamedTuple):
+    """Cells that are measured together: all, or a part of those of a volume larger than memory."""
+
+    volume: Volume
+    # The first cell along each axis, and the ranges of cells that are evaluated at once.
+    low: tuple[int, ...]
+    ranges: Iterator[tuple[int, int]]
+
+
+def outlined(volume: Volume, memory: Any) -> Volume:
+    """Return a volume, or if a memory is given the outline of one that is read in blocks.
+
+    Raises
+    ------
+    InputError
+        If the memory is no number of bytes, or the grid is not Cartesian.
+    """
+    if memory is None:
+        return volume
+    byte_count(memory)
+    check_cartesian(volume.grid)
+    return Outline.of(volume)
+
+
+def blocks(volume: Volume, names: Iterable[str], memory: Any, step: int) -> Iterator[Block]:
+    """Yield the volume, or blocks of an outline with some fields; `step` cells at once."""
+
+    def ranges(size: int, before: int = 0) -> Iterator[tuple[int, int]]:
+        for first in reported_range(size, step, before, volume.grid.size):
+            yield first, min(first + step, size)
+
+    if not isinstance(volume, Outline):
+        yield Block(volume, (0, 0, 0), ranges(volume.grid.size))
+        return
+    before = 0
+    for box, part in volume.blocks(tuple(dict.fromkeys(names)), memory, 8, step * _PER_CELL):
+        yield Block(part, box.low, ranges(part.grid.size, before))
+        before += part.grid.size
+
+
 def converted(unit: Unit, wanted: UnitLike, what: str) -> tuple[Unit, float]:
     """Return the unit a user wants, and the factor that converts to it."""
     from astropy import units as u
@@ -103,24 +149,26 @@ def undefined_as_missing(
     An expression that is undefined in some cells, such as ``log10(a)`` where a is negative, becomes
     a field with missing values: along rays these count nothing.
     """
-    arrays: dict[str, np.ndarray] = {}
     results = []
     for expression in expressions:
-        values = None if _is_finite(volume, expression) else _values(volume, expression)
-        if values is None or not np.isnan(values).any():
-            results.append(expression)
+        results.append(expression)
+        if _is_finite(volume, expression):
             continue
-        name = f"quantity_{len(arrays)}"
+        name = "quantity"
         while name in volume:
             name += "_"
-        arrays[name] = values
-        results.append(Expression(name))
-    if not arrays:
-        return volume, results
-    other = volume.with_arrays(arrays)
-    for name in arrays:
-        other.set_unit(name, None)
-    return other, results
+        other: Volume
+        if isinstance(volume, Outline):
+            other = outline = volume.computing({name: expression})
+            lacks = outline.missing(name) > 0
+        else:
+            values = _values(volume, expression)
+            other = volume.with_arrays({name: values})
+            other.set_unit(name, None)
+            lacks = bool(np.isnan(values).any())
+        if lacks:
+            volume, results[-1] = other, Expression(name)
+    return volume, results
 
 
 def _is_finite(volume: Volume, expression: Expression) -> bool:
@@ -146,11 +194,19 @@ def _values(volume: Volume, expression: Expression) -> np.ndarray:
     return np.reshape(values, grid.shape)
 
 
-def check_finite(volume: Volume, values: np.ndarray, expression: Expression, first: int) -> None:
-    """Refuse a quantity that is infinite in one of consecutive cells."""
+def check_finite(
+    volume: Volume,
+    values: np.ndarray,
+    expression: Expression,
+    first: int,
+    low: tuple[int, ...] = (0, 0, 0),
+) -> None:
+    """Refuse a quantity that is infinite in one of consecutive cells; `low` is a block's first."""
     infinite = np.flatnonzero(np.isinf(values))
     if infinite.size:
         place = np.unravel_index(first + int(infinite[0]), volume.grid.shape)
+        if len(place) == len(low):
+            place = tuple(a + i for a, i in zip(low, place, strict=True))
         raise InputError(
             f"{expression.text!r} is infinite in cells, the first of which is "
             f"{tuple(int(i) for i in place)}: leave them out, where(…, …, 0), or have them missing "
@@ -169,35 +225,34 @@ class CellParts:
                 f"a region needs cells that are boxes, got a {type(volume.grid).__name__}; use "
                 "where= with coordinates, or volume.resample(grid) first"
             )
-        self.volume, self.region, self.samples = volume, region, int(samples)
+        self.region, self.samples = region, int(samples)
         self.where = None if where is None else CellQuantity.of(volume, where, "where").expression
+        self.names = () if self.where is None else self.where.names
 
-    def of(self, first: int, last: int) -> np.ndarray:
-        """Return the parts of consecutive cells, from 0 to 1."""
+    def of(self, volume: Volume, first: int, last: int) -> np.ndarray:
+        """Return the parts of consecutive cells of the volume, or of a block, from 0 to 1."""
         part = np.ones(last - first)
         if self.where is not None:
-            values = self.volume.evaluate_cells(self.where, first, last)
+            values = volume.evaluate_cells(self.where, first, last)
             part *= (values != 0) & (values == values)  # not where it has no value
         if self.region is not None:
-            part *= self._inside(self.region, first, last)
+            part *= self._inside(self.region, volume.grid, first, last)
         return part
 
-    def _inside(self, region: Region, first: int, last: int) -> np.ndarray:
-        corners = self._fraction(
-            region, first, last, np.arange(last - first), [np.arange(3) / 2] * 3
-        )
+    def _inside(self, region: Region, grid: Grid, first: int, last: int) -> np.ndarray:
+        cells = np.arange(last - first)
+        corners = _fraction(region, grid, first, last, cells, [np.arange(3) / 2] * 3)
         part = np.round(corners)  # all points inside, or none
-        cut = ((corners > 0) & (corners < 1)) | self._may_be_cut(region, first, last)
+        cut = ((corners > 0) & (corners < 1)) | self._may_be_cut(region, grid, first, last)
         divided = np.flatnonzero(cut)
         if divided.size:
-            counts = points_along(self.volume.grid, self.samples)
+            counts = points_along(grid, self.samples)
             steps = [(np.arange(n) + 0.5) / n for n in counts]
-            part[divided] = self._fraction(region, first, last, divided, steps)
+            part[divided] = _fraction(region, grid, first, last, divided, steps)
         return part
 
-    def _may_be_cut(self, region: Region, first: int, last: int) -> np.ndarray:
+    def _may_be_cut(self, region: Region, grid: Grid, first: int, last: int) -> np.ndarray:
         """Return which cells the region's surface may pass through, between their corners."""
-        grid = self.volume.grid
         centers = np.asarray(grid.cell_centers(first, last))
         half = 0.5 * np.asarray(grid.cell_sizes(first, last))
         # Any point can be reached along the coordinates one after another, the angles first.
@@ -208,18 +263,24 @@ class CellParts:
         )
         return np.asarray(np.any([np.abs(d) < reach for d in distances], axis=0))
 
-    def _fraction(
-        self, region: Region, first: int, last: int, cells: np.ndarray, steps: list[np.ndarray]
-    ) -> np.ndarray:
-        """Return the fraction inside, of points of cells given by fractions along each axis."""
-        grid, system = self.volume.grid, tuple(self.volume.grid.coordinates)
-        inside, total, images = np.zeros(len(cells)), np.zeros(len(cells)), mirror_images(grid)
-        low, high = (ends[:, cells] for ends in grid.spans(first, last))
-        for place in np.array(np.meshgrid(*steps)).reshape(3, -1).T:
-            native = low + place[:, None] * (high - low)
-            points = position(system, native)
-            weight = np.abs(np.prod(metric(system, native), axis=0)) + 1e-300
-            total += weight
-            for image in images:
-                inside += weight * region.inside(points * image[:, None], grid.unit) / len(images)
-        return np.where(inside > (1 - _ROUNDING) * total, 1.0, inside / total)
+
+def _fraction(
+    region: Region,
+    grid: Grid,
+    first: int,
+    last: int,
+    cells: np.ndarray,
+    steps: list[np.ndarray],
+) -> np.ndarray:
+    """Return the fraction inside, of points of cells given by fractions along each axis."""
+    system = tuple(grid.coordinates)
+    inside, total, images = np.zeros(len(cells)), np.zeros(len(cells)), mirror_images(grid)
+    low, high = (ends[:, cells] for ends in grid.spans(first, last))
+    for place in np.array(np.meshgrid(*steps)).reshape(3, -1).T:
+        native = low + place[:, None] * (high - low)
+        points = position(system, native)
+        weight = np.abs(np.prod(metric(system, native), axis=0)) + 1e-300
+        total += weight
+        for image in images:
+            inside += weight * region.inside(points * image[:, None], grid.unit) / len(images)
+    return np.where(inside > (1 - _ROUNDING) * total, 1.0, inside / total)

@@ -19,20 +19,22 @@ from ..expressions import product, shifted
 from ..image import Image
 from ..media import Coefficients
 from ..packages import VERSION
-from ..progress import Progress, reported_range, with_progress
+from ..progress import Progress, with_progress
 from ..rendering import image_wcs, render
 from ..schemes.base import Scheme, Solution, Source
 from ..units import Unit, UnitLike, unit_name
 from .cells import (
     CellParts,
     CellQuantity,
+    blocks,
     check_finite,
     check_volume,
     converted,
     integral_unit,
+    outlined,
     undefined_as_missing,
 )
-from .exact_projection import Screen, project_cells
+from .exact_projection import Screen, empty_sums, project_cells, received
 
 if TYPE_CHECKING:
     from ..backend.types import Float
@@ -77,8 +79,8 @@ def integrals(
     check_camera(camera, "a map")  # of None `render` would make one
     if method == "exact":
         check_exact(volume.grid, camera)
-        device = options["device"]
-        return exact_maps(volume.seen_by(camera), expressions, camera, device, together=True)
+        how = options["device"], options["memory"]
+        return exact_maps(volume.seen_by(camera), expressions, camera, *how, together=True)
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
     seen, known = undefined_as_missing(volume.seen_by(camera), expressions)
@@ -99,35 +101,43 @@ def exact_maps(
     expressions: Sequence[Expression | None],
     camera: Camera,
     device: str,
+    memory: Any = None,
     parts: CellParts | None = None,
     together: bool = False,
 ) -> np.ndarray:
     """Return the mean columns of pixels, by projecting all cells; None stands for one everywhere.
 
     `parts` is the part of each cell that counts. With `together`, cells in which any of the
-    expressions has no value are left out.
+    expressions has no value are left out. With `memory` the volume is an outline.
     """
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), Screen.of(frame)
-    total = np.zeros((len(expressions), *frame.pixels[::-1]))
-    for first in reported_range(grid.size, _CHUNK):
-        last = min(first + _CHUNK, grid.size)
-        sizes = np.asarray(grid.cell_sizes(first, last))
-        # In units of the scale: products of three lengths and a density may be too large, or small.
-        share = np.prod(sizes / grid.scale, axis=0)
-        if parts is not None:
-            share = share * parts.of(first, last)
-        values = np.ones((len(expressions), last - first))
-        for own, expression in zip(values, expressions, strict=True):
-            if expression is not None:
-                own[:] = volume.evaluate_cells(expression, first, last, double=True)
-                check_finite(volume, np.where(share == 0, 0.0, own), expression, first)
-        unknown = np.isnan(values)
-        if together:
-            unknown = np.any(unknown, axis=0)
-        amounts = np.where(unknown | (share == 0), 0.0, values) * share
-        centers = np.asarray(grid.cell_centers(first, last))
-        total += project_cells(screen, centers, sizes, amounts, backend)
+    sums = empty_sums(screen, len(expressions))
+    names = [name for expression in expressions if expression for name in expression.names]
+    names += [] if parts is None else parts.names
+    step = _CHUNK if memory is None else _CHUNK >> 2
+    for block in blocks(volume, names, memory, step):
+        part = block.volume
+        for first, last in block.ranges:
+            sizes = np.asarray(part.grid.cell_sizes(first, last))
+            # In units of the scale: products of three lengths and a density may be too large, or
+            # small.
+            share = np.prod(sizes / grid.scale, axis=0)
+            if parts is not None:
+                share = share * parts.of(part, first, last)
+            values = np.ones((len(expressions), last - first))
+            for own, expression in zip(values, expressions, strict=True):
+                if expression is not None:
+                    own[:] = part.evaluate_cells(expression, first, last, double=True)
+                    counts = np.where(share == 0, 0.0, own)
+                    check_finite(part, counts, expression, first, block.low)
+            unknown = np.isnan(values)
+            if together:
+                unknown = np.any(unknown, axis=0)
+            amounts = np.where(unknown | (share == 0), 0.0, values) * share
+            centers = np.asarray(part.grid.cell_centers(first, last))
+            project_cells(screen, centers, sizes, amounts, backend, sums)
+    total = received(screen, sums)
     return np.asarray(total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale)
 
 
@@ -176,6 +186,7 @@ def column(
     samples: int = 1,
     unit: UnitLike = None,
     precision: str = "single",
+    memory: Any = None,
     device: str = "auto",
     progress: Progress = None,
 ) -> Image:
@@ -207,6 +218,9 @@ def column(
         g / cm3, whatever the unit of the volume's lengths.
     precision, device, progress
         As for `render`; for rays.
+    memory : str or int, optional
+        As for `render`: the volume is read and measured chunk by chunk. Rays give the same bits;
+        exact maps the same to rounding: the order of their sums is another.
 
     Returns
     -------
@@ -224,7 +238,9 @@ def column(
     """
     how: dict[str, Any] = {"method": method, "samples": samples}
     options = {**how, "precision": precision, "device": device, "progress": progress}
+    options["memory"] = memory
     check_volume(volume)
+    volume = outlined(volume, memory)
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity)
     provenance = {"quantity": what.text, **how}
@@ -284,6 +300,7 @@ def moments(
     method: str = "rays",
     samples: int = 1,
     precision: str = "double",
+    memory: Any = None,
     device: str = "auto",
     progress: Progress = None,
 ) -> Moments:
@@ -298,7 +315,7 @@ def moments(
         or any expression.
     n : int
         The highest moment: 0 for the column, 1 for the mean too, 2 for the dispersion, up to 4.
-    method, samples, precision, device, progress
+    method, samples, precision, memory, device, progress
         As for `column`. Dispersions are differences: take double precision.
 
     Returns
@@ -314,6 +331,7 @@ def moments(
     if not isinstance(n, Integral) or not 0 <= n <= _HIGHEST:
         raise InputError(f"n, the highest moment, must be from 0 to {_HIGHEST}, got {n!r}")
     check_volume(volume)
+    volume = outlined(volume, memory)
     seen = volume.seen_by(camera)
     if isinstance(velocity, str) and velocity not in seen and f"los({velocity!r})" in seen:
         velocity = f"los({velocity!r})"
@@ -323,6 +341,7 @@ def moments(
     powers = [product(weight.number, *[v] * k) for k in range(n + 1)]
     how: dict[str, Any] = {"method": method, "samples": samples}
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
+    options["memory"] = memory
     sums = integrals(volume, powers, camera, **how, **options)
 
     def image(values: np.ndarray, unit: Unit, what: str) -> Image:

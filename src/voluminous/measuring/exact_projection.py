@@ -149,12 +149,37 @@ def _along(edges: np.ndarray) -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def project_cells(
-    screen: Screen, centers: np.ndarray, sizes: np.ndarray, amounts: np.ndarray, backend: Backend
-) -> np.ndarray:
-    """Return what the pixels (k, ny, nx) receive of amounts (k, n) distributed evenly in boxes.
+def empty_sums(screen: Screen, count: int) -> np.ndarray:
+    """Return sums to which `project_cells` adds.
 
-    Sums are those of `amounts`, except for what falls beside the frame. The backend must be in
+    Each pixel has a sum of additions, and one of subtractions; margins receive what falls beside.
+    """
+    nx, ny = screen.pixels
+    return np.zeros((count, 2 * (nx + 3) * (ny + 2)))
+
+
+def received(screen: Screen, sums: np.ndarray) -> np.ndarray:
+    """Return what the pixels (k, ny, nx) receive of all that was added."""
+    nx, ny = screen.pixels
+    whole, rest = np.moveaxis(sums.reshape(len(sums), ny + 2, nx + 3, 2), -1, 0)
+    gross, passed = (whole + rest)[:, 1:-1, 2:-1], whole[:, 1:-1, 1:-2]
+    result = gross - passed
+    # Where a shadow only just begins or ends there is only rounding error.
+    result[np.abs(result) < _NOISE * np.maximum(np.abs(gross), np.abs(passed))] = 0.0
+    return np.asarray(result)
+
+
+def project_cells(
+    screen: Screen,
+    centers: np.ndarray,
+    sizes: np.ndarray,
+    amounts: np.ndarray,
+    backend: Backend,
+    sums: np.ndarray,
+) -> None:
+    """Add to the sums of pixels what they receive of amounts (k, n) distributed evenly in boxes.
+
+    The total is that of `amounts`, except for what falls beside the frame. The backend must be in
     double precision.
     """
     nx, ny = screen.pixels
@@ -169,8 +194,6 @@ def project_cells(
             f"method='exact' knows columns of cells up to {2 * _WIDEST:.0e} pixels wide, here one "
             f"is {2 * widest:.1e}; in pixels that small method='rays' is as good"
         )
-    # Margins receive what falls beside. Each pixel has a sum of additions, and one of subtractions.
-    total = np.zeros((len(amounts), 2 * (nx + 3) * (ny + 2)))
     # Cells are processed in groups of similar size. Of those wider than the frame only the part in
     # it counts, and one column and row before.
     shown = np.minimum(reach, 0.5 * frame)
@@ -182,14 +205,8 @@ def project_cells(
         for some in (cells[first : first + step] for first in range(0, len(cells), step)):
             boxes = np.concatenate([each[:, some] for each in (place, reach, sizes, amounts)])
             parts, pixels = _shadows(spline, boxes, (columns, rows), screen.pixels, backend)
-            for sums, part in zip(total, parts, strict=True):
-                sums += np.bincount(pixels, part, len(sums))
-    whole, rest = np.moveaxis(total.reshape(len(amounts), ny + 2, nx + 3, 2), -1, 0)
-    gross, passed = (whole + rest)[:, 1:-1, 2:-1], whole[:, 1:-1, 1:-2]
-    result = gross - passed
-    # Where a shadow only just begins or ends there is only rounding error.
-    result[np.abs(result) < _NOISE * np.maximum(np.abs(gross), np.abs(passed))] = 0.0
-    return result
+            for own, part in zip(sums, parts, strict=True):
+                own += np.bincount(pixels, part, len(own))
 
 
 def _shadows(

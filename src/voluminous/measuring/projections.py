@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -14,20 +14,20 @@ from ..media import Coefficients
 from ..packages import room
 from ..progress import Progress, with_progress
 from ..rendering import prepare
-from ..rendering.march import MarchState
 from ..rendering.options import refuse_unusable
-from ..rendering.tracer import RayTracer
+from ..rendering.pieces import Pieces
+from ..rendering.run import make_tracer
 from ..schemes import get_scheme
 from ..schemes.base import Position, Scheme, Source
 from ..schemes.path import Path
-from .cells import CellQuantity, check_volume, converted, undefined_as_missing
+from .cells import CellQuantity, check_volume, converted, outlined, undefined_as_missing
 from .columns import as_map, column, lines_of_sight
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
     from ..cameras import Camera
     from ..expressions import Expression
-    from ..grids.contract import Ray, Segment, Track
+    from ..grids.contract import Segment, Track
     from ..image import Image
     from ..media import Medium
     from ..units import UnitLike
@@ -39,9 +39,8 @@ class Scanner(Scheme):
 
     complete = True
 
-    def count(self, extinctions: int) -> int:
-        """Return how many of the carried numbers are results."""
-        return 1
+    def results(self, extinctions: int) -> list[float]:
+        return [np.nan]
 
     def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         return carried
@@ -50,41 +49,21 @@ class Scanner(Scheme):
 NOTHING = Path([], [], [])
 
 
-class _Scan(RayTracer):
-    """Rays whose results are what a `Scanner` carries in the end."""
-
-    @property
-    def counts(self) -> tuple[int, int, int]:
-        scanner = self.job.scheme
-        assert isinstance(scanner, Scanner)
-        return scanner.count(self.source.numbers.extinctions), 0, 0
-
-    @property
-    def blocks(self) -> list[slice]:
-        return [slice(None)]
-
-    def nothing(self) -> Path:
-        return NOTHING
-
-    def march(self, ray: Ray) -> MarchState:
-        state = super().march(ray)
-        return replace(state, path=Path(state.carried[: self.counts[0]], [], []))
-
-
 def scan(
-    volume: Volume, medium: Medium, camera: Camera, scheme: Scanner, **options: Any
+    volume: Volume, medium: Medium, camera: Camera, scheme: Scanner, memory: Any, **options: Any
 ) -> tuple[np.ndarray, float]:
     """Return the results of rays through the centres of pixels, and the unit of coefficients.
 
     Results are of shape (k, ny, nx) and type float64. Coefficients are in this unit, and distances
     in that of the grid's scale: single precision may not hold them in units of the volume.
     """
-    job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
+    pieces = None if memory is None else Pieces(volume, medium, memory)
+    options |= {"scheme": scheme, "cutoff": 0.0, "pieces": pieces}
+    job, _ = prepare(volume if pieces is None else pieces.outline, medium, camera, **options)
     nx, ny = job.frame.pixels
-    source = job.source()
-    results = _Scan(job, source, 0.0).frame().emission
-    values = np.stack(results).astype(np.float64).reshape(-1, ny, nx)
-    return values, float(np.max(source.numbers.unit)) / volume.grid.scale
+    tracer = make_tracer(job, 0.0)
+    values = np.stack(tracer.frame().emission).astype(np.float64).reshape(-1, ny, nx)
+    return values, float(np.max(tracer.source.numbers.unit)) / volume.grid.scale
 
 
 def distance(track: Track, t: Float) -> Float:
@@ -106,6 +85,7 @@ def project(
     depth: bool = False,
     unit: UnitLike = None,
     precision: str = "single",
+    memory: Any = None,
     device: str = "auto",
     progress: Progress = None,
 ) -> Image | tuple[Image, Image]:
@@ -130,6 +110,8 @@ def project(
         Of the map, as for `column`; where there are two, of the extremes.
     precision, device, progress
         As for `render`.
+    memory : str or int, optional
+        As for `render`: the volume is read and drawn chunk by chunk, with the same bits.
 
     Returns
     -------
@@ -162,12 +144,14 @@ def project(
     if depth and how not in _SIGNS:
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
+    options["memory"] = memory
     if how in ("integral", "mean"):
         weight = 1 if how == "mean" else None
         total = column(volume, quantity, camera, weight=weight, unit=unit, **options)
         return total.replace(provenance={**(total.provenance or {}), "how": how})
     first = how == "first"
     named = "condition" if first else "quantity"
+    volume = outlined(volume, memory)
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity, named)
     seen, (known,) = undefined_as_missing(seen, [what.expression])
@@ -196,8 +180,8 @@ class _Largest(Scanner):
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def count(self, extinctions: int) -> int:
-        return 2
+    def results(self, extinctions: int) -> list[float]:
+        return [np.nan, np.nan]
 
     def start(self, position: Position, source: Source) -> list[Float]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
@@ -260,6 +244,7 @@ def tau_surface(
     velocities: Any = None,
     scheme: str | Scheme = "first-order",
     precision: str = "double",
+    memory: Any = None,
     device: str = "auto",
     progress: Progress = None,
 ) -> TauSurface:
@@ -278,7 +263,7 @@ def tau_surface(
         One of them, of spectral media, as in `observe`: the map has a channel for each.
     scheme : str
         Computes the optical depths of segments; see `render`.
-    precision, device, progress
+    precision, memory, device, progress
         As for `render`.
 
     Returns
@@ -298,6 +283,7 @@ def tau_surface(
         medium = room("observing.cubes").tuned(volume, medium, **channels)
     surface = _Surface(get_scheme(scheme, controlled=False), float(tau))
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
+    options["memory"] = memory
     results, _ = scan(volume, medium, camera, surface, **options)
     places, depths = np.split(results, 2)
     if np.isnan(depths).any():  # else it would seem that the surface is not reached
@@ -318,15 +304,13 @@ class _Surface(Scanner):
         self.name = f"{scheme.name} surface"
         self.coefficients_at, self.states = scheme.coefficients_at, scheme.states
 
-    def count(self, extinctions: int) -> int:
-        return 2 * extinctions
+    def results(self, extinctions: int) -> list[float]:
+        return [np.nan] * extinctions + [0.0] * extinctions
 
     def start(self, position: Position, source: Source) -> list[Float]:
-        self.own, Float = self.count(source.numbers.extinctions), source.backend.Float
-        self.limit = source.backend.opaque(self.tau)
-        places = [Float(np.nan) for _ in range(self.own // 2)]
-        depths = [Float(0) for _ in places]
-        return [*places, *depths, *self.scheme.start(position, source)]
+        found = self.results(source.numbers.extinctions)
+        self.own, self.limit = len(found), source.backend.opaque(self.tau)
+        return [*map(source.backend.Float, found), *self.scheme.start(position, source)]
 
     def after_skip(
         self, position: Position, source: Source, carried: list[Float], moved: Mask

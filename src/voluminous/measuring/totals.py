@@ -11,10 +11,10 @@ import numpy as np
 from ..cameras import Camera
 from ..errors import InputError, UnknownNameError, unknown_name
 from ..notebook import page, table
-from ..progress import Progress, reported_range, with_progress
+from ..progress import Progress, with_progress
 from ..regions import Region
 from ..units import Unit, parse_unit
-from .cells import CellParts, CellQuantity, check_volume, integral_unit
+from .cells import CellParts, CellQuantity, blocks, check_volume, integral_unit, outlined
 from .columns import as_map, check_exact, exact_maps
 from .shapes import aperture_weights, region_of
 
@@ -95,6 +95,7 @@ def measure(
     aperture: Any = None,
     maps: bool = False,
     samples: int = 4,
+    memory: Any = None,
     device: str = "auto",
     progress: Progress = None,
 ) -> Measurement | QTable:
@@ -130,6 +131,9 @@ def measure(
         far as it is in the frame. `camera` must be orthographic, and cells boxes.
     samples : int
         See `region`.
+    memory : str or int, optional
+        As for `render`: the volume is read and measured chunk by chunk. Sums are the same to
+        rounding: their order is another.
     device : str
         For maps.
     progress
@@ -163,19 +167,21 @@ def measure(
             if not isinstance(one, Camera):
                 raise InputError(f"camera must be a list of cameras; number {number} is {one!r}")
         options: dict[str, Any] = {"region": region, "aperture": aperture, "maps": maps}
-        options |= {"samples": samples, "device": device, "progress": progress}
+        options |= {"samples": samples, "memory": memory}
+        options |= {"device": device, "progress": progress}
         rows = [measure(volume, quantities, where, one, **options) for one in camera]
         return _table(camera, rows, where)
     volume.refresh()  # derivatives of fields that were changed in place
+    volume = outlined(volume, memory)
     seen = volume if camera is None else volume.seen_by(camera)
     what = {name: CellQuantity.of(seen, text, name) for name, text in named.items()}
     parts = CellParts(seen, where, region, samples)
     if aperture is None and not maps:
-        return _in_cells(seen, what, parts)
+        return _in_cells(seen, what, parts, memory)
     if camera is None:
         raise InputError("aperture and maps need to know the pixels: give a camera")
     check_exact(seen.grid, camera)
-    return _in_pixels(seen, what, parts, camera, aperture, maps, device)
+    return _in_pixels(seen, what, parts, camera, aperture, maps, device, memory)
 
 
 def _named(quantities: Any, volume: Volume) -> dict[str, Any]:
@@ -194,19 +200,22 @@ def _named(quantities: Any, volume: Volume) -> dict[str, Any]:
     return dict(quantities)
 
 
-def _in_cells(volume: Volume, what: dict[str, CellQuantity], parts: CellParts) -> Measurement:
+def _in_cells(
+    volume: Volume, what: dict[str, CellQuantity], parts: CellParts, memory: Any
+) -> Measurement:
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
-    space, cells, size = 0.0, 0, volume.grid.size
-    volumes = np.asarray(volume.grid.cell_volumes).reshape(-1)
-    for first in reported_range(size, _CHUNK):
-        last = min(first + _CHUNK, size)
-        share = parts.of(first, last) * volumes[first:last]
-        space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
-        for name, quantity in what.items():
-            values = volume.evaluate_cells(quantity.expression, first, last, double=True)
-            unknown = np.isnan(values) & (share > 0)
-            missing[name] += int(np.count_nonzero(unknown))
-            sums[name] += float(np.sum(np.where(unknown | (share == 0), 0.0, values) * share))
+    names = [*parts.names, *(name for q in what.values() for name in q.expression.names)]
+    space, cells = 0.0, 0
+    for block in blocks(volume, names, memory, _CHUNK):
+        volumes = np.asarray(block.volume.grid.cell_volumes).reshape(-1)
+        for first, last in block.ranges:
+            share = parts.of(block.volume, first, last) * volumes[first:last]
+            space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
+            for name, quantity in what.items():
+                values = block.volume.evaluate_cells(quantity.expression, first, last, double=True)
+                unknown = np.isnan(values) & (share > 0)
+                missing[name] += int(np.count_nonzero(unknown))
+                sums[name] += float(np.sum(np.where(unknown | (share == 0), 0.0, values) * share))
     totals = {name: _with_unit(volume, sums[name], q.unit) for name, q in what.items()}
     lacking = {name: count for name, count in missing.items() if count}
     return Measurement(totals, _with_unit(volume, space, None), cells, lacking)
@@ -220,11 +229,12 @@ def _in_pixels(
     aperture: Any,
     maps: bool,
     device: str,
+    memory: Any,
 ) -> Measurement:
     frame = camera.frame(volume.grid)
     weights = aperture_weights(aperture, frame, volume.unit)
     every = [*(q.expression for q in what.values()), None]
-    columns = exact_maps(volume, every, camera, device, parts) * weights
+    columns = exact_maps(volume, every, camera, device, memory, parts) * weights
     *sums, space = columns.sum(axis=(1, 2)) * float(np.prod(frame.pixel))
     totals, images = {}, {}
     for (name, q), total, column in zip(what.items(), sums, columns[:-1], strict=True):
@@ -232,7 +242,7 @@ def _in_pixels(
         unit, factor = integral_unit(q.unit, volume.unit)
         how = {"quantity": q.text, "method": "exact", "map": f"column of {q.text}"}
         images[name] = as_map(factor * column, unit, volume, camera, how)
-    plain = _in_cells(volume, what, parts)
+    plain = _in_cells(volume, what, parts, memory)
     space = _with_unit(volume, space, None)
     return Measurement(totals, space, plain.cells, plain.missing, images if maps else {})
 

@@ -113,12 +113,23 @@ def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
         )
 
 
-# Schemes that draw chunk by chunk: they need no values beyond one layer of cells.
-IN_PIECES = ("post-classified", "pre-integrated", "first-order")
+def check_cartesian(grid: Grid) -> None:
+    """Refuse grids that are not read chunk by chunk."""
+    if grid.kind != "cartesian":
+        raise InputError(
+            f"memory= reads Cartesian grids chunk by chunk, this is a {type(grid).__name__}: leave "
+            "out memory=, or volume.resample(vm.CartesianGrid.uniform(…))"
+        )
 
 
 def check_in_pieces(
-    volume: Any, medium: Any, *, order: Any, antialias: Any, bounds: Any, objects: Any
+    volume: Any,
+    medium: Any,
+    *,
+    order: Any = ORDERS[0],
+    antialias: Any = None,
+    bounds: Any = False,
+    objects: Any = (),
 ) -> None:
     """Refuse what cannot be drawn chunk by chunk."""
     grid = getattr(volume, "grid", None)
@@ -128,11 +139,7 @@ def check_in_pieces(
             f"medium, camera, memory='2 GiB'); got {type(volume).__name__} and "
             f"{type(medium).__name__}"
         )
-    if grid.kind != "cartesian":
-        raise InputError(
-            f"memory= draws Cartesian grids chunk by chunk, this is a {type(grid).__name__}: draw "
-            "it without memory=, or volume.resample(vm.CartesianGrid.uniform(…))"
-        )
+    check_cartesian(grid)
     choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
     usual = {"order": ORDERS[0], "antialias": None, "bounds": False, "objects": ()}
     for name, value in choices.items():
@@ -141,13 +148,6 @@ def check_in_pieces(
                 f"memory= draws front to back, one pass for all rays: leave out {name}={value!r}, "
                 "or draw without memory="
             )
-    derived = [name for name in medium.names if name not in (*volume.fields, *volume.coordinates)]
-    known = [name for name in derived if name in volume]
-    if known:
-        raise InputError(
-            f"memory= reads fields as they are stored, and {known[0]!r} is computed from them: "
-            "make it a field of the file, or draw without memory="
-        )
     if medium.sight:
         raise InputError(
             "memory= does not draw lines that velocities shift along the rays: draw them without "
@@ -157,10 +157,10 @@ def check_in_pieces(
 
 def check_scheme_in_pieces(scheme: Scheme) -> None:
     """Refuse schemes that need more than one layer of cells around a chunk."""
-    if scheme.name not in IN_PIECES:
+    if scheme.coefficients_at == "vertex":
         raise InputError(
-            f"scheme {scheme.name!r} cannot draw chunk by chunk (memory=): use one of "
-            + ", ".join(map(repr, IN_PIECES))
+            f"scheme {scheme.name!r} cannot draw chunk by chunk (memory=): use "
+            "'post-classified', 'pre-integrated' or 'first-order'"
         )
 
 

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import itertools
 import math
 import mmap
 import re
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import deferred
+from ..derivatives import LinesOfSight, is_component
 from ..errors import InputError, MemoryNeededError
+from ..expressions import Expression, required_names
 from ..expressions.interval import Interval
 from ..fields import coordinate_extremes
 from ..grids import CartesianGrid
 from ..grids.contract import CellBox
 from ..progress import Report, reporter, silent
+from ..store import FieldStore
 from ..volume import Volume
 from .options import check_in_pieces
 
@@ -122,24 +128,121 @@ class FlatField:
 
 
 class Outline(Volume):
-    """A volume as planning a picture sees it: grid, names, units, ranges and some cells."""
+    """A volume as planning a picture sees it: grid, names, units, ranges and some cells.
+
+    It may have fields that are computed box by box; see `computing`.
+    """
 
     _whole: Volume
-    _tables: dict[str, np.ndarray]
+    # Per chunk and field: ranges of the values, and how many are missing (None: none are).
+    _tables: dict[str, tuple[np.ndarray, np.ndarray | None]]
+    # Of the fields that are computed: text, and the stored fields that they are made of.
+    _made: dict[str, tuple[str, list[str]]]
 
     @classmethod
     def of(cls, volume: Volume) -> Outline:
         """Return the outline of a volume; nothing is read yet."""
+        if isinstance(volume, cls):
+            return volume
         outline = object.__new__(cls)
         vars(outline).update(vars(volume))
         outline.tables = OrderedDict()
-        outline._whole, outline._tables = volume, {}
+        outline._whole, outline._tables, outline._made = volume, {}, {}
         return outline
 
     @property
     def store(self) -> Store:
         """Where boxes of fields are read from."""
-        return self._whole.store
+        return FieldStore(self.grid.shape, self._fields)
+
+    def stored(self, names: Iterable[str]) -> list[str]:
+        """Return the stored fields that some names are made of, cell by cell.
+
+        Raises
+        ------
+        InputError
+            For derivatives, which need neighbours in other chunks.
+        """
+        found: dict[str, None] = {}
+        for name in names:
+            if name in self._made:
+                found |= dict.fromkeys(self._made[name][1])
+            elif (derived := self._derived(name)) is None:
+                if name not in self.coordinates or name in self._fields:
+                    self._check_field(name)
+                    found[name] = None
+            elif is_component(derived):
+                for argument in derived.arguments:
+                    found |= dict.fromkeys(self.stored(required_names(argument)))
+            else:
+                raise InputError(
+                    f"{name!r} is computed from a whole field, which memory= does not read; make "
+                    "it a field of the file, or leave out memory="
+                )
+        return list(found)
+
+    def computing(self, expressions: Mapping[str, Expression]) -> Outline:
+        """Return the outline with fields that are computed box by box.
+
+        A component such as ``los(velocity)`` has the type of the vector; others are computed in
+        double precision, as sums need it.
+        """
+        other = copy.copy(self)
+        other._fields, other._units = copy.copy(self._fields), dict(self._units)
+        other._tables, other._made = dict(self._tables), dict(self._made)
+        for name, expression in expressions.items():
+            stored = self.stored(expression.names)
+            kind: np.dtype[Any] = np.dtype(np.float64)
+            if component := expression.names == (name,):
+                single = all(self.dtype(own) == np.float32 for own in stored)
+                kind = np.dtype(np.float32 if single else np.float64)
+            pieces = deferred.Pieces(functools.partial(_computed, self, expression, not component))
+            what = deferred.Deferred(no_array, kind, pieces=pieces)
+            other._fields.defer(name, no_array, what)
+            other._made[name] = expression.text, stored
+            other._units[name] = self.field_unit(name) if component else None
+        return other
+
+    def part(self, box: CellBox, names: Iterable[str]) -> Volume:
+        """Return a block as a volume with some fields, or those that they are made of."""
+        there = [name for name in names if name in self._fields]
+        others = [name for name in names if name not in there]
+        fields = {
+            name: self.store.read(name, box.low, box.high)
+            for name in dict.fromkeys([*there, *self.stored(others)])
+        }
+        return self.volume(box, fields)
+
+    def volume(self, box: CellBox, fields: Mapping[str, np.ndarray]) -> Volume:
+        """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
+        edges = [e[a : b + 1] for e, a, b in zip(self.grid.edges, box.low, box.high, strict=True)]
+        grid = CartesianGrid(*edges, unit=self.grid.unit)
+        grid.__dict__["scale"] = self.grid.scale
+        part = Volume(grid)
+        part._fields.update(fields)
+        part._units.update(self._units)
+        part.sight = LinesOfSight(grid, self.sight.camera)
+        return part
+
+    def blocks(
+        self, names: Sequence[str], memory: Any, per_cell: int, others: int
+    ) -> Iterator[tuple[CellBox, Volume]]:
+        """Yield blocks with some fields, one after another, as large as the memory allows.
+
+        Parameters
+        ----------
+        per_cell : int
+            Bytes that are needed besides those of fields.
+        others : int
+            Bytes whatever the size of a block.
+        """
+        per_cell += 2 * sum(self.dtype(name).itemsize for name in self.stored(names))
+        side = largest_side(self, memory, per_cell, others)
+        ways = (range(0, n, s) for n, s in zip(self.grid.shape, side, strict=True))
+        for low in itertools.product(*ways):
+            ends = zip(low, side, self.grid.shape, strict=True)
+            box = _box(low, [min(a + s, n) for a, s, n in ends])
+            yield box, self.part(box, names)
 
     @property
     def bytes_in_memory(self) -> int:
@@ -154,7 +257,7 @@ class Outline(Volume):
 
     def in_memory(self, name: str) -> np.ndarray | None:
         """Return the array of a field, if it is in memory; pages of mapped files are not yet."""
-        if name in self._whole.waiting:
+        if name in self.waiting:
             return None
         array = root = self._whole.array(name)
         while isinstance(root.base, np.ndarray):
@@ -162,11 +265,7 @@ class Outline(Volume):
         return None if isinstance(root.base, mmap.mmap) else array
 
     def array(self, name: str) -> Any:
-        if self._derived(name) is not None:
-            raise InputError(
-                f"{name!r} is computed from a whole field, which memory= does not read; make it a "
-                "field of the file, or draw without memory="
-            )
+        self.stored([name])
         self._check_field(name)
         return FlatField(self, name)
 
@@ -177,35 +276,155 @@ class Outline(Volume):
         """Return the least and the largest value in each chunk, shape (kx, ky, kz, 2).
 
         They are measured once, unless the file tells; of fields in memory for every picture.
+        Missing values do not count; a chunk without any other has the least value of the field.
         """
+        return self._ranges(name)[0]
+
+    def missing(self, name: str) -> int:
+        """Return how many values of a field are missing (NaN)."""
+        counts = self._ranges(name)[1]
+        return 0 if counts is None else int(counts.sum())
+
+    def lacks(self, box: CellBox, name: str) -> bool:
+        """Return whether values of a field may be missing in a block."""
+        counts = self._ranges(name)[1]
+        return counts is not None and bool(counts[self.chunks_of(box)].any())
+
+    def chunks_of(self, box: CellBox) -> tuple[slice, ...]:
+        """Return the numbers of the chunks that a block is in, along each axis."""
+        ends = zip(box.low, box.high, self.store.chunks, strict=True)
+        return tuple(slice(a // c, -(-b // c)) for a, b, c in ends)
+
+    def _ranges(self, name: str) -> tuple[np.ndarray, np.ndarray | None]:
         if name not in self._tables:
-            found = self.store.extremes(name)
-            if found is not None and found.shape[:3] != self._counts():
-                found = None  # of other chunks than those of the other fields
-            key, kept = ("extremes of chunks", name), name in self._whole.waiting
-            if found is None and kept and key in self._whole.tables:
+            key = self._key(name)
+            if key is not None and key in self._whole.tables:
                 found = self._whole.tables[key][0]
-            if found is None:
-                found = self._measured(name)
-                if kept:
-                    self._whole.tables[key] = found, found.nbytes
+            else:
+                table = self.store.extremes(name)
+                if table is not None and table.shape[:3] != self._counts():
+                    table = None  # of other chunks than those of the other fields
+                found = self._measured(name, table)
+                if key is not None:
+                    self._whole.tables[key] = found, found[0].nbytes
             self._tables[name] = found
         return self._tables[name]
+
+    def _key(self, name: str) -> Any:
+        """Return the key under which ranges are kept; None of fields that may change in place."""
+        if not set(self.stored([name])) <= set(self._whole.waiting):
+            return None
+        made = self._made.get(name)
+        return ("extremes of chunks", name, *(() if made is None else (made[0], self.sight.key())))
 
     def _counts(self) -> tuple[int, ...]:
         """Return the number of chunks along each axis."""
         return tuple(-(-n // c) for n, c in zip(self.grid.shape, self.store.chunks, strict=True))
 
-    def _measured(self, name: str) -> np.ndarray:
-        counts, chunks = self.grid.shape, self.store.chunks
-        found = np.empty((*self._counts(), 2))
-        for place in np.ndindex(*found.shape[:3]):
+    def _measured(self, name: str, told: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return ranges of chunks, and the numbers of missing values; of those that are not told.
+
+        Raises
+        ------
+        InputError
+            If a value is infinite, or none is there.
+        """
+        found = np.full((*self._counts(), 2), np.nan) if told is None else told.astype(np.float64)
+        missing = np.zeros(found.shape[:3], np.int64)
+        for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):
             reporter()(0, self.grid.size)
-            low = [i * c for i, c in zip(place, chunks, strict=True)]
-            high = [min(a + c, n) for a, c, n in zip(low, chunks, counts, strict=True)]
+            pairs = zip(place.tolist(), self.store.chunks, self.grid.shape, strict=True)
+            low, high = zip(*((i * c, min(i * c + c, n)) for i, c, n in pairs), strict=True)
             values = self.store.read(name, low, high)
-            found[place] = values.min(), values.max()
-        return found
+            ends = values.min(), values.max()
+            if not np.all(np.isfinite(ends)):
+                gone = np.isnan(values)
+                missing[tuple(place)] = np.count_nonzero(gone)
+                if infinite := np.argwhere(np.isinf(values)).tolist():
+                    cell = tuple(a + i for a, i in zip(low, infinite[0], strict=True))
+                    text = self._made[name][0] if name in self._made else name
+                    raise InputError(
+                        f"{text!r} has infinite values; the first that was met is "
+                        f"{values[tuple(infinite[0])]} in cell {cell}. Missing values are NaN "
+                        "(transparent): replace them, or clip the field"
+                    )
+                some = values[~gone]
+                ends = some.min(initial=np.inf), some.max(initial=-np.inf)
+            found[tuple(place)] = ends
+        empty = found[..., 0] > found[..., 1]
+        if empty.all():
+            raise InputError(f"field {name!r} has no value at all: every cell is NaN")
+        found[empty] = found[~empty][:, 0].min()
+        return found, missing if missing.any() else None
+
+
+def no_array() -> np.ndarray:
+    """Refuse to make the array of a field that is computed box by box."""
+    raise AssertionError("a field of an outline is read in boxes")
+
+
+# Cells computed at once: temporary arrays stay small beside those of a block.
+_SLAB = 1 << 18
+
+
+def _computed(
+    outline: Outline,
+    expression: Expression,
+    double: bool,
+    low: Sequence[int],
+    high: Sequence[int],
+    level: int,
+) -> np.ndarray:
+    """Return an expression in a box of cells."""
+    part = outline.part(_box(low, high), expression.names)
+    values, size = [], part.grid.size
+    with np.errstate(all="ignore"):  # what is undefined is missing
+        for first in range(0, size, _SLAB):
+            last = min(first + _SLAB, size)
+            values.append(part.evaluate_cells(expression, first, last, double=double))
+    return np.asarray(np.concatenate(values).reshape(part.grid.shape))
+
+
+def _box(low: Sequence[int], high: Sequence[int]) -> CellBox:
+    """Return the box of the cells ``low <= i < high``."""
+    (x0, y0, z0), (x1, y1, z1) = map(tuple, (low, high))
+    return CellBox((x0, y0, z0), (x1, y1, z1))
+
+
+def largest_side(
+    outline: Outline, memory: Any, per_cell: float, others: int, need: str = "", advice: str = ""
+) -> tuple[int, int, int]:
+    """Return the sides of the blocks of chunks that a memory allows.
+
+    Parameters
+    ----------
+    memory : str or int
+        As the user gave it.
+    per_cell, others : int
+        Bytes for each cell of a block, with a layer around it, and whatever its size.
+    need, advice : str
+        What the others are for, and how to need less of them.
+
+    Raises
+    ------
+    MemoryNeededError
+        If it does not allow even single chunks.
+    """
+    chunks, widest = outline.store.chunks, None
+    for times in itertools.chain([1], itertools.count(2, 2)):
+        side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
+        needed = int(others + per_cell * math.prod(n + 2 for n in side))
+        if times == 1 and needed > byte_count(memory):
+            raise MemoryNeededError(
+                f"memory={memory!r} is too little: chunks of {chunks} cells{need} need {needed} "
+                f"bytes ({needed / 2**20:.0f} MiB). Allow that, {advice}or write the volume in "
+                "smaller chunks"
+            )
+        if needed > byte_count(memory) or (times > 1 and max(side) > _WIDEST) or side == widest:
+            break
+        widest = side
+    assert widest is not None
+    return widest[0], widest[1], widest[2]
 
 
 class Pieces:
@@ -225,20 +444,54 @@ class Pieces:
         self, volume: Any, medium: Any, memory: Any, sweep: Any = None, **options: Any
     ) -> None:
         memory = _USUAL if memory is None else memory
-        self.memory, self.asked, self.sweep = byte_count(memory), memory, sweep
+        self.memory, self.sweep = memory, sweep
+        byte_count(memory)
         check_in_pieces(volume, medium, **options)
-        self.outline = Outline.of(volume if sweep is None else _with(volume, medium.names))
+        self.outline = Outline.of(volume)
+        if sweep is not None:
+            self.outline = Outline.of(_with(volume, self.outline.stored(medium.names)))
         self.grid: CartesianGrid = volume.grid
         self.side = self.outline.store.chunks
         # Coordinates between which the cells are met by rays, of each axis.
         self.walls = self.grid.edges
         self.report: Report = silent
-        for name in medium.names:
-            if name in self.outline and not np.all(np.isfinite(self.outline.extremes(name))):
-                raise InputError(
-                    f"field {name!r} has missing or infinite values, which memory= cannot draw "
-                    "(neighbours in other chunks fill them); replace them, or draw without memory="
-                )
+        self.lacking: tuple[str, ...] = ()
+
+    def seen_by(self, camera: Any, names: Iterable[str]) -> Outline:
+        """Return the outline that a camera sees, with the fields among some names."""
+        seen: Any = self.outline.seen_by(camera)
+        components = [n for n in names if n not in self.outline._fields and n in self.outline]
+        self.outline = seen.computing({name: Expression(name) for name in components})
+        return self.outline
+
+    def missing(self, names: Iterable[str], by_field: bool) -> dict[str, int]:
+        """Return the number of missing values in each field that lacks some; see `complete`.
+
+        Cells without a value are hidden. Where fields are interpolated (`by_field`) this is
+        refused: neighbours in other chunks would fill them.
+        """
+        used = sorted(name for name in names if name in self.outline)
+        counts = {name: count for name in used if (count := self.outline.missing(name))}
+        self.lacking = tuple(counts)
+        if counts and by_field:
+            name = self.lacking[0]
+            raise InputError(
+                f"field {name!r} has missing values, which memory= cannot interpolate (neighbours "
+                "in other chunks fill them): scheme='first-order' hides their cells; or replace "
+                "them, or draw without memory="
+            )
+        return counts
+
+    def hidden(self, box: CellBox, values: dict[str, np.ndarray]) -> np.ndarray | None:
+        """Return which cells of a block are hidden, None if none are, and give them some value."""
+        hidden = None
+        for name in self.lacking:
+            gone = np.isnan(values[name]) if self.outline.lacks(box, name) else None
+            if gone is not None and gone.any():
+                hidden = gone if hidden is None else hidden | gone
+                least = self.outline.extremes(name)[..., 0].min()
+                values[name] = np.where(gone, values[name].dtype.type(least), values[name])
+        return hidden
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process needs."""
@@ -252,11 +505,12 @@ class Pieces:
         MemoryNeededError
             If it does not allow even single chunks.
         """
-        sizes = [self.outline.dtype(n).itemsize for n in medium.names if n in self.outline]
+        used = [name for name in medium.names if name in self.outline]
+        sizes = [self.outline.dtype(name).itemsize for name in used]
         extinctions = 1 if medium.grey else medium.channels
         # Fields as read, padded and as gathered; or with a table of coefficients.
         numbers = medium.channels + extinctions
-        per_cell = 2 * sum(sizes) + 6 * max(numbers, len(medium.components()))
+        per_cell: float = 2 * sum(sizes) + 6 * max(numbers, len(medium.components()))
         path = numbers + extinctions
         if scheme.coefficients_at == "field":
             # Cells are met between the centres of those before and their own.
@@ -265,24 +519,15 @@ class Pieces:
             )
             per_cell = sum(2 * size + 20 for size in sizes)
             path += 3 + extinctions + 2 * len(medium.scalars())
+        # While a field is computed, those that it is made of are there.
+        made = [self.outline.stored([n]) for n in used if n not in self.outline.stored([n])]
+        per_cell += max(
+            (sum(2 * self.outline.dtype(s).itemsize for s in each) for each in made), default=0
+        )
         # Lanes; paths of all rays, of those in a block before and after it, and as results.
         others = _OTHERS + (96 + 20 * path) * pixels[0] * pixels[1]
-        chunks, widest = self.outline.store.chunks, None
-        for times in itertools.chain([1], itertools.count(2, 2)):
-            side = [min(c * times, n) for c, n in zip(chunks, self.grid.shape, strict=True)]
-            needed = others + per_cell * math.prod(n + 2 for n in side)
-            if times == 1 and needed > self.memory:
-                raise MemoryNeededError(
-                    f"memory={self.asked!r} is too little: chunks of {chunks} cells and "
-                    f"{pixels[0]} x {pixels[1]} pixels need {needed} bytes "
-                    f"({needed / 2**20:.0f} MiB). Allow that, take fewer pixels, or write the "
-                    "volume in smaller chunks"
-                )
-            if needed > self.memory or (times > 1 and max(side) > _WIDEST) or side == widest:
-                break
-            widest = side
-        assert widest is not None
-        self.side = (widest[0], widest[1], widest[2])
+        need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
+        self.side = largest_side(self.outline, self.memory, per_cell, others, *need)
 
     def boxes(self, parallel: bool, origin: np.ndarray, direction: np.ndarray) -> Iterator[CellBox]:
         """Yield the blocks front to back: rays meet their places at growing distances.
@@ -356,11 +601,7 @@ class Pieces:
 
     def _range(self, box: CellBox, name: str) -> Interval:
         if name in self.outline:
-            part = tuple(
-                slice(a // c, -(-b // c))
-                for a, b, c in zip(box.low, box.high, self.outline.store.chunks, strict=True)
-            )
-            table = self.outline.extremes(name)[part]
+            table = self.outline.extremes(name)[self.outline.chunks_of(box)]
             ends = table[..., 0].min(), table[..., 1].max()
         else:
             edges = [
@@ -374,16 +615,6 @@ class Pieces:
         low = _below(box) if ghosts else box.low
         store = self.outline.store
         return {n: store.read(n, low, box.high) for n in names if n in self.outline}
-
-    def volume(self, box: CellBox, fields: dict[str, np.ndarray]) -> Volume:
-        """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
-        edges = [e[a : b + 1] for e, a, b in zip(self.grid.edges, box.low, box.high, strict=True)]
-        grid = CartesianGrid(*edges, unit=self.grid.unit)
-        grid.__dict__["scale"] = self.grid.scale
-        part = Volume(grid)
-        part._fields.update(fields)
-        part._units.update(self.outline._units)
-        return part
 
 
 def _with(volume: Volume, names: Any) -> Volume:

@@ -80,7 +80,7 @@ def prepare(
     check_walk(solver, volume.grid)
     if pieces is not None:
         check_scheme_in_pieces(solver)
-    volume = volume.seen_by(camera)
+    volume = volume.seen_by(camera) if pieces is None else pieces.seen_by(camera, medium.names)
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))
@@ -100,7 +100,11 @@ def prepare(
                 f"{expr.text!r} combines numbers in different units, which this kind of medium "
                 "cannot convert; make it a derived field first: volume['name'] = expression"
             )
-    volume, cache, hidden, missing = complete(cache, medium.names, by_field)
+    hidden = None
+    if pieces is None:
+        volume, cache, hidden, missing = complete(cache, medium.names, by_field)
+    else:
+        missing = pieces.missing(medium.names, by_field)
     if by_field and not double:
         widths = tuple((expr.text, width) for expr, width in plain_widths(volume, features))
         key = ("needs double", widths, cache.statistics.digests(medium.names))

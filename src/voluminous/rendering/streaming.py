@@ -22,7 +22,9 @@ from ..errors import InputError
 from ..grids.contract import CellBox
 from ..media.ranges import RangeContext
 from ..schemes.base import Position
+from ..schemes.path import Path
 from .march import RayState, hand_on, march
+from .missing import HiddenCells, Hiding
 from .pixels import Lanes
 from .sources.interpolated import Interpolated
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
@@ -80,7 +82,7 @@ class StreamingTracer(RayTracer):
                 self.through(part, rays, self.pieces.boxes(*rays.origins()))
             else:
                 self.pieces.sweep.draw(self, number, part, rays)
-            path, over = rays.state.path, rays.state.over
+            path, over = rays.path, rays.state.over
             numbers = path.emission + path.transparency + path.depth + path.error
             real = self.backend.Float
             values = [flush_subnormal(from_host(real, n), MARGIN) for n in numbers]
@@ -155,6 +157,8 @@ class StreamingTracer(RayTracer):
 
     def visible(self, part: RayTracer, box: CellBox) -> bool:
         """Return whether the medium may be visible in a block."""
+        if self.scheme.everywhere:
+            return True
         medium, volume = self.job.medium, self.job.volume
         dual = isinstance(part.source, Interpolated)
         faint = part.source.context.faint if dual else _FAINTEST
@@ -168,10 +172,13 @@ class StreamingTracer(RayTracer):
 
     def _through(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
         """Let rays go through a block, and remember their state."""
-        source, walk = self._source(part.source, box, len(chosen)), self._walk(box)
+        source, hidden = self._source(part.source, box, len(chosen))
+        walk, scheme = self._walk(box), self.scheme
+        if hidden is not None:
+            scheme = Hiding(scheme, HiddenCells(hidden).on(self.backend))
         ray, before = rays.some(chosen)
         _, cursor = walk.enter(ray)
-        after = march(walk, source, self.scheme, ray, before, part.ending, False)
+        after = march(walk, source, scheme, ray, before, part.ending, False)
         state = hand_on(before, cursor.inside, after)
         dr.eval(state)
         rays.put(chosen, _mapped(lambda a: a.numpy(), state))
@@ -190,16 +197,18 @@ class StreamingTracer(RayTracer):
         dr.eval(state)
         rays.put(chosen, _mapped(lambda a: a.numpy(), state))
 
-    def _source(self, source: Any, box: CellBox, rays: int) -> Any:
-        """Return the coefficients in a block."""
+    def _source(self, source: Any, box: CellBox, rays: int) -> tuple[Any, np.ndarray | None]:
+        """Return the coefficients in a block, and which of its cells are hidden."""
         names, pieces = self.job.medium.names, self.pieces
         if isinstance(source, Interpolated):
-            return source.within(pieces.values(box, names, ghosts=True))
-        volume = pieces.volume(box, pieces.values(box, names, ghosts=False))
+            return source.within(pieces.values(box, names, ghosts=True)), None
+        values = pieces.values(box, names, ghosts=False)
+        hidden = pieces.hidden(box, values)
+        volume = pieces.outline.volume(box, values)
         steps = rays * volume.grid.cells_across / 2
         if volume.grid.size < _CELLS_PER_STEP * steps and source.real is self.backend.Wide:
-            return source.tabulated(volume, box.low)
-        return source.within(volume, box.low)
+            return source.tabulated(volume, box.low), hidden
+        return source.within(volume, box.low), hidden
 
 
 class Rays:
@@ -249,6 +258,19 @@ class Rays:
     def plain(self) -> tuple[Any, ...]:
         """Return the arguments besides the tracer, which other processes take."""
         return self.offset, (self.u, self.v, self.there), self.state
+
+    @property
+    def path(self) -> Path:
+        """The paths of all rays, or the results of those that look for something else than light.
+
+        Rays that have met no block carry nothing.
+        """
+        found, state = self.tracer.results, self.state
+        if not found:
+            return state.path
+        dtype, carried = self.tracer.backend.dtype, state.carried or found
+        pairs = zip(found, carried, strict=False)
+        return Path([np.where(state.begun, c, f).astype(dtype) for f, c in pairs], [], [])
 
     def origins(self) -> tuple[bool, np.ndarray, np.ndarray]:
         """Return whether rays are parallel, the extent of their origins, and their direction."""

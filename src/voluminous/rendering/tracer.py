@@ -179,6 +179,8 @@ class RayTracer:
         Gradients are of all together.
         """
         numbers = self.source.numbers
+        if self.results:
+            return [slice(None)]
         if isinstance(numbers, PerChannel) and not self.backend.derivatives:
             return blocks_of(numbers.emissions, self.job.scheme)
         return [slice(0, numbers.emissions)]
@@ -347,18 +349,30 @@ class RayTracer:
         """Return the final state of rays, not evaluated."""
         before, backward = RayState(self.nothing()), self.job.backward
         try:
-            return march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
+            state = march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
         except RuntimeError as error:
             raise _innermost(error) from None
+        if self.results:
+            state = replace(state, path=Path(state.carried[: len(self.results)], [], []))
+        return state
 
     def nothing(self) -> Path:
         """Return the initial path of a ray."""
+        if self.results:
+            return Path([], [], [])
         return empty_path(self.backend.Float, *self.counts)
 
     @property
+    def results(self) -> list[float]:
+        """What rays that meet nothing have found, if they look for something else than light."""
+        return self.job.scheme.results(self.source.numbers.extinctions)
+
+    @property
     def counts(self) -> tuple[int, int, int]:
-        """Number of emissions, extinctions and errors of a path."""
+        """Number of emissions, extinctions and errors of a path; all results are emissions."""
         numbers = self.source.numbers
+        if self.results:
+            return len(self.results), 0, 0
         return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
 
     def ray(

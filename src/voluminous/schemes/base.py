@@ -112,6 +112,13 @@ class Scheme:
         """
         return onward
 
+    def results(self, extinctions: int) -> list[float]:
+        """Return the results of rays that meet nothing, if rays look for something else than light.
+
+        Results are then the first numbers that are carried; solutions have no parts. Default: none.
+        """
+        return []
+
     def coarseness_for(self, tolerance: float) -> float:
         """Return by what part of a structure's width scalars may bend within a wide step.
 

@@ -61,6 +61,7 @@ class CellEvaluator:
         tape: Tape | None = None,
     ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
+        self.unit_of = volume.expression_unit
         self.backend, self.grid, self.tape = backend, volume.grid, tape
         self.statistics = statistics or VolumeStatistics(volume)
         check_fields(volume, medium)
@@ -93,7 +94,7 @@ class CellEvaluator:
             number=functools.partial(opaque, real),
             opaque=opaque,
             unit=self.volume.unit,
-            unit_of=self.volume.expression_unit,
+            unit_of=self.unit_of,
         )
 
     def evaluate(self, fields: dict[str, Float], real: Any = None) -> list[Float]:
@@ -203,7 +204,7 @@ class CellEvaluator:
 
     def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
         """Return bounds of the numbers' magnitudes while the fields stay in ranges."""
-        context = RangeContext(self.volume.unit, self.volume.expression_unit)
+        context = RangeContext(self.volume.unit, self.unit_of)
         with np.errstate(all="ignore"):
             ranges = self.numbers.ranges(fields, context)
         return [np.maximum(np.abs(v.lo), np.abs(v.hi)) * self.grid.scale for v in ranges]
