@@ -133,6 +133,17 @@ def test_totals_read_every_chunk_once(volumes):
         assert all(max(b - a for a, b in zip(*box, strict=True)) <= 4 for box in field.boxes)
 
 
+def test_chunks_beside_a_region_are_not_read(volumes):
+    whole, parts, counted = volumes(UNIFORM)
+    region = "sphere((-0.5, -0.4, 0), 0.3)"
+    one, other = (
+        vm.measure(v, "density", region=region, **o) for v, o in ((whole, {}), (parts, PIECES))
+    )
+    np.testing.assert_allclose(other["density"].value, one["density"].value, **ROUNDING)
+    assert other.cells == one.cells
+    assert 0 < len(counted["density"].boxes) < np.prod([-(-n // 4) for n in UNIFORM.shape])
+
+
 def test_exact_maps_and_apertures(volumes):
     whole, parts, _ = volumes(UNEVEN)
     camera = vm.Orthographic(30, 40, width=3, resolution=20)
@@ -188,8 +199,9 @@ def test_what_cannot_be_measured_in_chunks_is_refused(volumes):
             call("density", memory="much")
         with pytest.raises(MemoryNeededError, match="Allow that"):
             call("density", memory="1 MB")
+    for name in ("column", "project"):
         with pytest.raises(InputError, match="infinite"):
-            call("1 / (signed - signed)", **PIECES)
+            calls[name]("1 / (signed - signed)", **PIECES)
     sphere = vm.Volume(vm.SphericalGrid([0, 1, 2]), density=np.ones((2, 1, 1)))
     with pytest.raises(InputError, match="Cartesian"):
         vm.measure(sphere, "density", **PIECES)

@@ -49,6 +49,11 @@ class Region(Value):
         """
         return np.full(np.shape(points)[1], np.inf)
 
+    @property
+    def bounded(self) -> bool:
+        """Whether `beyond` is such a bound everywhere."""
+        return False
+
     def __and__(self, other: Region) -> Region:
         return _Combined(np.logical_and, np.maximum, self, other)
 
@@ -72,6 +77,10 @@ class _Combined(Region):
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return np.asarray(self.farther(*(part.beyond(points, unit) for part in self.parts)))
 
+    @property
+    def bounded(self) -> bool:
+        return all(part.bounded for part in self.parts)
+
 
 class _Outside(Region):
     def __init__(self, region: Region) -> None:
@@ -83,9 +92,15 @@ class _Outside(Region):
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return -self.region.beyond(points, unit)
 
+    @property
+    def bounded(self) -> bool:
+        return self.region.bounded
+
 
 class _Solid(Region):
     """Base of regions with a `beyond` of their own."""
+
+    bounded = True
 
     def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return self.beyond(points, unit) <= 0.0

@@ -18,6 +18,7 @@ _RENDER = {
     "olson-kunasz",
     "precision": "single (default) or double",
     "device": "auto (default), cpu, cuda or metal",
+    "memory": "what drawing may take, such as 2GiB: the data are read and drawn chunk by chunk",
 }
 
 

@@ -140,13 +140,31 @@ def first_field(volume: Volume) -> str | None:
     """Return the most interesting field; None if there is no field.
 
     A density is preferred, then the first field that is neither a vector component nor a
-    coordinate. Constant fields come last. Fields are read in this order, until one is not constant.
+    coordinate. Constant fields come last. Fields are read in this order, chunk by chunk, until one
+    is not constant.
     """
+    ranked = sorted(volume.fields, key=rank)
+    varying = (name for name in ranked if _varies(volume, name))
+    return next(varying, ranked[0] if ranked else None)
+
+
+def _varies(volume: Volume, name: str) -> bool:
+    """Return whether a field has two different finite values."""
+    import numpy as np
+
     from .statistics import statistics
 
-    ranked = sorted(volume.fields, key=rank)
-    varying = (name for name in ranked if statistics(volume.array(name)).varies)
-    return next(varying, ranked[0] if ranked else None)
+    store, ends = volume.store, set()
+    shape = store.shape(0)
+    for place in np.ndindex(*(-(-n // c) for n, c in zip(shape, store.chunks, strict=True))):
+        low = [i * c for i, c in zip(place, store.chunks, strict=True)]
+        high = [min(a + c, n) for a, c, n in zip(low, store.chunks, shape, strict=True)]
+        found = statistics(store.read(name, low, high))
+        if found.finite:
+            ends |= {found.least, found.greatest}
+        if len(ends) > 1:
+            return True
+    return False
 
 
 def opened(data: DataFile, expr: str | None) -> tuple[Volume, dict[str, str] | None]:

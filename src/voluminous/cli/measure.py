@@ -55,6 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_several(parser, "--angles", "INCL,PHI", help, nargs="+", action="extend")
     add_several(parser, "--unit", "NAME=UNIT", "unit of a total, such as mass=Msun")
+    help = "what measuring may take, such as 2GiB: the data are read and measured chunk by chunk"
+    parser.add_argument("--memory", metavar="BYTES", help=help)
     help = "table to write (.ecsv, .csv, .fits)"
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=help)
     add_reading_options(parser)
@@ -84,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("los(…) depends on from where it is seen: give --angles INCL,PHI")
     if not cameras and args.aperture is not None:
         raise InputError("--aperture is a part of the image: give --angles INCL,PHI")
-    parts = {"region": region, "aperture": args.aperture}
+    parts = {"region": region, "aperture": args.aperture, "memory": args.memory}
     result: Any = measure(volume, quantities, args.where, cameras or None, **parts)
     table = _with_units(result if cameras else _one_row(result), units, [*quantities, "volume"])
     say(args.quiet, _text(table))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,7 +22,7 @@ from ..rendering.pieces import Outline, byte_count
 from ..units import Unit, UnitLike, parse_unit, unit_name
 
 if TYPE_CHECKING:
-    from ..grids.contract import Grid
+    from ..grids.contract import CellBox, Grid
     from ..volume import Volume
 
 # Cells evaluated at once.
@@ -110,8 +111,13 @@ def outlined(volume: Volume, memory: Any) -> Volume:
     return Outline.of(volume)
 
 
-def blocks(volume: Volume, names: Iterable[str], memory: Any, step: int) -> Iterator[Block]:
-    """Yield the volume, or blocks of an outline with some fields; `step` cells at once."""
+def blocks(
+    volume: Volume, names: Iterable[str], memory: Any, step: int, parts: CellParts | None = None
+) -> Iterator[Block]:
+    """Yield the volume, or blocks of an outline with some fields; `step` cells at once.
+
+    Blocks of which no part is measured are left out.
+    """
 
     def ranges(size: int, before: int = 0) -> Iterator[tuple[int, int]]:
         for first in reported_range(size, step, before, volume.grid.size):
@@ -120,10 +126,12 @@ def blocks(volume: Volume, names: Iterable[str], memory: Any, step: int) -> Iter
     if not isinstance(volume, Outline):
         yield Block(volume, (0, 0, 0), ranges(volume.grid.size))
         return
-    before = 0
-    for box, part in volume.blocks(tuple(dict.fromkeys(names)), memory, 8, step * _PER_CELL):
-        yield Block(part, box.low, ranges(part.grid.size, before))
-        before += part.grid.size
+    names, before = tuple(dict.fromkeys(names)), 0
+    for box in volume.boxes(names, memory, 8, step * _PER_CELL):
+        size = math.prod(b - a for a, b in zip(box.low, box.high, strict=True))
+        if parts is None or not parts.beside(volume.grid, box):
+            yield Block(volume.part(box, names), box.low, ranges(size, before))
+        before += size
 
 
 def converted(unit: Unit, wanted: UnitLike, what: str) -> tuple[Unit, float]:
@@ -240,28 +248,43 @@ class CellParts:
         return part
 
     def _inside(self, region: Region, grid: Grid, first: int, last: int) -> np.ndarray:
-        cells = np.arange(last - first)
-        corners = _fraction(region, grid, first, last, cells, [np.arange(3) / 2] * 3)
-        part = np.round(corners)  # all points inside, or none
-        cut = ((corners > 0) & (corners < 1)) | self._may_be_cut(region, grid, first, last)
-        divided = np.flatnonzero(cut)
-        if divided.size:
+        part, cut = self._known(region, grid, first, last)
+        # Without a bound of the distance corners tell where a surface is.
+        near = np.flatnonzero(cut) if region.bounded else np.arange(last - first)
+        if near.size:
+            corners = _fraction(region, grid, first, last, near, [np.arange(3) / 2] * 3)
+            part[near] = np.round(corners)  # all points inside, or none
+            divided = near[((corners > 0) & (corners < 1)) | cut[near]]
+        if near.size and divided.size:
             counts = points_along(grid, self.samples)
             steps = [(np.arange(n) + 0.5) / n for n in counts]
             part[divided] = _fraction(region, grid, first, last, divided, steps)
         return part
 
-    def _may_be_cut(self, region: Region, grid: Grid, first: int, last: int) -> np.ndarray:
-        """Return which cells the region's surface may pass through, between their corners."""
-        centers = np.asarray(grid.cell_centers(first, last))
+    def _known(
+        self, region: Region, grid: Grid, first: int, last: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return whether centres are inside, and which cells the region's surface may cut."""
+        centers, images = np.asarray(grid.cell_centers(first, last)), mirror_images(grid)
         half = 0.5 * np.asarray(grid.cell_sizes(first, last))
         # Any point can be reached along the coordinates one after another, the angles first.
         cartesian = tuple(grid.coordinates) == CARTESIAN
         reach = np.linalg.norm(half, axis=0) if cartesian else half.sum(axis=0)
-        distances = (
-            region.beyond(centers * image[:, None], grid.unit) for image in mirror_images(grid)
-        )
-        return np.asarray(np.any([np.abs(d) < reach for d in distances], axis=0))
+        inside, cut = np.zeros(last - first), np.zeros(last - first, bool)
+        for image in images:
+            points = centers * image[:, None]
+            inside += region.inside(points, grid.unit) / len(images)
+            cut |= np.abs(region.beyond(points, grid.unit)) < reach
+        return inside, cut
+
+    def beside(self, grid: Grid, box: CellBox) -> bool:
+        """Return whether nothing of a box of cells of a Cartesian grid is measured, for certain."""
+        if self.region is None or not self.region.bounded:
+            return False
+        ends = zip(grid.edges, box.low, box.high, strict=True)
+        low, high = np.array([(e[a], e[b]) for e, a, b in ends]).T
+        away = self.region.beyond(0.5 * (low + high)[:, None], grid.unit)
+        return bool(away[0] > 0.5 * np.linalg.norm(high - low))
 
 
 def _fraction(

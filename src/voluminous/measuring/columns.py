@@ -116,7 +116,7 @@ def exact_maps(
     names = [name for expression in expressions if expression for name in expression.names]
     names += [] if parts is None else parts.names
     step = _CHUNK if memory is None else _CHUNK >> 2
-    for block in blocks(volume, names, memory, step):
+    for block in blocks(volume, names, memory, step, parts):
         part = block.volume
         for first, last in block.ranges:
             sizes = np.asarray(part.grid.cell_sizes(first, last))

@@ -206,7 +206,7 @@ def _in_cells(
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
     names = [*parts.names, *(name for q in what.values() for name in q.expression.names)]
     space, cells = 0.0, 0
-    for block in blocks(volume, names, memory, _CHUNK):
+    for block in blocks(volume, names, memory, _CHUNK, parts):
         volumes = np.asarray(block.volume.grid.cell_volumes).reshape(-1)
         for first, last in block.ranges:
             share = parts.of(block.volume, first, last) * volumes[first:last]

@@ -143,7 +143,8 @@ def check_in_pieces(
     choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
     usual = {"order": ORDERS[0], "antialias": None, "bounds": False, "objects": ()}
     for name, value in choices.items():
-        if value is not usual[name] and value != usual[name]:
+        nothing = name == "objects" and isinstance(value, (list, tuple)) and not value
+        if not nothing and value is not usual[name] and value != usual[name]:
             raise InputError(
                 f"memory= draws front to back, one pass for all rays: leave out {name}={value!r}, "
                 "or draw without memory="

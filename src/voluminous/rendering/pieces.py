@@ -224,10 +224,10 @@ class Outline(Volume):
         part.sight = LinesOfSight(grid, self.sight.camera)
         return part
 
-    def blocks(
+    def boxes(
         self, names: Sequence[str], memory: Any, per_cell: int, others: int
-    ) -> Iterator[tuple[CellBox, Volume]]:
-        """Yield blocks with some fields, one after another, as large as the memory allows.
+    ) -> Iterator[CellBox]:
+        """Yield blocks one after another, as large as the memory allows to read some fields.
 
         Parameters
         ----------
@@ -241,8 +241,7 @@ class Outline(Volume):
         ways = (range(0, n, s) for n, s in zip(self.grid.shape, side, strict=True))
         for low in itertools.product(*ways):
             ends = zip(low, side, self.grid.shape, strict=True)
-            box = _box(low, [min(a + s, n) for a, s, n in ends])
-            yield box, self.part(box, names)
+            yield _box(low, [min(a + s, n) for a, s, n in ends])
 
     @property
     def bytes_in_memory(self) -> int:

@@ -28,7 +28,7 @@ _OF_ALL: dict[Kind, str] = {
     kinds.NUMBERS: "opacity opacities up view_direction limb_darkening mix",
     kinds.NUMBER: "shading cutoff softening",
     kinds.NUMBER_OR_NONE: "tolerance",
-    kinds.NUMBER_OR_TEXT: "exposure stretch",
+    kinds.NUMBER_OR_TEXT: "exposure stretch memory",
     kinds.NUMBERS_OR_TEXT: "background",
     kinds.QUANTITY: "center sigma half_width vmin vmax incl phi posang zenith fov eye_distance",
     kinds.QUANTITY_OR_AUTO: "path_length",
@@ -133,6 +133,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``[render]`` as keyword arguments of `render`."""
     from ..backend.device import DEVICES, PRECISIONS
     from ..rendering.options import ORDERS, check_cutoff, check_tolerance
+    from ..rendering.pieces import byte_count
     from ..schemes import SCHEMES
 
     with placed("[render]"):
@@ -148,6 +149,8 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
                 check_name(key, options[key], names)
         check_cutoff(options.get("cutoff"))
         check_tolerance(options.get("tolerance"))
+        if "memory" in options:
+            byte_count(options["memory"])
     return options
 
 
