@@ -156,6 +156,8 @@ def _varies(volume: Volume, name: str) -> bool:
 
     store, ends = volume.store, set()
     shape = store.shape(0)
+    if shape == store.chunks:  # and it stays in memory
+        return statistics(volume.array(name)).varies
     for place in np.ndindex(*(-(-n // c) for n, c in zip(shape, store.chunks, strict=True))):
         low = [i * c for i, c in zip(place, store.chunks, strict=True)]
         high = [min(a + c, n) for a, c, n in zip(low, store.chunks, shape, strict=True)]
