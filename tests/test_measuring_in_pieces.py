@@ -114,7 +114,7 @@ def test_totals_read_every_chunk_once(volumes):
     quantities = {"mass": "density", "signed": "signed", "p": "density * los(velocity)"}
     options = {
         "where": "norm(velocity) < 2 km/s",
-        "region": "sphere((0, 0, 0), 0.8)",
+        "region": "sphere((0, 0, 0), 10)",
         "camera": OBLIQUE,
     }
     one, other = (
