@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .errors import FileFormatError
 
 # Each sealed array gets another number.
 _NUMBERS = itertools.count()
@@ -99,6 +101,8 @@ class _Field:
     load: Callable[[], np.ndarray] | None = None
     mapped: bool = False
     pieces: Pieces | None = None
+    shape: tuple[int, ...] = ()
+    ranges: np.ndarray | None = None  # that its pieces tell, once they were read
     owned: bool = False
     sealed: int | None = None
     origin: tuple[Path, str] | None = None
@@ -129,15 +133,17 @@ class Fields(MutableMapping[str, np.ndarray]):
 
     def __init__(self) -> None:
         self._fields: dict[str, _Field] = {}
-        self._reading: Callable[[], AbstractContextManager[None]] = nullcontext
+        self.reading: Callable[[], AbstractContextManager[None]] = nullcontext
 
-    def defer(self, name: str, load: Callable[[], np.ndarray], what: Deferred) -> None:
+    def defer(
+        self, name: str, load: Callable[[], np.ndarray], what: Deferred, shape: tuple[int, ...]
+    ) -> None:
         """Keep how an array is read, in place of the array."""
         pieces = what.pieces
         if pieces is None and what.mapped:
             pieces = Pieces(functools.partial(_part_of_file, what.load))
         self._fields[name] = _Field(
-            np.dtype(what.dtype), load=load, mapped=what.mapped, pieces=pieces
+            np.dtype(what.dtype), load=load, mapped=what.mapped, pieces=pieces, shape=shape
         )
 
     def guard(
@@ -146,7 +152,7 @@ class Fields(MutableMapping[str, np.ndarray]):
         origin: tuple[Path, str] | None = None,
     ) -> None:
         """Read within a context that explains errors; remember the file and how it is read."""
-        self._reading = reading
+        self.reading = reading
         for name in self._fields:
             self.set_origin(name, origin)
 
@@ -187,29 +193,62 @@ class Fields(MutableMapping[str, np.ndarray]):
         field = self._fields[name]
         if field.pieces is None or (level == 0 and field.array is not None and not field.mapped):
             return None
-        with self._reading():
+        with self._naming_chunk(name, low, high, level):
             return field.pieces.read(low, high, level)
 
     def piece_extremes(self, name: str) -> np.ndarray | None:
         """Return the least and largest values that a file tells of its pieces, or None."""
+        field = self._fields[name]
+        if field.ranges is None and field.pieces is not None and field.pieces.extremes is not None:
+            with self.reading():
+                field.ranges = field.pieces.extremes()
+        return field.ranges
+
+    @contextmanager
+    def _naming_chunk(
+        self, name: str, low: Sequence[int], high: Sequence[int], level: int
+    ) -> Iterator[None]:
+        """Read within a context that explains errors, and names the chunk that is damaged."""
+        try:
+            with self.reading():
+                yield
+        except FileFormatError as error:
+            where = f"field {name!r}, level {level}"
+            if (number := self._damaged(name, low, high, level)) is not None:
+                where += f", chunk {number}"
+            raise type(error)(f"{error} ({where})") from error.__cause__
+
+    def _damaged(
+        self, name: str, low: Sequence[int], high: Sequence[int], level: int
+    ) -> tuple[int, ...] | None:
+        """Return the number of the first chunk that cannot be read, if the file has chunks."""
         pieces = self._fields[name].pieces
-        if pieces is None or pieces.extremes is None:
+        if pieces is None or pieces.chunks is None:
             return None
-        with self._reading():
-            return pieces.extremes()
+        sides = pieces.chunks
+        spans = [range(a // c, -(-b // c)) for a, b, c in zip(low, high, sides, strict=True)]
+        for number in itertools.product(*spans):
+            ends = list(zip(number, sides, low, high, strict=True))
+            try:
+                with self.reading():
+                    first = [max(i * c, a) for i, c, a, _ in ends]
+                    pieces.read(first, [min(i * c + c, b) for i, c, _, b in ends], level)
+            except FileFormatError:
+                return number
+        return None
 
     def __copy__(self) -> Fields:
         """Return independent fields: what is read of one is not known to the other."""
         other = Fields()
         other._fields = {name: replace(field) for name, field in self._fields.items()}
-        other._reading = self._reading
+        other.reading = self.reading
         return other
 
     def __getitem__(self, name: str) -> np.ndarray:
         field = self._fields[name]
         if field.array is None:
             assert field.load is not None
-            with self._reading():
+            with self._naming_chunk(name, (0,) * len(field.shape), field.shape, 0):
                 field.array = field.load()
             field.dtype = field.array.dtype
             if field.owned:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .errors import InputError, unknown_name
+from .errors import FileFormatError, InputError, unknown_name
 from .fields import held_dtype
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ class FieldStore:
 
     def __init__(self, shape: Sequence[int], fields: Fields) -> None:
         self._fields = fields
+        self._trusts = True
         pieces = [p for p in map(fields.pieces, fields) if p is not None]
         first = next((p for p in pieces if p.chunks), None)
         usual = (SIDE,) * 3 if len(shape) == 3 else (SIDE**3,)
@@ -119,13 +120,14 @@ class FieldStore:
             first = [a * f for a, f in zip(low, factors, strict=True)]
             last = [min(b * f, n) for b, f, n in zip(high, factors, self._shapes[0], strict=True)]
             values = means(self.read(name, first, last), factors)
+        self._check_range(name, low, high, level, values)
         return np.ascontiguousarray(values, held_dtype(values.dtype))
 
     def extremes(self, name: str, level: int = 0) -> np.ndarray | None:
         """Return the least and the largest value in each chunk of a level, if they are stored."""
         self._check(name)
         self.shape(level)
-        table = self._fields.piece_extremes(name)
+        table = self._fields.piece_extremes(name) if self._trusts else None
         if table is None:
             return None
         for axis, factor in enumerate(self._factors(level)):
@@ -133,6 +135,38 @@ class FieldStore:
             low = np.minimum.reduceat(table[..., 0], starts, axis)
             table = np.stack([low, np.maximum.reduceat(table[..., 1], starts, axis)], -1)
         return table
+
+    def without_ranges(self) -> FieldStore:
+        """Return the store as if no ranges were stored: who writes new ones trusts no others."""
+        other = FieldStore(self._shapes[0], self._fields)
+        other._trusts = False
+        return other
+
+    def _check_range(
+        self, name: str, low: Sequence[int], high: Sequence[int], level: int, values: np.ndarray
+    ) -> None:
+        """Refuse cells that are not what the stored ranges tell: pictures are planned by these."""
+        table, pieces = self.extremes(name, level), self._fields.pieces(name)
+        if table is None or pieces is None or pieces.chunks is None:
+            return
+        walls = [
+            [a, *range((a // c + 1) * c, b, c), b]
+            for a, b, c in zip(low, high, pieces.chunks, strict=True)
+        ]
+        for place in np.ndindex(*(len(w) - 1 for w in walls)):
+            ends = [(w[i], w[i + 1]) for w, i in zip(walls, place, strict=True)]
+            cells = values[tuple(slice(a - f, b - f) for (a, b), f in zip(ends, low, strict=True))]
+            number = tuple(a // c for (a, _), c in zip(ends, pieces.chunks, strict=True))
+            least, largest = table[number]
+            # A chunk with a NaN has no range.
+            if np.isnan(least) or (least <= cells.min() and cells.max() <= largest):
+                continue
+            with self._fields.reading():
+                raise FileFormatError(
+                    f"field {name!r}, level {level}, chunk {number}: cells are from {cells.min()} "
+                    f"to {cells.max()}, but its stored range is from {least} to {largest}: it was "
+                    "damaged, or changed after the ranges were stored; convert the file again"
+                )
 
     def _check(self, name: str) -> None:
         if name not in self._fields:

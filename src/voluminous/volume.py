@@ -41,7 +41,7 @@ from .regrid.resample import resampled_volume
 from .regrid.slices import Slice, make_plane, slice_of
 from .regrid.table import table_of_cells
 from .regrid.unfold import unfolded_volume
-from .store import FieldStore, Store
+from .store import FieldStore
 from .units import parse_unit, shown, unit_name
 
 if TYPE_CHECKING:
@@ -310,7 +310,7 @@ class Volume(Evaluation):
         if value.pieces is None:
             check_memory(size, f"reading {name!r}", _SMALLER)
         load = functools.partial(_load, name, self.grid, value, size)
-        self._fields.defer(name, load, value)
+        self._fields.defer(name, load, value, self.grid.shape)
 
     def load(self, *names: str) -> Volume:
         """Read deferred fields now, by default all; return this volume."""
@@ -330,7 +330,7 @@ class Volume(Evaluation):
         return int(self._fields.bytes_waiting(self.grid.size))
 
     @property
-    def store(self) -> Store:
+    def store(self) -> FieldStore:
         """The fields in pieces: boxes of cells, without reading the rest of a file.
 
         Boxes are read from Zarr, OME-Zarr, HDF5, NetCDF, ``.npy`` and raw files. Fields of others,

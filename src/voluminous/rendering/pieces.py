@@ -31,7 +31,7 @@ from .options import check_in_pieces
 if TYPE_CHECKING:
     from ..media.contract import Medium
     from ..schemes.base import Scheme
-    from ..store import Store
+    from ..store import FieldStore
 
 _SIZES = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 _TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECASE)
@@ -151,7 +151,7 @@ class Outline(Volume):
         return outline
 
     @property
-    def store(self) -> Store:
+    def store(self) -> FieldStore:
         """Where boxes of fields are read from."""
         return FieldStore(self.grid.shape, self._fields)
 

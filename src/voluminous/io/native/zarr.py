@@ -146,7 +146,7 @@ class NativeZarrReader(ContentsReader):
         total = len(volume.fields) * math.prod(_counts(grid.shape, sides))
         for name in volume.fields:
             # A copy does not keep values that were read: one field at a time is in memory.
-            store = volume.with_arrays({}).store
+            store = volume.with_arrays({}).store.without_ranges()
             dtype = held_dtype(volume.describe()["fields"][name]["dtype"])
             arrays = [
                 _new_array(root, place, shapes[k], sides, dtype)
