@@ -7,7 +7,10 @@ file outside of the directory.
 from __future__ import annotations
 
 import io
+import itertools
+import math
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -134,10 +137,43 @@ def data_sets(path: Path, group: h5py.Group) -> tuple[dict[str, Any], dict[str, 
     return sets, others
 
 
+# Data sets, by file and name, of which it was said that chunks are missing.
+_TOLD: set[tuple[str, str]] = set()
+
+
+def warn_of_missing(item: h5py.Dataset, index: Any = ...) -> None:
+    """Warn, once, if a part of a data set has chunks that were never written.
+
+    HDF5 takes the fill value for their cells, as if a program that was stopped had gone on.
+    """
+    key = (item.file.filename, item.name)
+    if not item.chunks or item.is_virtual or key in _TOLD:
+        return
+    counts = [-(-n // side) for n, side in zip(item.shape, item.chunks, strict=True)]
+    if item.id.get_num_chunks() >= math.prod(counts):
+        return
+    ranges = []
+    index = (slice(None),) * item.ndim if index is ... else index
+    for one, n, side in zip(index, item.shape, item.chunks, strict=True):
+        low, high = one.indices(n)[:2] if isinstance(one, slice) else (one, one + 1)
+        ranges.append(range(low // side, -(-high // side)))
+    for number in itertools.product(*ranges):
+        first = tuple(i * side for i, side in zip(number, item.chunks, strict=True))
+        if item.id.get_chunk_info_by_coord(first).byte_offset is None:
+            _TOLD.add(key)
+            warnings.warn(
+                f"{key[0]}: the chunk {number} of {item.name} was never written: HDF5 takes the "
+                f"fill value {item.fillvalue} for its cells; others may be missing, too",
+                stacklevel=2,
+            )
+            return
+
+
 def read(item: h5py.Dataset, column: int | None = None) -> np.ndarray:
     """Return the values of a data set, or one column of them, in native byte order."""
     count = item.size if column is None else len(item)
     check_memory(count * item.dtype.itemsize, f"reading {item.name}", "read a part of the data")
+    warn_of_missing(item)
     values = item[()] if column is None else item[:, column]
     return np.asarray(values, item.dtype.newbyteorder("="))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import check_place, is_hdf5, opened, text
+from ..hdf5 import check_place, is_hdf5, opened, text, warn_of_missing
 from ..unit_texts import known_unit
 from .layout import Entry
 from .named_arrays import NamedArraysReader
@@ -90,9 +90,10 @@ def _entry(path: Path, item: Any, backwards: bool) -> Entry:
 
     def load(index: Any = ...) -> np.ndarray:
         check_place(path, item)
-        backward = () if index is ... else index[::-1]
-        values: np.ndarray = item[index] if sense == 1 else item[backward].T
-        return values
+        stored = index if sense == 1 or index is ... else index[::-1]
+        warn_of_missing(item, stored)
+        values: np.ndarray = item[stored]
+        return values if sense == 1 else values.T
 
     dims, scales, chunks = dims[::sense], scales[::sense], (item.chunks or ())[::sense]
     unit, shape = _unit(item), item.shape[::sense]

@@ -19,7 +19,7 @@ from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
-from ..hdf5 import created, data_set, holds, is_own, opened, read, text
+from ..hdf5 import created, data_set, holds, is_own, opened, read, text, warn_of_missing
 from ..payload import mapped
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 
@@ -147,7 +147,9 @@ def _field_values(path: Path, name: str) -> np.ndarray:
 
 def _field_part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
     with opened(path) as file:
-        return np.asarray(data_set(path, file[FIELDS], name)[index])
+        item = data_set(path, file[FIELDS], name)
+        warn_of_missing(item, index)
+        return np.asarray(item[index])
 
 
 # Metadata of a volume: plain values as JSON, the sky as a FITS header

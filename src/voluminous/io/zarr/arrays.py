@@ -17,7 +17,7 @@ from ..arrays.named_arrays import NamedArraysReader
 from ..labelled.convert import LabelledReader
 from ..names import field_name
 from ..unit_texts import known_unit
-from .store import arrays_in, dimensions, holds_zarr, opened, part, root_fits
+from .store import arrays_in, dimensions, holds_zarr, opened, part, root_fits, warn_of_missing
 
 if TYPE_CHECKING:
     import xarray
@@ -93,6 +93,7 @@ class LabelledZarrReader(LabelledReader):
                     decode_timedelta=False,
                 )
             yield kept[group]
+            warn_of_missing(path, root.store)
 
 
 def _group(places: list[str], group: str | None) -> str:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import zarr
 
 _NODES = ("zarr.json", ".zarray", ".zgroup")
+_METADATA = (*_NODES, ".zattrs", ".zmetadata")
 _DEEPEST = 16
 # Descriptions of groups and arrays that are kept: reading them takes longer than reading a box.
 _KEPT = 256
@@ -136,7 +137,8 @@ def _careful() -> type:
         def __init__(self, store: Any) -> None:
             super().__init__(store)
             self.absent: set[str] = set()
-            self.told: set[str] = set()  # arrays of which it was said that chunks are missing
+            self.arrays: dict[str, Any] = {}  # that were opened, by their places
+            self.told: set[str] = set()  # those of which it was said that chunks are missing
             self.kept: dict[Any, Any] = {}  # what readers made of it
 
         async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
@@ -149,9 +151,38 @@ def _careful() -> type:
                         raise _in_words(key, error) from error
                 await asyncio.sleep(wait)
             (self.absent.add if value is None else self.absent.discard)(key)
+            if value is not None and byte_range is None and _by_blosc(self.owner(key)):
+                _check_length(key, value)
             return value
 
+        def owner(self, key: str) -> Any:
+            """Return the array that a key is a chunk of; None if it is none, or not opened."""
+            *place, name = key.split("/")
+            places = ("/".join(place[:n]) for n in range(len(place), -1, -1))
+            arrays = (self.arrays[p] for p in places if p in self.arrays)
+            return None if name in _METADATA else next(arrays, None)
+
     return CarefulStore
+
+
+def _by_blosc(array: Any) -> bool:
+    """Return True if the chunks of an array are as Blosc packs them."""
+    if array is None or array.metadata.zarr_format == 2:
+        packed = None if array is None else array.metadata.compressor
+        return getattr(packed, "codec_id", "") == "blosc"
+    return type(array.metadata.codecs[-1]).__name__ == "BloscCodec"
+
+
+def _check_length(key: str, chunk: Any) -> None:
+    """Refuse a chunk that is cut short: Blosc would read beyond its end.
+
+    Its length is a number of four bytes in the head:
+    https://github.com/Blosc/c-blosc/blob/main/README_CHUNK_FORMAT.rst.
+    """
+    head = chunk[:16].to_bytes()
+    expected = int.from_bytes(head[12:16], "little")
+    if len(head) < 16 or len(chunk) < expected:
+        raise FileFormatError(f"{key} is cut short: it has {len(chunk)} bytes of {expected}")
 
 
 def _may_pass(error: Exception) -> bool:
@@ -218,15 +249,21 @@ def part(path: Path, place: str, index: Any = ..., *, complete: bool = False) ->
             lost = _lost(array, index)
             if lost is not None and complete:
                 raise FileFormatError(f"the chunk {lost} is missing")
-        told = array.store.told
-        if lost is not None and place not in told:
-            told.add(place)
-            warnings.warn(
-                f"{url_of(path) or path}: the chunk {lost} of /{place} is missing: its cells have "
-                f"the fill value {array.fill_value}, as Zarr has it; others may be missing, too",
-                stacklevel=2,
-            )
+        warn_of_missing(path, array.store)
         return values
+
+
+def warn_of_missing(path: Path, store: Any) -> None:
+    """Warn of chunks that were not there; once per array."""
+    for key in sorted(store.absent):
+        array = store.owner(key)
+        if array is not None and array.path not in store.told:
+            store.told.add(array.path)
+            warnings.warn(
+                f"{url_of(path) or path}: there is no chunk {key}: Zarr takes the fill value "
+                f"{array.fill_value} for its cells; others may be missing, too",
+                stacklevel=3,
+            )
 
 
 def _lost(array: zarr.Array[Any], index: Sequence[Any]) -> tuple[int, ...] | None:
@@ -266,6 +303,7 @@ def checked(array: Any) -> zarr.Array[Any]:
         raise FileFormatError(f"{array.path!r} has shape {array.shape} in pieces of {chunks}")
     size = math.prod(chunks) * array.dtype.itemsize
     check_memory(size, f"one piece {chunks} of {array.path!r}", "store it in smaller chunks")
+    array.store.arrays[array.path] = array
     found: zarr.Array[Any] = array
     return found
 
