@@ -198,7 +198,7 @@ class Outline(Volume):
                 kind = np.dtype(np.float32 if single else np.float64)
             pieces = deferred.Pieces(functools.partial(_computed, self, expression, not component))
             what = deferred.Deferred(no_array, kind, pieces=pieces)
-            other._fields.defer(name, no_array, what)
+            other._fields.defer(name, no_array, what, self.grid.shape)
             other._made[name] = expression.text, stored
             other._units[name] = self.field_unit(name) if component else None
         return other
