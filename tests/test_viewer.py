@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 import voluminous as vm
+from voluminous.store import FieldStore
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
 from voluminous.viewer.explorer import Explorer
@@ -729,3 +730,119 @@ def test_python_of_a_scene_makes_its_volume():
     scope: dict = {}
     exec(code, scope)
     np.testing.assert_array_equal(scope["image"].intensity, scene.render().intensity)
+
+
+# --- files that are larger than memory, of which there are coarser levels -------------------------
+
+
+@pytest.fixture
+def large(tmp_path, monkeypatch):
+    """Return 64³ cells that may not be in memory, of which levels 1 and 2 are 32³ and 16³."""
+    grid = vm.CartesianGrid.uniform(64, (-1, 1))
+    volume = vm.Volume(grid)
+    volume["a"] = "exp(-(x**2 + y**2 + z**2)) + 0.02 * sin(60 * x)"
+    volume.save(tmp_path / "large.zarr", levels=True, stats=True, chunks=16)
+    monkeypatch.setattr("voluminous.viewer.painter._AT_HAND", 16**3)
+    monkeypatch.setattr("voluminous.calibration.samples.BUDGET", 16**3)
+    return vm.io.registry.open_lazily(tmp_path / "large.zarr")
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """Return the list of the levels and numbers of cells that are read."""
+    boxes, read = [], FieldStore.read
+
+    def counted(self, name, low, high, level=0):
+        values = read(self, name, low, high, level)
+        if self.shape(0) == (64, 64, 64):
+            boxes.append((level, values.size))
+        return values
+
+    monkeypatch.setattr(FieldStore, "read", counted)
+    return boxes
+
+
+def test_a_large_file_is_shown_from_coarse_levels_to_the_one_that_suffices(large, reads):
+    explorer = Explorer(large, SHELL, CAMERA)
+    page = Page(explorer)
+    welcome, _ = page.wait(lambda m: m["kind"] == "welcome")
+    told = welcome["volume"]
+    assert told["cells"] == 64**3
+    # Ranges are those of all cells.
+    lowest, highest = (getattr(large.store.extremes("a"), f)() for f in ("min", "max"))
+    assert (told["fields"][0]["min"], told["fields"][0]["max"]) == (lowest, highest)
+    frame, payload = page.exact(0)
+    # Pixels are 2.5 / 48 wide, cells 1/32, 1/16 and 1/8: all cells are needed.
+    levels = [m["level"] for m, _ in page.messages if m["kind"] == "frame" and m["scale"] == 1]
+    assert levels == sorted(levels, reverse=True)
+    assert {0, 1, 2} == set(levels)
+    assert (frame["level"], frame["done"]) == (0, 1.0)
+    assert frame["error"] <= 1e-3
+    done = [m["done"] for m, _ in page.messages if m["kind"] == "frame"]
+    assert done == sorted(done)
+    image = vm.render(
+        large, SHELL, CAMERA.replace(resolution=(48, 40)), level="auto", memory="1 GiB"
+    )
+    picture = frames.from_float16(frame, payload)
+    top = image.intensity.max()
+    np.testing.assert_allclose(picture, image.intensity, atol=2.0**-11 * top, rtol=2.0**-11)
+    # From farther away level 1 suffices: no other cells are read.
+    del reads[:]
+    camera = {**explorer.document.settings["camera"], "width": 3.5}
+    frame, _ = page.exact(page.put("look", camera=camera))
+    assert frame["level"] == 1
+    assert reads
+    assert {level for level, _ in reads} == {1}
+    assert large.waiting == ("a",)
+    explorer.close()
+
+
+def test_quick_answers_about_a_large_file_are_those_of_a_level(large, reads):
+    explorer = Explorer(large)
+    page = Page(explorer)
+    coarse = large.level(2)
+    assert repr(explorer.medium) == repr(vm.suggest_medium(coarse))
+    reply = page.ask("histogram", expr="a", bins=8)
+    assert reply["counts"] == np.histogram(coarse.array("a"), 8)[0].tolist()
+    assert reply["level"] == 2
+    cut = page.ask("slice", expr="a", axis=0, at=0.5, size=16)
+    assert cut["level"] == 2
+    assert page.ask("probe", x=0.5, y=0.5)["level"] == 2
+    for question in (
+        {"kind": "thumbnail", "name": "bone"},
+        {"kind": "highlight", "expr": "a", "low": 0.5, "high": 0.6},
+        {"kind": "suggest", "name": None},
+    ):
+        assert "error" not in page.ask(**question)
+    # The level was read once, and once by this test.
+    assert [size for level, size in reads if level == 2] == [16**3] * 2
+    assert max(size for _, size in reads) < 64**3
+    assert large.waiting == ("a",)
+    explorer.close()
+
+
+def test_what_cannot_be_drawn_in_pieces_is_shown_from_a_level_in_memory(large):
+    explorer = Explorer(large, SHELL, CAMERA, {"render": {"scheme": "second-order"}})
+    page = Page(explorer)
+    frame, _ = page.exact(0)
+    assert frame["level"] == 2
+    notice, _ = page.wait(lambda m: m["kind"] == "notice")
+    assert notice["text"].startswith("level 2 of the file is shown: ")
+    assert "second-order" in notice["text"]
+    assert large.waiting == ("a",)
+    explorer.close()
+
+
+def test_a_picture_in_pieces_is_given_up_for_a_newer_one(large, monkeypatch):
+    explorer = Explorer(large, SHELL, CAMERA)
+    page = Page(explorer)
+    page.wait(lambda m: m["kind"] == "frame" and m["level"] == 1)
+    last = 0
+    for angle in (31, 32, 33):
+        camera = {**explorer.document.settings["camera"], "phi": angle}
+        last = page.put("look", camera=camera)
+    frame, _ = page.exact(last)
+    assert frame["camera"]["phi"] == 33
+    shown = [m for m, _ in page.messages if m["kind"] == "frame" and m["exact"]]
+    assert [m["n"] for m in shown] == [last]
+    explorer.close()

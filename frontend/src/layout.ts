@@ -152,13 +152,18 @@ export function build(app: App) {
 
 export function badgeOf(head: FrameHead): { words: string; state: string } {
   const part = head.error === null || head.error === undefined ? "" : `, error ≤ ${pretty(100 * head.error, 2)} %`;
-  if (head.exact) return { words: `exact${part}`, state: "exact" };
+  // A coarser level of the file: what it does to the picture is a part of the error, if that is known.
+  const cells = head.level > 0 ? `level ${head.level} of the file${part || ", error unknown"}` : `exact${part}`;
+  if (head.exact) return { words: cells, state: head.level > 0 ? "level" : "exact" };
   if (head.scale < 1) {
     const named: Record<number, string> = { 2: "½", 3: "⅓", 4: "¼" };
     const inverse = Math.round(1 / head.scale);
     return { words: `${named[inverse] ?? `1/${inverse}`} preview`, state: "preview" };
   }
-  if (head.done > 0 && head.done < 1) return { words: `refining ${Math.round(100 * head.done)} %`, state: "refining" };
+  if (head.done > 0 && head.done < 1) {
+    const of = head.level > 0 ? `level ${head.level}, ` : "";
+    return { words: `${of}refining ${Math.round(100 * head.done)} %`, state: "refining" };
+  }
   return { words: `preview${part}`, state: "preview" };
 }
 

@@ -155,6 +155,7 @@ export class Histogram {
       : ticks(low, high, 5);
     const every = Math.ceil(marks.length / 6);
     const unit = prettyUnit(this.data?.unit);
+    const level = this.data?.level ?? 0;
     return svg(
       "g",
       { class: "vlm-grid" },
@@ -170,7 +171,7 @@ export class Histogram {
         const x = Math.min(Math.max(this.toX(v), 16), WIDTH - 16);
         return svg("text", { x, y: HEIGHT + 14, "text-anchor": "middle" }, pretty(v));
       }),
-      unit && svg("text", { x: 2, y: 10, class: "vlm-axis" }, unit),
+      (unit || level) && svg("text", { x: 2, y: 10, class: "vlm-axis" }, `${unit}${level ? ` (level ${level} of the file)` : ""}`),
     );
   }
 

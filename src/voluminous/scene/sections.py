@@ -44,6 +44,7 @@ _COLOR = replace(kinds.COLORS, expected=f"{kinds.COLORS.expected}, or a table")
 _MEDIUM = _KINDS | dict.fromkeys(("color", "colors"), replace(_COLOR, make=lambda t: _color_by(t)))
 _CAMERA = _KINDS | {"center": kinds.QUANTITIES}
 _IMAGE = _KINDS | dict.fromkeys(("vmin", "vmax"), kinds.NUMBER)
+_RENDER = _KINDS | {"level": kinds.WHOLE_OR_AUTO}
 
 
 def build_medium(sections: Sequence[Mapping[str, Any]]) -> Medium:
@@ -138,7 +139,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
 
     with placed("[render]"):
         check_keys(section, _render_parameters())
-        options = converted(section, _KINDS)
+        options = converted(section, _RENDER)
         for key, names in (
             ("scheme", SCHEMES),
             ("precision", PRECISIONS),

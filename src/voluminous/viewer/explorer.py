@@ -26,7 +26,7 @@ from ..scene.settings import plain_value
 from ..units import unit_name
 from ..volume import Volume
 from .document import Document, Patch, shown
-from .painter import Painter, Shot, caught_warnings
+from .painter import Painter, Shot, at_hand, caught_warnings
 from .questions import QUESTIONS, number
 from .session import Session
 from .share import IN_MEMORY, tables_of, text_of
@@ -38,6 +38,8 @@ _EDITED = 1.0
 _MOST_INPUTS = 240
 # Warnings of one answer: each picture of a film may have its own.
 _MOST_WARNINGS = 3
+# What a picture may take of a volume that need not be in memory.
+_MEMORY = "1 GiB"
 _MAPS = ("viridis", "inferno", "magma", "cividis", "gray", "coolwarm", "turbo")
 
 Send = Callable[[dict[str, Any], bytes], None]
@@ -74,6 +76,8 @@ class Explorer:
         camera = framed(self.volume, medium) if camera is None else camera
         others = settings or {}
         rest = dict(others.get("render", {}))
+        if at_hand(self.volume) is not self.volume:
+            rest = {"level": "auto", "memory": _MEMORY, **rest}
         if isinstance(rest.get("background"), str):
             rest.pop("background")
             warnings.warn("the explorer shows no picture as background", stacklevel=2)
@@ -185,13 +189,16 @@ class Explorer:
 
     def describe(self) -> dict[str, Any]:
         """Return what a page needs to know of the volume."""
-        volume = self.volume
+        volume, quick = self.volume, at_hand(self.volume)
         fields = []
         for name in volume.fields:
-            if name in volume.waiting:
+            ranges = volume.store.extremes(name) if quick is not volume else None
+            if ranges is not None:
+                low, high = number(ranges[..., 0].min()), number(ranges[..., 1].max())
+            elif name in quick.waiting:
                 low = high = None
             else:
-                array = volume.array(name)
+                array = quick.array(name)
                 low, high = (number(f(array)) for f in (np.nanmin, np.nanmax))
             unit = unit_name(volume.field_unit(name))
             fields.append({"name": name, "unit": unit, "min": low, "max": high})
@@ -201,7 +208,7 @@ class Explorer:
             "unit": unit_name(volume.unit),
             "bounds": volume.grid.bounds.tolist(),
             "shape": list(getattr(volume.grid, "shape", ())),
-            "cells": int(np.prod(volume.array(volume.fields[0]).shape)) if volume.fields else 0,
+            "cells": volume.grid.size,
             "grid": type(volume.grid).__name__,
             "fields": fields,
             "coordinates": list(volume.coordinates),

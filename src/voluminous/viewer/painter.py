@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..calibration.samples import measurable
 from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
 from ..errors import VoluminousError
@@ -21,6 +22,7 @@ from ..image import Image
 from ..media import Coefficients, Medium
 from ..progress import silent
 from ..rendering.api import in_steps, render
+from ..rendering.levels import sufficient_level
 from ..schemes.pre_integrated import PreIntegrated
 from ..volume import Volume
 from .frames import float16, log_jpeg
@@ -30,6 +32,11 @@ from .session import QUIET, Session
 _BATCH = 0.03
 # Seconds between two pictures of a refinement.
 _UPDATE = 0.25
+# Cells of a volume that may be in memory as a whole: 256³. Files with levels that have more are
+# drawn chunk by chunk, and from a level while something moves.
+_AT_HAND = 1 << 24
+# Sides of a chunk double from level to level.
+_EIGHTH = 1 / 8
 
 
 class Page(Protocol):
@@ -77,6 +84,16 @@ class Shot:
     def pixels(self) -> tuple[int, int]:
         """Pixels of the picture: no more than asked for, and fewer where its shape is fixed."""
         return self.camera.frame(self.volume.grid).pixels
+
+
+class _GivenUp(Exception):
+    """Nobody wants the picture that is being drawn."""
+
+
+def at_hand(volume: Volume) -> Volume:
+    """Return what quick answers look at: a level of a large file, else the volume itself."""
+    small = volume.grid.size <= _AT_HAND or not volume.waiting
+    return volume if small else measurable(volume)
 
 
 _collected: dict[int, list[str]] = {}
@@ -196,46 +213,94 @@ class Painter:
         self._send(page, shot, intensity, took, scale=scale, done=0.0, preview=True)
 
     def _rest(self, page: Page) -> None:
-        """Render the full picture in short batches, and give up where somebody else wants one."""
-        session = page.session
-        shot = self._shot(page, session.size)
-        start = last = time.monotonic()
-        nx, ny = shot.pixels
-        made = 0
-        picture: np.ndarray | None = None
-        steps = self._steps(shot)
+        """Render the full picture, of large files from coarse levels to the one that suffices.
+
+        It is given up where somebody else wants one.
+        """
+        shot = self._shot(page, page.session.size)
+        start = time.monotonic()
+        image: Image | None = None
         with caught_warnings() as caught:
-            while True:
+            levels = _levels(shot)
+            work = np.cumsum([0.0] + [_EIGHTH**level for level in levels])
+            for k, level in enumerate(levels):
+                begun, ended = work[k : k + 2] / work[-1]
                 try:
-                    pixel, intensity, _ = next(steps)
-                except StopIteration as end:
-                    image: Image = end.value
-                    break
-                now = time.monotonic()
-                if self._closed or self._is_wanted_elsewhere(page, shot, now):
-                    steps.close()
+                    image = self._level(page, shot, level, image, start, (begun, ended))
+                except _GivenUp:
                     return
-                made += len(pixel)
-                if picture is None:
-                    picture = self._first(shot, intensity.shape[-1], nx, ny)
-                picture[pixel] = intensity
-                if now - last > _UPDATE and session.may_send(now):
-                    done, last = min(made / (nx * ny), 0.99), now
-                    self._send(page, shot, picture.reshape(ny, nx, -1), now - start, done=done)
-        took = time.monotonic() - start
-        error = image.error
-        top = float(np.nanmax(np.abs(image.intensity), initial=0.0))
-        worst = None if error is None or not top > 0 else float(np.nanmax(error)) / top
-        session.exact = True
+                except VoluminousError as error:
+                    if image is None:
+                        raise
+                    caught.append(f"level {levels[k - 1]} of the file is shown: {error}")
+                    break
+                if ended < 1.0 and page.session.may_send(time.monotonic()):
+                    self._send_image(page, shot, image, start, done=float(ended))
+        assert image is not None
+        page.session.exact = True
         self._exposures[_look(shot)] = image.exposure
-        self._send(page, shot, image.intensity, took, done=1.0, exact=True, error=worst)
+        self._send_image(page, shot, image, start, done=1.0, exact=True)
         for text in caught:
             page.send({"kind": "notice", "level": "warning", "text": text})
 
-    def _steps(self, shot: Shot) -> Any:
-        return in_steps(
-            shot.volume, shot.drawn, shot.camera, seconds=_BATCH, progress=silent, **shot.options
+    def _level(
+        self,
+        page: Page,
+        shot: Shot,
+        level: int,
+        coarser: Image | None,
+        start: float,
+        parts: tuple[float, float],
+    ) -> Image:
+        """Render one level in short batches; tell what part of the work is done."""
+        last = time.monotonic()
+        nx, ny = shot.pixels
+        made = 0
+        picture: np.ndarray | None = None
+        if coarser is not None:
+            picture = coarser.intensity.reshape(nx * ny, -1).copy()
+        options = dict(shot.options)
+        if options.get("level") == "auto":
+            options["level"] = level
+            if level == at_hand(shot.volume).meta.get("level", 0):
+                options["memory"] = None
+
+        def look_around(done: float) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if self._closed or self._is_wanted_elsewhere(page, shot, now):
+                raise _GivenUp
+            if picture is not None and now - last > _UPDATE and page.session.may_send(now):
+                last, done = now, min(parts[0] + done * (parts[1] - parts[0]), 0.99)
+                shown = picture.reshape(ny, nx, -1)
+                self._send(page, shot, shown, now - start, done=done, level=level)
+
+        def report(done: int, total: int) -> None:
+            look_around(done / max(total, 1))
+
+        in_pieces = options.get("memory") is not None
+        steps = in_steps(
+            shot.volume,
+            shot.drawn,
+            shot.camera,
+            seconds=_BATCH,
+            progress=report if in_pieces else silent,
+            **options,
         )
+        while True:
+            try:
+                pixel, intensity, _ = next(steps)
+            except StopIteration as end:
+                image: Image = end.value
+                return image
+            made += len(pixel)
+            if len(pixel) == nx * ny:  # what is drawn in pieces comes at once
+                continue
+            if picture is None:
+                look_around(0.0)
+                picture = self._first(shot, intensity.shape[-1], nx, ny)
+            picture[pixel] = intensity
+            look_around(min(made / (nx * ny), 1.0))
 
     def _quietly(self, shot: Shot, *, first_order: bool = False) -> np.ndarray:
         """Return a quick picture's intensities; warnings are for the picture at rest."""
@@ -248,9 +313,12 @@ class Painter:
             # Where steps can be wide takes 30 ms to find out for 128³ cells, and saves 10.
             scheme = PreIntegrated(coarseness=0.0)
         quick = {"scheme": scheme, "tolerance": None, "samples": 1, "antialias": None}
+        volume, options = at_hand(shot.volume), dict(shot.options)
+        if volume is not shot.volume:
+            quick |= {"level": None, "memory": None}
         with caught_warnings():
-            options = {**shot.options, **quick, "bounds": False, "progress": False}
-            return render(shot.volume, shot.drawn, shot.camera, **options).intensity
+            options |= {**quick, "bounds": False, "progress": False}
+            return render(volume, shot.drawn, shot.camera, **options).intensity
 
     def _first(self, shot: Shot, channels: int, nx: int, ny: int) -> np.ndarray:
         """Return what is shown of pixels that are not done: the quick picture, made larger."""
@@ -268,6 +336,16 @@ class Painter:
             return True
         return any(other.session.wants_preview(now) for other in self._pages())
 
+    def _send_image(
+        self, page: Page, shot: Shot, image: Image, start: float, **options: Any
+    ) -> None:
+        """Send a picture of which the error is known."""
+        top, error = float(np.nanmax(np.abs(image.intensity), initial=0.0)), image.error
+        worst = None if error is None or not top > 0 else float(np.nanmax(error)) / top
+        level = (image.provenance or {}).get("level", 0)
+        took = time.monotonic() - start
+        self._send(page, shot, image.intensity, took, error=worst, level=level, **options)
+
     def _send(
         self,
         page: Page,
@@ -280,6 +358,7 @@ class Painter:
         preview: bool = False,
         exact: bool = False,
         error: float | None = None,
+        level: int = 0,
     ) -> None:
         self._frame += 1
         head, payload = (float16 if exact else log_jpeg)(intensity)
@@ -297,6 +376,7 @@ class Painter:
             "done": done,
             "exact": exact,
             "error": error,
+            "level": level,
             "ms": 1000.0 * took,
             "exposure": self._exposures[look],
             **head,
@@ -304,6 +384,17 @@ class Painter:
         now = time.monotonic()
         page.session.sent(self._frame, shot.wish, now, took, preview=preview)
         page.send(message, payload)
+
+
+def _levels(shot: Shot) -> list[int]:
+    """Return the levels that are drawn one after another; of most volumes all cells at once."""
+    level = shot.options.get("level")
+    if level != "auto":
+        return [0 if level is None else level]
+    last = sufficient_level(shot.volume, shot.drawn, shot.camera)
+    quick = at_hand(shot.volume)
+    first = quick.meta["level"] if quick is not shot.volume else last
+    return list(range(max(first, last), last - 1, -1))
 
 
 _NOTHING = Coefficients(["0", "0", "0"], "0")

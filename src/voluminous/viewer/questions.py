@@ -20,7 +20,7 @@ from ..rendering import render
 from ..scene import settings
 from ..units import is_count, unit_name
 from ..volume import Volume
-from .painter import caught_warnings
+from .painter import at_hand, caught_warnings
 from .session import scaled
 from .share import IN_MEMORY, exported, filmed, tables_of, text_of
 
@@ -47,11 +47,13 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
     places = zip("xy", shot.pixels, strict=True)
     x, y = (min(int(_part(message, name) * n), n - 1) for name, n in places)
     options = {k: v for k, v in shot.options.items() if k in _RAY_OPTIONS}
-    ray = probe(shot.volume, shot.medium, shot.camera, (x, y), progress=False, **options)
+    volume = at_hand(shot.volume)
+    ray = probe(volume, shot.medium, shot.camera, (x, y), progress=False, **options)
     reply: Answer = {
         "x": message["x"],
         "y": message["y"],
         "pixel": [x, y],
+        "level": _level_of(volume, page),
         "intensity": listed(ray.intensity),
         "tau": listed(ray.optical_depth),
         "unit": ray.units.get("length", ""),
@@ -84,7 +86,7 @@ def ask_histogram(page: Client, message: Answer, progress: Progress) -> Answer:
     bins = int(message.get("bins", 256))
     if not 1 <= bins <= _MOST_BINS:
         raise InputError(f"bins must be from 1 to {_MOST_BINS}, got {bins}")
-    volume = page.explorer.volume
+    volume = at_hand(page.explorer.volume)
     expression = Expression(str(message["expr"]))
     values = np.asarray(volume.evaluate(expression)).ravel()
     values = values[:: max(1, len(values) // _MOST_CELLS)]
@@ -107,12 +109,13 @@ def ask_histogram(page: Client, message: Answer, progress: Progress) -> Answer:
         "high": number(back(high)),
         "unit": unit_name(volume.expression_unit(expression)),
         "log": logarithmic,
+        "level": _level_of(volume, page),
     }
 
 
 def ask_slice(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return the values in a plane across an axis."""
-    volume, axis = page.explorer.volume, int(message["axis"])
+    volume, axis = at_hand(page.explorer.volume), int(message["axis"])
     size = min(int(message.get("size", 256)), 1024)
     low, high = volume.grid.bounds[axis]
     place = low + _part(message, "at") * (high - low) * (1.0 - 1e-9)
@@ -128,6 +131,7 @@ def ask_slice(page: Client, message: Answer, progress: Progress) -> Answer:
         "high": number(ends[1]),
         "unit": unit_name(volume.expression_unit(Expression(str(message["expr"])))),
         "extent": listed(cut.extent),
+        "level": _level_of(volume, page),
     }
 
 
@@ -147,7 +151,7 @@ def ask_highlight(page: Client, message: Answer, progress: Progress) -> Answer:
         opacity=1e-6,
     )
     with caught_warnings():  # that nothing shows
-        image = render(shot.volume, medium, shot.camera, **_QUICK)
+        image = render(at_hand(shot.volume), medium, shot.camera, **_QUICK)
     seen = np.nan_to_num(image.intensity[::-1, :, 0])
     top = float(seen.max(initial=0.0))
     codes = np.sqrt(np.clip(seen / top, 0.0, 1.0)) * 255.0 if top > 0.0 else np.zeros_like(seen)
@@ -160,7 +164,7 @@ def ask_thumbnail(page: Client, message: Answer, progress: Progress) -> Answer:
     medium = _preset(page.explorer.volume, message.get("name"))
     shot = page.explorer.shot(page, scaled(page.session.size, _SMALL / page.session.size[0]))
     with caught_warnings():
-        image = render(shot.volume, medium, shot.camera, **_QUICK)
+        image = render(at_hand(shot.volume), medium, shot.camera, **_QUICK)
     return {"mime": "image/png", "data": text_of(image._repr_png_())}
 
 
@@ -221,6 +225,11 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
     "film": (ask_film, ("path", "frames", "fps", "width", "what", "series")),
 }
 """Function and keys of each kind of question, besides ``id``."""
+
+
+def _level_of(volume: Volume, page: Client) -> int:
+    """Return the level of the file that a quick answer is from, 0 being all cells."""
+    return 0 if volume is page.explorer.volume else int(volume.meta["level"])
 
 
 def _preset(volume: Volume, name: Any) -> Medium:
