@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import voluminous as vm
 from test_confined_walk import CAMERAS as WALKED
 from test_confined_walk import SHAPE, UNEVEN, UNIFORM
 from voluminous.errors import InputError, MemoryNeededError
+from voluminous.io.registry import open_lazily
 from voluminous.store import FieldStore
 
 VERTEX = [float(edges[4]) for edges in UNIFORM.edges]
@@ -50,6 +52,20 @@ def reads(monkeypatch):
 
     def counted(self, name, low, high, level=0):
         boxes.append((tuple(low), tuple(high)))
+        return read(self, name, low, high, level)
+
+    monkeypatch.setattr(FieldStore, "read", counted)
+    return boxes
+
+
+@pytest.fixture
+def ahead(monkeypatch):
+    """Return the list of the boxes that are read ahead: not of those of which samples are taken."""
+    boxes, read = [], FieldStore.read
+
+    def counted(self, name, low, high, level=0):
+        if threading.current_thread() is not threading.main_thread():
+            boxes.append((tuple(low), tuple(high)))
         return read(self, name, low, high, level)
 
     monkeypatch.setattr(FieldStore, "read", counted)
@@ -102,6 +118,25 @@ def test_observers_beside_the_wall_of_a_chunk(chunks):
             assert_same_bits(*both(volume, MEDIUM, camera, tolerance=None))
 
 
+@pytest.mark.parametrize("scheme", ["first-order", "pre-integrated"])
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_stored_chunks_are_read_once(camera, scheme, tmp_path, chunks, ahead):
+    # Rays that interpolate need a layer of chunks that were read before: of blocks on the near
+    # side, on whichever side of a wall the observer is.
+    volume, options = noise(UNIFORM), {"scheme": scheme}
+    volume.save(tmp_path / "a.zarr", chunks=3, stats=True)
+    stored = open_lazily(tmp_path / "a.zarr")
+    whole = vm.render(volume, MEDIUM, CAMERAS[camera], **options)
+    for side in (3, 6):
+        chunks(side)
+        del ahead[:]
+        image = vm.render(stored, MEDIUM, CAMERAS[camera], memory="1 GiB", **options)
+        assert_same_bits(whole, image)
+        # Here the observer is between the outer layers of two chunks: both are read at first.
+        between = 9 if (camera, scheme) == ("all around", "pre-integrated") else 0
+        assert len(ahead) <= np.prod([-(-n // 3) for n in SHAPE]) + between
+
+
 def test_pixels_beyond_the_tolerance_are_drawn_again(chunks, reads):
     chunks(5)
     for resolution in (24, 120):
@@ -143,12 +178,13 @@ def test_only_chunks_that_show_something_are_read(chunks, reads):
     values[8:12, 4:8, 12:16] = np.random.default_rng(1).uniform(0.9, 1.1, (4, 4, 4))
     volume["a"] = values
     blob = vm.Gaussian("a", 1.0, 0.05, (1, 1, 1), opacity=2, path_length=0.5)
-    for scheme, most in (("first-order", 1), ("post-classified", 8)):
+    # The cells of the chunk; and those of the eight blocks in which it is seen, with one layer.
+    for scheme, most in (("first-order", 4**3), ("post-classified", 8 * 5**3)):
         whole = vm.render(volume, blob, ORTHOGRAPHIC, scheme=scheme)
         del reads[:]
         parts = vm.render(volume, blob, ORTHOGRAPHIC, scheme=scheme, memory="1 GiB")
         ranges = 64
-        assert len(set(reads[ranges:])) <= most
+        assert sum(np.prod(np.subtract(high, low)) for low, high in set(reads[ranges:])) <= most
         # Faint places that the whole picture leaves out.
         scale = whole.intensity.max()
         error = 1e-7 * scale if whole.error is None else whole.error[..., None] + parts.error.max()
@@ -164,7 +200,8 @@ def test_chunks_behind_an_opaque_one_are_not_read(chunks, reads):
     camera = vm.Orthographic(0, 0, width=1.9, resolution=24)
     whole, parts = both(volume, opaque, camera, scheme="first-order")
     np.testing.assert_array_equal(parts.intensity, whole.intensity)
-    assert len(reads) == 64 + 16
+    # Some are read ahead while rays still go to the one before.
+    assert len(reads) <= 64 + 1.3 * 16
     np.testing.assert_array_equal(parts.optical_depth, whole.optical_depth)
 
 

@@ -237,11 +237,16 @@ class Outline(Volume):
             Bytes whatever the size of a block.
         """
         per_cell += 2 * sum(self.dtype(name).itemsize for name in self.stored(names))
-        side = largest_side(self, memory, per_cell, others)
+        side, _ = largest_side(self, memory, per_cell, others)
         ways = (range(0, n, s) for n, s in zip(self.grid.shape, side, strict=True))
         for low in itertools.product(*ways):
             ends = zip(low, side, self.grid.shape, strict=True)
             yield _box(low, [min(a + s, n) for a, s, n in ends])
+
+    def is_packed(self, name: str) -> bool:
+        """Return whether a file stores a field in chunks, of which it reads the whole."""
+        pieces = [self._fields.pieces(n) for n in self.stored([name]) if n in self._whole.waiting]
+        return any(part is not None and part.chunks is not None for part in pieces)
 
     @property
     def bytes_in_memory(self) -> int:
@@ -301,7 +306,7 @@ class Outline(Volume):
                 found = self._whole.tables[key][0]
             else:
                 table = self.store.extremes(name)
-                if table is not None and table.shape[:3] != self._counts():
+                if table is not None and table.shape[:3] != self.chunk_counts:
                     table = None  # of other chunks than those of the other fields
                 found = self._measured(name, table)
                 if key is not None:
@@ -316,7 +321,8 @@ class Outline(Volume):
         made = self._made.get(name)
         return ("extremes of chunks", name, *(() if made is None else (made[0], self.sight.key())))
 
-    def _counts(self) -> tuple[int, ...]:
+    @property
+    def chunk_counts(self) -> tuple[int, ...]:
         """Return the number of chunks along each axis."""
         return tuple(-(-n // c) for n, c in zip(self.grid.shape, self.store.chunks, strict=True))
 
@@ -328,7 +334,7 @@ class Outline(Volume):
         InputError
             If a value is infinite, or none is there.
         """
-        found = np.full((*self._counts(), 2), np.nan) if told is None else told.astype(np.float64)
+        found = np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
         missing = np.zeros(found.shape[:3], np.int64)
         for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):
             reporter()(0, self.grid.size)
@@ -392,8 +398,8 @@ def _box(low: Sequence[int], high: Sequence[int]) -> CellBox:
 
 def largest_side(
     outline: Outline, memory: Any, per_cell: float, others: int, need: str = "", advice: str = ""
-) -> tuple[int, int, int]:
-    """Return the sides of the blocks of chunks that a memory allows.
+) -> tuple[tuple[int, int, int], int]:
+    """Return the sides of the blocks of chunks that a memory allows, and the bytes left of it.
 
     Parameters
     ----------
@@ -409,7 +415,7 @@ def largest_side(
     MemoryNeededError
         If it does not allow even single chunks.
     """
-    chunks, widest = outline.store.chunks, None
+    chunks, widest, left = outline.store.chunks, None, 0
     for times in itertools.chain([1], itertools.count(2, 2)):
         side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
         needed = int(others + per_cell * math.prod(n + 2 for n in side))
@@ -421,9 +427,9 @@ def largest_side(
             )
         if needed > byte_count(memory) or (times > 1 and max(side) > _WIDEST) or side == widest:
             break
-        widest = side
+        widest, left = side, byte_count(memory) - needed
     assert widest is not None
-    return widest[0], widest[1], widest[2]
+    return (widest[0], widest[1], widest[2]), left
 
 
 class Pieces:
@@ -433,6 +439,10 @@ class Pieces:
     ----------
     side : tuple of three int
         Cells of a block along the axes: some chunks of the file.
+    dual : bool
+        Rays interpolate between the centres of cells.
+    room : int
+        Bytes that may be taken besides.
     sweep : Sweep or None
         Draws blocks in other processes, or keeps them in files.
     report : callable
@@ -453,6 +463,7 @@ class Pieces:
         self.side = self.outline.store.chunks
         # Coordinates between which the cells are met by rays, of each axis.
         self.walls = self.grid.edges
+        self.dual = False
         self.report: Report = silent
         self.lacking: tuple[str, ...] = ()
 
@@ -511,7 +522,8 @@ class Pieces:
         numbers = medium.channels + extinctions
         per_cell: float = 2 * sum(sizes) + 6 * max(numbers, len(medium.components()))
         path = numbers + extinctions
-        if scheme.coefficients_at == "field":
+        self.dual = scheme.coefficients_at == "field"
+        if self.dual:
             # Cells are met between the centres of those before and their own.
             self.walls = tuple(
                 np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.grid.edges
@@ -526,7 +538,7 @@ class Pieces:
         # Lanes; paths of all rays, of those in a block before and after it, and as results.
         others = _OTHERS + (96 + 20 * path) * pixels[0] * pixels[1]
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
-        self.side = largest_side(self.outline, self.memory, per_cell, others, *need)
+        self.side, self.room = largest_side(self.outline, self.memory, per_cell, others, *need)
 
     def boxes(self, parallel: bool, origin: np.ndarray, direction: np.ndarray) -> Iterator[CellBox]:
         """Yield the blocks front to back: rays meet their places at growing distances.
@@ -541,23 +553,32 @@ class Pieces:
         direction : float array, shape (3,)
             Of parallel rays.
         """
-        walls = [
-            [*range(0, n, side), n] for n, side in zip(self.grid.shape, self.side, strict=True)
-        ]
-        counts = [len(w) - 1 for w in walls]
-        if parallel:
-            center = [0 if d >= 0 else n - 1 for d, n in zip(direction, counts, strict=True)]
-        else:
-            center = [self._place(a, walls[a], origin[a]) for a in range(3)]
+        walls, center = [], []
+        for axis, (n, side) in enumerate(zip(self.grid.shape, self.side, strict=True)):
+            begin = [0, 0] if direction[axis] >= 0 else [n, n]
+            if not parallel:
+                begin = (np.searchsorted(self.walls[axis], origin[axis], "right") - 1).tolist()
+            # The block that a ray meets later takes the layer between two: of the other the layer
+            # of cells that it needs has been read before.
+            own = [w + 1 if self.dual and 0 < w < begin[0] else w for w in range(0, n, side)]
+            walls.append([*own, n])
+            first, last = (np.searchsorted(walls[-1], begin, "right") - 1).tolist()
+            if first != last:
+                raise InputError(
+                    "memory= needs rays that begin at one place, or are parallel: those of this "
+                    "camera begin in several chunks; draw without memory="
+                )
+            center.append(min(first, len(own) - 1) if parallel else first)
 
         def far(place: tuple[int, ...]) -> int:
             return sum(abs(i - c) for i, c in zip(place, center, strict=True))
 
-        for place in sorted(np.ndindex(*counts), key=far):
+        for place in sorted(np.ndindex(*(len(w) - 1 for w in walls)), key=far):
             low, high = zip(
                 *((w[i], w[i + 1]) for w, i in zip(walls, place, strict=True)), strict=True
             )
-            yield CellBox(low, high)
+            if all(a < b for a, b in zip(low, high, strict=True)):
+                yield CellBox(low, high)
 
     def blocks(self, boxes: Sequence[CellBox]) -> list[Block]:
         """Return boxes in blocks of k × k × k: few, that several processes draw."""
@@ -581,21 +602,9 @@ class Pieces:
             [(w[a], w[b]) for w, a, b in zip(self.walls, box.low, box.high, strict=True)]
         )
 
-    def _place(self, axis: int, walls: list[int], origin: np.ndarray) -> int:
-        """Return the number of the block that rays begin in along an axis; they may be outside."""
-        edges = self.walls[axis][walls]
-        first, last = (np.searchsorted(edges, origin, "right") - 1).tolist()
-        if first != last:
-            raise InputError(
-                "memory= needs rays that begin at one place, or are parallel: those of this camera "
-                "begin in several chunks; draw without memory="
-            )
-        return int(first)
-
-    def ranges(self, box: CellBox, names: Any, ghosts: bool) -> dict[str, Interval]:
-        """Return the ranges of fields and coordinates in a block; see `values`."""
-        if ghosts:
-            box = CellBox(_below(box), box.high)
+    def ranges(self, box: CellBox, names: Any) -> dict[str, Interval]:
+        """Return the ranges of fields and coordinates in a block; see `cells`."""
+        box = CellBox(*self.cells(box))
         return {name: self._range(box, name) for name in names}
 
     def _range(self, box: CellBox, name: str) -> Interval:
@@ -609,11 +618,49 @@ class Pieces:
             ends = coordinate_extremes(CartesianGrid(*edges), name)
         return Interval(*(np.asarray(end, np.float64) for end in ends))
 
-    def values(self, box: CellBox, names: Any, ghosts: bool) -> dict[str, np.ndarray]:
-        """Return fields of a block; with `ghosts`, and of one layer more on the low sides."""
-        low = _below(box) if ghosts else box.low
-        store = self.outline.store
-        return {n: store.read(n, low, box.high) for n in names if n in self.outline}
+    def ranges_of_chunks(self, names: Any) -> dict[str, Interval]:
+        """Return the ranges in every chunk, arrays of three axes; see `chunk_ends`."""
+        grids = {}
+        for name in names:
+            if name in self.outline:
+                ends = np.moveaxis(self.outline.extremes(name).astype(np.float64), -1, 0)
+                grids[name] = self._with_neighbours(*ends)
+                continue
+            walls = [
+                np.stack([e[:-1:c], np.append(e[c:-1:c], e[-1])])
+                for e, c in zip(self.grid.edges, self.outline.store.chunks, strict=True)
+            ]
+            parts = [
+                self._with_neighbours(*np.reshape(w, (2, *(-1 if k == a else 1 for k in range(3)))))
+                for a, w in enumerate(walls)
+            ]
+            if name == "r":
+                squares = [part * part for part in parts]
+                low, high = (sum(s.lo for s in squares), sum(s.hi for s in squares))
+                grids[name] = Interval(np.sqrt(low), np.sqrt(high))
+            else:
+                grids[name] = parts["xyz".index(name)]
+        return grids
+
+    def _with_neighbours(self, low: np.ndarray, high: np.ndarray) -> Interval:
+        """Return ranges in chunks; if rays interpolate, in those that share an edge, too."""
+        for axis in range(3 if self.dual else 0):
+            for ends, furthest in ((low, np.minimum), (high, np.maximum)):
+                lines = np.moveaxis(ends, axis, 0)
+                own = lines.copy()
+                furthest(lines[1:], own[:-1], out=lines[1:])
+                furthest(lines[:-1], own[1:], out=lines[:-1])
+        return Interval(low, high)
+
+    def cells(self, box: CellBox) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+        """Return the first cells and the last, plus one, that drawing a block needs.
+
+        If rays interpolate, one layer more on the low sides.
+        """
+        if not self.dual:
+            return box.low, box.high
+        x, y, z = (max(a - 1, 0) for a in box.low)
+        return (x, y, z), box.high
 
 
 def _with(volume: Volume, names: Any) -> Volume:
@@ -625,9 +672,3 @@ def _with(volume: Volume, names: Any) -> Volume:
             del lean[name]
     lean.tables = volume.tables
     return lean
-
-
-def _below(box: CellBox) -> tuple[int, int, int]:
-    """Return the first cell of a box with one layer more on the low sides."""
-    x, y, z = (max(a - 1, 0) for a in box.low)
-    return x, y, z

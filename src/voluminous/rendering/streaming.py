@@ -8,7 +8,7 @@ import json
 import math
 import pickle
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -19,14 +19,15 @@ from ..backend import Backend, dr, from_host
 from ..backend.functions import flush_subnormal
 from ..backend.types import Float
 from ..errors import InputError
+from ..expressions.interval import Interval
 from ..grids.contract import CellBox
 from ..media.ranges import RangeContext
 from ..schemes.base import Position
 from ..schemes.path import Path
+from .chunks import Chunks
 from .march import RayState, hand_on, march
 from .missing import HiddenCells, Hiding
 from .pixels import Lanes
-from .sources.interpolated import Interpolated
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ _MARGIN = 1e-3
 _SENT = 16 << 20
 # With fewer cells than this for each that a ray crosses a table is made first.
 _CELLS_PER_STEP = 0.5
+# With more steps than this for each cell quads are made, which rays gather faster.
+_STEPS_PER_QUAD = 0.5
 
 
 class StreamingTracer(RayTracer):
@@ -63,6 +66,10 @@ class StreamingTracer(RayTracer):
         nx, ny = job.frame.pixels
         self.batch = max(self.batch, (nx + _GROUP) * (ny + _GROUP))  # blocks are read once
         self._done, self._counts = 0, False
+        several = job.scheme.controlled or job.samples > 1 or len(self.blocks) > 1
+        pieces = self.pieces
+        self.chunks = Chunks(pieces.outline, pieces.room, again=several, layers=pieces.dual)
+        self._shown: dict[int, np.ndarray] = {}
 
     def _frame(
         self,
@@ -90,16 +97,37 @@ class StreamingTracer(RayTracer):
             write_paths(self._rows_of(number, rows), values, batch.lanes, batch.first)
 
     def through(self, part: RayTracer, rays: Rays, boxes: Iterable[CellBox]) -> None:
-        """Let rays go through boxes of cells, one after another."""
-        for box in boxes:
-            chosen = rays.meeting(self.pieces.extent(box))
-            if len(chosen):
-                if self.visible(part, box):
-                    self._through(part, rays, chosen, box)
-                else:
+        """Let rays go through boxes of cells, one after another; the next one is read meanwhile."""
+        left, following = iter(boxes), deque[tuple[CellBox, np.ndarray, bool]]()
+        names = [n for n in self.job.medium.names if n in self.pieces.outline]
+
+        def look_ahead() -> None:
+            for box in left:
+                chosen = rays.meeting(self.pieces.extent(box))
+                seen = len(chosen) > 0 and self.visible(part, box)
+                following.append((box, chosen, seen))
+                if seen:
+                    for name in names:
+                        self.chunks.ahead(name, *self.pieces.cells(box), self.shown(part))
+                    break
+
+        try:
+            look_ahead()
+            while following:
+                box, chosen, seen = following.popleft()
+                chosen = rays.unfinished(chosen)
+                if seen and len(chosen):
+                    self._through(part, rays, chosen, box, look_ahead)
+                elif seen:
+                    self.chunks.forget()
+                elif len(chosen):
                     self._past(part, rays, chosen, box)
-            if self.pieces.sweep is None:
-                self.drawn([box])
+                if not following:
+                    look_ahead()
+                if self.pieces.sweep is None:
+                    self.drawn([box])
+        finally:
+            self.chunks.forget()
 
     def drawn(self, boxes: Iterable[CellBox]) -> None:
         """Report boxes that are done."""
@@ -159,23 +187,42 @@ class StreamingTracer(RayTracer):
         """Return whether the medium may be visible in a block."""
         if self.scheme.everywhere:
             return True
-        medium, volume = self.job.medium, self.job.volume
-        dual = isinstance(part.source, Interpolated)
-        faint = part.source.context.faint if dual else _FAINTEST
+        return bool(np.any(self._visible_in(part, self.pieces.ranges(box, self.job.medium.names))))
+
+    def shown(self, part: RayTracer) -> np.ndarray:
+        """Return in which chunks the medium may be visible, whatever block they are part of."""
+        if part.first not in self._shown:
+            shown: Any = True
+            if not self.scheme.everywhere:
+                ranges = self.pieces.ranges_of_chunks(self.job.medium.names)
+                shown = self._visible_in(part, ranges)
+            self._shown[part.first] = np.broadcast_to(shown, self.pieces.outline.chunk_counts)
+        return self._shown[part.first]
+
+    def _visible_in(self, part: RayTracer, ranges: dict[str, Interval]) -> np.ndarray:
+        volume = self.job.volume
+        faint = part.source.context.faint if self.pieces.dual else _FAINTEST
         context = RangeContext(volume.unit, volume.expression_unit, faint)
         with np.errstate(all="ignore"):
-            ranges = self.pieces.ranges(box, medium.names, dual)
-            return bool(np.any(medium.visible_in(ranges, context)))
+            return np.asarray(self.job.medium.visible_in(ranges, context))
 
     def _walk(self, box: CellBox) -> Any:
         return self.job.volume.grid.walk(self.backend, self.job.walk_kind, box)
 
-    def _through(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
+    def _through(
+        self,
+        part: RayTracer,
+        rays: Rays,
+        chosen: np.ndarray,
+        box: CellBox,
+        meanwhile: Callable[[], None],
+    ) -> None:
         """Let rays go through a block, and remember their state."""
-        source, hidden = self._source(part.source, box, len(chosen))
+        source, hidden = self._source(part, box, len(chosen))
         walk, scheme = self._walk(box), self.scheme
         if hidden is not None:
             scheme = Hiding(scheme, HiddenCells(hidden).on(self.backend))
+        meanwhile()
         ray, before = rays.some(chosen)
         _, cursor = walk.enter(ray)
         after = march(walk, source, scheme, ray, before, part.ending, False)
@@ -197,16 +244,23 @@ class StreamingTracer(RayTracer):
         dr.eval(state)
         rays.put(chosen, _mapped(lambda a: a.numpy(), state))
 
-    def _source(self, source: Any, box: CellBox, rays: int) -> tuple[Any, np.ndarray | None]:
+    def _source(
+        self, part: RayTracer, box: CellBox, rays: int
+    ) -> tuple[Any, np.ndarray | None]:
         """Return the coefficients in a block, and which of its cells are hidden."""
-        names, pieces = self.job.medium.names, self.pieces
-        if isinstance(source, Interpolated):
-            return source.within(pieces.values(box, names, ghosts=True)), None
-        values = pieces.values(box, names, ghosts=False)
+        source, pieces = part.source, self.pieces
+        values = {
+            name: self.chunks.box(name, *pieces.cells(box), self.shown(part), int(pieces.dual))
+            for name in self.job.medium.names
+            if name in pieces.outline
+        }
+        sides = [b - a for a, b in zip(box.low, box.high, strict=True)]
+        cells, steps = math.prod(sides), rays * sum(sides) / 2
+        if pieces.dual:
+            return source.within(values, steps > _STEPS_PER_QUAD * cells), None
         hidden = pieces.hidden(box, values)
         volume = pieces.outline.volume(box, values)
-        steps = rays * volume.grid.cells_across / 2
-        if volume.grid.size < _CELLS_PER_STEP * steps and source.real is self.backend.Wide:
+        if cells < _CELLS_PER_STEP * steps and source.real is self.backend.Wide:
             return source.tabulated(volume, box.low), hidden
         return source.within(volume, box.low), hidden
 
@@ -309,8 +363,11 @@ class Rays:
         u, v = self.u[chosen], self.v[chosen]
         inside = (u >= low[0]) & (u <= high[0]) & (v >= low[1]) & (v <= high[1])
         chosen = chosen[inside & self.there[chosen] & ~self.state.over[chosen]]
-        if len(chosen):
-            chosen = chosen[self._through_box(chosen, extent)]
+        return np.asarray(chosen[self._through_box(chosen, extent)] if len(chosen) else chosen)
+
+    def unfinished(self, chosen: np.ndarray) -> np.ndarray:
+        """Return those of some rays that are not at their end, on at least two lanes."""
+        chosen = chosen[~self.state.over[chosen]]
         # Kernels of one lane differ from those of many.
         return np.resize(chosen, 2) if len(chosen) == 1 else chosen
 

@@ -164,9 +164,10 @@ def cartesian_lattices(
     arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[FacePackets | NodalValues]:
     """Return the `Grid.lattice` of Cartesian grids, each in the faster layout."""
+    units = [_checked_unit(array, backend, _padded_size(array.shape)) for array in arrays]
     return [
-        cartesian_lattice(array, backend, _checked_unit(array, backend, _padded_size(array.shape)))
-        for array in arrays
+        cartesian_lattice(np.pad(array, 1, mode="edge"), backend, unit)
+        for array, unit in zip(arrays, units, strict=True)
     ]
 
 
@@ -175,13 +176,20 @@ def _padded_size(shape: tuple[int, ...]) -> int:
 
 
 def cartesian_lattice(
-    array: np.ndarray, backend: Backend, unit: float
+    padded: np.ndarray, backend: Backend, unit: float, quads: bool = True
 ) -> FacePackets | NodalValues:
-    """Return a field of a Cartesian grid, divided by a unit, in the faster layout."""
-    nx, ny, nz = (int(n) for n in array.shape)
-    size = 4 * (nx + 2) * (ny + 1) * (nz + 1) * backend.dtype.itemsize
-    padded = np.pad(array, 1, mode="edge")
-    if size <= _LARGEST_QUADS and fits(4 * size):
+    """Return a field of a Cartesian grid, divided by a unit, in the faster layout.
+
+    Parameters
+    ----------
+    padded : array
+        Values with a rim of one layer, which repeats the outermost ones.
+    quads : bool
+        Whether rays look at so many cells that quads pay, if they fit into memory.
+    """
+    nx, ny, nz = (int(n) for n in padded.shape)
+    size = 4 * nx * (ny - 1) * (nz - 1) * backend.dtype.itemsize
+    if quads and size <= _LARGEST_QUADS and fits(4 * size):
         return make_faces(padded, backend, unit)
     return make_nodes(padded, backend, unit)
 

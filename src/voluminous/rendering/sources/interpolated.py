@@ -166,11 +166,15 @@ class Interpolated:
     def accept(self, front: Path, panel: Path, where: Mask) -> None:
         """Take note of a panel that is accepted, and of the part of its segment in front of it."""
 
-    def within(self, fields: dict[str, np.ndarray]) -> Interpolated:
-        """Return the source in a box of cells, given these and one layer more on the low sides."""
+    def within(self, padded: dict[str, np.ndarray], quads: bool) -> Interpolated:
+        """Return the source in a box of cells, given these and one layer more on the low sides.
+
+        Around them is a rim of one layer, which repeats the outermost ones; see also `quads` of
+        `cartesian_lattice`.
+        """
         part = copy.copy(self)
         part.lattices = {
-            name: cartesian_lattice(fields[name], self.backend, lattice.unit)
+            name: cartesian_lattice(padded[name], self.backend, lattice.unit, quads)
             for name, lattice in self.lattices.items()
         }
         return part
