@@ -334,7 +334,9 @@ class Outline(Volume):
         InputError
             If a value is infinite, or none is there.
         """
-        found = np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
+        found = (
+            np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
+        )
         missing = np.zeros(found.shape[:3], np.int64)
         for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):
             reporter()(0, self.grid.size)

@@ -244,9 +244,7 @@ class StreamingTracer(RayTracer):
         dr.eval(state)
         rays.put(chosen, _mapped(lambda a: a.numpy(), state))
 
-    def _source(
-        self, part: RayTracer, box: CellBox, rays: int
-    ) -> tuple[Any, np.ndarray | None]:
+    def _source(self, part: RayTracer, box: CellBox, rays: int) -> tuple[Any, np.ndarray | None]:
         """Return the coefficients in a block, and which of its cells are hidden."""
         source, pieces = part.source, self.pieces
         values = {
