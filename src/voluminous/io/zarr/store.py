@@ -125,7 +125,13 @@ def _open(store: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files that are no part of the hierarchy
-        return zarr.open(_careful()(store), mode="r")
+        try:
+            return zarr.open(_careful()(store), mode="r")
+        except FileNotFoundError:
+            names = ", ".join(_NODES)
+            raise FileFormatError(
+                f"there is no Zarr store here, which has one of {names}"
+            ) from None
 
 
 @functools.cache

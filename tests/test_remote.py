@@ -1,0 +1,184 @@
+"""Stores on servers: read in pieces, opened once, tried again; errors in words."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import pickle
+import secrets
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from voluminous.io.registry import open_lazily
+
+pytest.importorskip("zarr", "3")
+fsspec = pytest.importorskip("fsspec")
+
+RHO = np.random.default_rng(8).random((12, 8, 6), np.float32)
+VOLUME = vm.Volume(vm.CartesianGrid.uniform(RHO.shape, (-1, 1), unit="pc"), rho=RHO)
+MEDIUM = vm.Gaussian("rho", 0.5, 0.1, "orange", opacity=0.5, path_length="1 pc")
+CAMERA = vm.Orthographic(60, 30, width="4 pc", resolution=16)
+UnreachableError = pytest.importorskip("voluminous.io.zarr.store").UnreachableError
+
+
+class Server:
+    """Serves a directory; notes what is asked for, and fails as told."""
+
+    def __init__(self, directory):
+        self.asked, self.failures, self.status = [], 0, 503
+        outer = self
+
+        class Handler(SimpleHTTPRequestHandler):
+            def log_message(self, *_):
+                pass
+
+            def do_GET(self):
+                outer.asked.append(self.path)
+                if outer.failures:
+                    outer.failures -= 1
+                    self.send_error(outer.status)
+                else:
+                    super().do_GET()
+
+        handler = functools.partial(Handler, directory=str(directory))
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        Thread(target=self.server.serve_forever, daemon=True).start()
+        self.url = f"http://127.0.0.1:{self.server.server_port}"
+
+
+@pytest.fixture
+def server(tmp_path, monkeypatch):
+    pytest.importorskip("aiohttp")
+    monkeypatch.setattr("voluminous.io.zarr.store._WAITS", (0.0, 0.0))
+    VOLUME.save(tmp_path / "a.zarr", chunks=4, levels=True, stats=True)
+    served = Server(tmp_path)
+    yield served
+    served.server.shutdown()
+
+
+def test_a_picture_over_http_reads_each_chunk_once(server):
+    volume = open_lazily(f"{server.url}/a.zarr")
+    # The root tells of all arrays.
+    assert not [path for path in server.asked if "/fields" in path or "levels" in path]
+    server.asked.clear()
+    image = vm.render(volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB")
+    assert volume.waiting == ("rho",)
+    whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
+    np.testing.assert_array_equal(image.intensity, whole.intensity)
+    assert len(server.asked) == len(set(server.asked)) <= 1 + 3 * 2 * 2
+    assert not [path for path in server.asked if "json" in path]
+    other = pickle.loads(pickle.dumps(volume))
+    np.testing.assert_array_equal(other.store.read("rho", (3, 1, 2), (9, 8, 6)), RHO[3:9, 1:, 2:])
+    assert other.store.shape(1) == (6, 4, 3)
+
+
+@pytest.mark.parametrize("status", [500, 503, 429])
+def test_what_fails_is_tried_again(server, status):
+    store = open_lazily(f"{server.url}/a.zarr").store
+    store.extremes("rho")
+    server.failures, server.status = 2, status
+    np.testing.assert_array_equal(store.read("rho", (0, 0, 0), (4, 4, 4)), RHO[:4, :4, :4])
+    server.asked.clear()
+    server.failures = 1000
+    where = rf"{server.url}/a\.zarr: /fields/rho\[.*fields/rho/c/1/0/0 cannot be read, tried 3 "
+    with pytest.raises(UnreachableError, match=where) as failure:
+        store.read("rho", (4, 0, 0), (8, 4, 4))
+    assert len(server.asked) == 3
+    # Tasks of an executor are tried again for such errors.
+    assert isinstance(failure.value, OSError)
+    with pytest.raises(UnreachableError, match=rf"{server.url}/a\.zarr: \S+ cannot be read"):
+        vm.open(f"{server.url}/a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("status", "message"), [(403, "access to .* is denied"), (401, "is denied"), (400, "cannot be")]
+)
+def test_what_is_refused_is_not_tried_again(server, status, message):
+    server.failures, server.status = 1000, status
+    with pytest.raises(UnreachableError, match=message):
+        vm.open(f"{server.url}/a.zarr")
+    assert len(server.asked) <= 6
+
+
+def test_what_is_not_there(server):
+    with pytest.raises(vm.FileFormatError, match=rf"{server.url}/b\.zarr: there is no Zarr store"):
+        vm.open(f"{server.url}/b.zarr")
+    server.server.shutdown()
+    server.server.server_close()
+    with pytest.raises(UnreachableError, match=r"tried 3 times \(ClientConnectorError"):
+        vm.open(f"{server.url}/a.zarr")
+
+
+def test_a_silent_server(server, monkeypatch):
+    for name in ("_CONNECT", "_SILENCE"):
+        monkeypatch.setattr(f"voluminous.io.zarr.store.{name}", 0.1)
+    silent = ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler)
+    # It takes connections, and never answers.
+    with pytest.raises(UnreachableError, match="Timeout"):
+        vm.open(f"http://127.0.0.1:{silent.server_port}/a.zarr")
+    silent.server_close()
+
+
+def test_a_lost_chunk_is_missed_over_http(server, tmp_path):
+    volume = open_lazily(f"{server.url}/a.zarr")
+    (tmp_path / "a.zarr/fields/rho/c/0/1/0").unlink()
+    with pytest.raises(vm.FileFormatError, match=r"http.*missing .*level 0, chunk \(0, 1, 0\)"):
+        vm.render(volume, MEDIUM, CAMERA, memory="1 GiB")
+
+
+def test_a_store_that_was_written_anew_is_opened_anew(server, tmp_path):
+    vm.open(f"{server.url}/a.zarr")
+    (tmp_path / "a.zarr").rename(tmp_path / "old.zarr")
+    vm.models.sphere(4).save(tmp_path / "a.zarr")
+    assert vm.open(f"{server.url}/a.zarr").grid.shape == (4, 4, 4)
+
+
+@pytest.fixture
+def bucket(tmp_path, monkeypatch):
+    """Serve a volume as S3 does."""
+    pytest.importorskip("s3fs")
+    moto = pytest.importorskip("moto.server")
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = moto.ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    settings = {"ACCESS_KEY_ID": "a", "SECRET_ACCESS_KEY": "b", "DEFAULT_REGION": "us-east-1"}
+    settings |= {"ENDPOINT_URL": f"http://{host}:{port}", "EC2_METADATA_DISABLED": "true"}
+    for name, value in settings.items():
+        monkeypatch.setenv(f"AWS_{name}", value)
+    VOLUME.save(tmp_path / "a.zarr", chunks=4, stats=True)
+    system = fsspec.filesystem("s3", s3_additional_kwargs={"ACL": "public-read"})
+    # Buckets outlive the server.
+    name = f"bucket-{secrets.token_hex(4)}"
+    system.mkdir(name)
+    system.put(str(tmp_path / "a.zarr"), f"{name}/a.zarr", recursive=True)
+    type(system).clear_instance_cache()
+    yield f"s3://{name}"
+    type(system).clear_instance_cache()
+    server.stop()
+
+
+def test_a_picture_from_s3(bucket):
+    volume = open_lazily(f"{bucket}/a.zarr")
+    image = vm.render(volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB")
+    assert volume.waiting == ("rho",)
+    whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
+    np.testing.assert_array_equal(image.intensity, whole.intensity)
+    with pytest.raises(vm.FileFormatError, match=rf"{bucket}/b\.zarr: there is no Zarr store"):
+        vm.open(f"{bucket}/b.zarr")
+
+
+def test_without_credentials(bucket, monkeypatch):
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", "/nothing")
+    with pytest.raises(UnreachableError, match=r"is denied .*NoCredentialsError.*FSSPEC_S3_ANON"):
+        vm.open(f"{bucket}/a.zarr")
+    monkeypatch.setenv("FSSPEC_S3_ANON", "true")
+    monkeypatch.setattr("fsspec.config.conf", {})
+    fsspec.config.set_conf_env(fsspec.config.conf)
+    np.testing.assert_array_equal(vm.open(f"{bucket}/a.zarr").array("rho"), RHO)
