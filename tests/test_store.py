@@ -248,7 +248,7 @@ def as_leaves(path):
 @pytest.mark.parametrize("kind", ["memory", "native", "packed", "radmc3d"])
 def test_leaves_of_a_tree(tmp_path, monkeypatch, kind):
     """They are counted along one axis; those of RADMC-3D's octrees are mapped."""
-    monkeypatch.setattr("voluminous.store.SIDE", 2)
+    monkeypatch.setattr("voluminous.store.LEAVES", 8)
     volume = as_leaves(tmp_path)
     if kind == "radmc3d":
         del volume["unit_"]

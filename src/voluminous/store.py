@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 # Cells along the sides of a chunk where a file does not say: 8 MiB of single precision.
 SIDE = 128
+# Cells of a refined grid in a chunk: 1 MiB of single precision.
+LEAVES = 1 << 18
 
 
 class Store(Protocol):
@@ -77,7 +79,7 @@ class FieldStore:
         self._trusts = True
         pieces = [p for p in map(fields.pieces, fields) if p is not None]
         first = next((p for p in pieces if p.chunks), None)
-        usual = (SIDE,) * 3 if len(shape) == 3 else (SIDE**3,)
+        usual = (SIDE,) * 3 if len(shape) == 3 else (LEAVES,)
         stored = list(first.chunks if first and first.chunks else usual)
         if first is not None and first.extremes is None:
             stored = _several(stored)
@@ -183,7 +185,7 @@ def _several(chunk: Sequence[int]) -> list[int]:
     sides = [int(n) for n in chunk]
     for axis in np.argsort(sides, kind="stable"):
         others = math.prod(sides) // sides[axis]
-        most = min(SIDE ** (3 if len(sides) == 1 else 1), SIDE**3 // others)
+        most = min(SIDE, SIDE**3 // others) if len(sides) == 3 else LEAVES
         sides[axis] *= max(1, most // sides[axis])
     return sides
 

@@ -40,6 +40,8 @@ class Ray:
         The walk is confined to ``first <= t <= last``; None where it is not.
     active : array of Bool or None
         Lanes that are rays at all.
+    waiting : cursor or None
+        Where rays go on, in a walk confined to some leaves of a tree; None where they enter.
     """
 
     origin: list[Float]
@@ -47,6 +49,7 @@ class Ray:
     first: Float = None
     last: Float = None
     active: Mask = None
+    waiting: Any = None
 
 
 @dataclass
@@ -98,13 +101,13 @@ class Corners:
 
 @dataclass(frozen=True)
 class CellBox:
-    """A box of cells of a structured grid, to which a walk is confined.
+    """A box of cells to which a walk is confined; of trees, some consecutive leaves.
 
-    `low` and `high` are the first cell along each axis, and the one after the last.
+    `low` and `high` are the first cell along each axis of a field, and the one after the last.
     """
 
-    low: tuple[int, int, int]
-    high: tuple[int, int, int]
+    low: tuple[int, ...]
+    high: tuple[int, ...]
 
     @property
     def with_ghosts(self) -> tuple[slice, slice, slice]:
@@ -390,7 +393,9 @@ class Grid:
             centres; ``"substeps"``: through the cells in the sub-steps of RADMC-3D.
         box : CellBox, optional
             Confine it to these cells. Geometry and distances are those of the whole domain; cells
-            are numbered within the box, and vertices of the dual walk within `Box.with_ghosts`.
+            are numbered within the box, and vertices of the dual walk within
+            `CellBox.with_ghosts`. Rays through some leaves of a tree go on where they are
+            `Ray.waiting`.
 
         Raises
         ------
@@ -404,7 +409,8 @@ class Grid:
         if box is not None:
             raise InputError(
                 f"rays through a {type(self).__name__} cannot be confined to a box of its cells "
-                "(box=): only CartesianGrid can, with the walks 'cells' and 'dual'"
+                "(box=): CartesianGrid can, with the walks 'cells' and 'dual'; octrees and patches "
+                "to consecutive leaves, CellBox((first,), (last,))"
             )
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:

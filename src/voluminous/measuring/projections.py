@@ -15,7 +15,7 @@ from ..packages import room
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.options import refuse_unusable
-from ..rendering.pieces import Pieces
+from ..rendering.pieces import pieces_of
 from ..rendering.run import make_tracer
 from ..schemes import get_scheme
 from ..schemes.base import Position, Scheme, Source
@@ -57,7 +57,7 @@ def scan(
     Results are of shape (k, ny, nx) and type float64. Coefficients are in this unit, and distances
     in that of the grid's scale: single precision may not hold them in units of the volume.
     """
-    pieces = None if memory is None else Pieces(volume, medium, memory)
+    pieces = None if memory is None else pieces_of(volume, medium, memory)
     options |= {"scheme": scheme, "cutoff": 0.0, "pieces": pieces}
     job, _ = prepare(volume if pieces is None else pieces.outline, medium, camera, **options)
     nx, ny = job.frame.pixels

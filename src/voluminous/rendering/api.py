@@ -24,7 +24,7 @@ from .layers import with_channels
 from .levels import at_level
 from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
-from .pieces import Pieces
+from .pieces import pieces_of
 from .prepare import prepare
 from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
@@ -117,8 +117,8 @@ def render(
     memory : str or int, optional
         The memory that drawing may take, such as ``"2 GiB"``: the volume is read and drawn chunk by
         chunk, front to back, and may be larger than memory. For Cartesian grids and the schemes
-        ``"post-classified"``, ``"pre-integrated"`` and ``"first-order"``; see the page on large
-        data. By default all of it is read.
+        ``"post-classified"``, ``"pre-integrated"`` and ``"first-order"``, and for octrees and
+        patches with the last; see the page on large data. By default all of it is read.
     executor : concurrent.futures.Executor or Dask client, optional
         Processes that draw blocks of chunks, which they read from files that all of them see;
         `memory` is that of each (2 GiB by default). The picture is the same to the bit for any
@@ -226,7 +226,7 @@ def in_steps(
         sweep = Sweep(executor, checkpoint)
     if memory is not None or sweep is not None:
         choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
-        pieces = Pieces(volume, medium, memory, sweep, **choices)
+        pieces = pieces_of(volume, medium, memory, sweep, **choices)
         volume = pieces.outline
     if medium is None and isinstance(volume, Volume):
         medium, fitted = first_medium(volume), True

@@ -58,12 +58,15 @@ class RayState:
     begun, over : array of Bool or None
         Lanes that have entered a piece (the scheme starts the others where they enter), and that
         have reached the cut-off; None if there are none.
+    cursor : cursor or None
+        Where lanes wait in the whole grid, of walks confined to some leaves of a tree.
     """
 
     path: Path
     carried: list[Float] | None = None
     begun: Mask = None
     over: Mask = None
+    cursor: Any = None
 
 
 @dataclass
@@ -140,4 +143,5 @@ def march(
 def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:
     """Return the rays' state for the next piece, given the lanes that `entered` this one."""
     begun = entered if before.begun is None else before.begun | entered
-    return RayState(after.path, after.carried, begun, after.over)
+    cursor = None if before.cursor is None else after.cursor
+    return RayState(after.path, after.carried, begun, after.over, cursor)

@@ -139,7 +139,12 @@ def check_in_pieces(
             f"medium, camera, memory='2 GiB'); got {type(volume).__name__} and "
             f"{type(medium).__name__}"
         )
-    check_cartesian(grid)
+    if grid.kind not in ("cartesian", "octree", "patches"):
+        raise InputError(
+            "memory= draws Cartesian grids chunk by chunk, octrees and patches part by part; this "
+            f"is a {type(grid).__name__}: leave out memory=, or "
+            "volume.resample(vm.CartesianGrid.uniform(…))"
+        )
     choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
     usual = {"order": ORDERS[0], "antialias": None, "bounds": False, "objects": ()}
     for name, value in choices.items():
@@ -156,8 +161,13 @@ def check_in_pieces(
         )
 
 
-def check_scheme_in_pieces(scheme: Scheme) -> None:
+def check_scheme_in_pieces(scheme: Scheme, grid: Grid) -> None:
     """Refuse schemes that need more than one layer of cells around a chunk."""
+    if not grid.is_structured and scheme.coefficients_at != "cell":
+        raise InputError(
+            f"scheme {scheme.name!r} needs the values around each cell of a {type(grid).__name__}, "
+            "which memory= does not have: use scheme='first-order'"
+        )
     if scheme.coefficients_at == "vertex":
         raise InputError(
             f"scheme {scheme.name!r} cannot draw chunk by chunk (memory=): use "

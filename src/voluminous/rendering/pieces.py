@@ -22,13 +22,15 @@ from ..expressions import Expression, required_names
 from ..expressions.interval import Interval
 from ..fields import coordinate_extremes
 from ..grids import CartesianGrid
-from ..grids.contract import CellBox
+from ..grids.contract import CellBox, Grid
+from ..grids.some_cells import SomeCells
 from ..progress import Report, reporter, silent
 from ..store import FieldStore
 from ..volume import Volume
 from .options import check_in_pieces
 
 if TYPE_CHECKING:
+    from ..grids.trees.parts import Parts
     from ..media.contract import Medium
     from ..schemes.base import Scheme
     from ..store import FieldStore
@@ -45,6 +47,8 @@ _SAMPLED = 16
 _MOST_BLOCKS = 200
 # Temporary arrays of classification, kernels and what Dr.Jit keeps of freed memory.
 _OTHERS = 160 << 20
+# Bytes of a ray's place in a tree: on the host, and before and after a block.
+_WAITING = 240
 
 
 def byte_count(memory: Any) -> int:
@@ -106,9 +110,10 @@ class FlatField:
             return np.asarray(whole.reshape(-1)[index])
         if isinstance(index, slice):
             first, last, _ = index.indices(self.size)
-            plane = self.shape[1] * self.shape[2]
-            low = first // plane
-            layers = self._read((low, 0, 0), (-(-last // plane), *self.shape[1:])).reshape(-1)
+            plane = math.prod(self.shape[1:])
+            low, others = first // plane, self.shape[1:]
+            begin, end = (low, *(0 for _ in others)), (-(-last // plane), *others)
+            layers = self._read(begin, end).reshape(-1)
             return layers[first - low * plane : last - low * plane]
         cell = np.stack(np.unravel_index(index, self.shape))
         chunks = np.array(self._outline.store.chunks)[:, None]
@@ -215,9 +220,13 @@ class Outline(Volume):
 
     def volume(self, box: CellBox, fields: Mapping[str, np.ndarray]) -> Volume:
         """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
-        edges = [e[a : b + 1] for e, a, b in zip(self.grid.edges, box.low, box.high, strict=True)]
-        grid = CartesianGrid(*edges, unit=self.grid.unit)
-        grid.__dict__["scale"] = self.grid.scale
+        grid: Grid
+        if self.grid.is_structured:
+            ends = zip(self.grid.edges, box.low, box.high, strict=True)
+            grid = CartesianGrid(*(e[a : b + 1] for e, a, b in ends), unit=self.grid.unit)
+            grid.__dict__["scale"] = self.grid.scale
+        else:
+            grid = SomeCells(self.grid, box.low[0], box.high[0])
         part = Volume(grid)
         part._fields.update(fields)
         part._units.update(self._units)
@@ -277,7 +286,7 @@ class Outline(Volume):
         return name.encode()  # caches of an outline are its own
 
     def extremes(self, name: str) -> np.ndarray:
-        """Return the least and the largest value in each chunk, shape (kx, ky, kz, 2).
+        """Return the least and the largest value in each chunk, shape (kx, ky, kz, 2) or (k, 2).
 
         They are measured once, unless the file tells; of fields in memory for every picture.
         Missing values do not count; a chunk without any other has the least value of the field.
@@ -306,7 +315,7 @@ class Outline(Volume):
                 found = self._whole.tables[key][0]
             else:
                 table = self.store.extremes(name)
-                if table is not None and table.shape[:3] != self.chunk_counts:
+                if table is not None and table.shape[:-1] != self.chunk_counts:
                     table = None  # of other chunks than those of the other fields
                 found = self._measured(name, table)
                 if key is not None:
@@ -337,7 +346,7 @@ class Outline(Volume):
         found = (
             np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
         )
-        missing = np.zeros(found.shape[:3], np.int64)
+        missing = np.zeros(found.shape[:-1], np.int64)
         for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):
             reporter()(0, self.grid.size)
             pairs = zip(place.tolist(), self.store.chunks, self.grid.shape, strict=True)
@@ -394,13 +403,12 @@ def _computed(
 
 def _box(low: Sequence[int], high: Sequence[int]) -> CellBox:
     """Return the box of the cells ``low <= i < high``."""
-    (x0, y0, z0), (x1, y1, z1) = map(tuple, (low, high))
-    return CellBox((x0, y0, z0), (x1, y1, z1))
+    return CellBox(tuple(low), tuple(high))
 
 
 def largest_side(
     outline: Outline, memory: Any, per_cell: float, others: int, need: str = "", advice: str = ""
-) -> tuple[tuple[int, int, int], int]:
+) -> tuple[tuple[int, ...], int]:
     """Return the sides of the blocks of chunks that a memory allows, and the bytes left of it.
 
     Parameters
@@ -418,29 +426,31 @@ def largest_side(
         If it does not allow even single chunks.
     """
     chunks, widest, left = outline.store.chunks, None, 0
+    most = _WIDEST if len(chunks) == 3 else _WIDEST**3
     for times in itertools.chain([1], itertools.count(2, 2)):
         side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
         needed = int(others + per_cell * math.prod(n + 2 for n in side))
         if times == 1 and needed > byte_count(memory):
+            cells = " x ".join(map(str, chunks))
             raise MemoryNeededError(
-                f"memory={memory!r} is too little: chunks of {chunks} cells{need} need {needed} "
+                f"memory={memory!r} is too little: chunks of {cells} cells{need} need {needed} "
                 f"bytes ({needed / 2**20:.0f} MiB). Allow that, {advice}or write the volume in "
                 "smaller chunks"
             )
-        if needed > byte_count(memory) or (times > 1 and max(side) > _WIDEST) or side == widest:
+        if needed > byte_count(memory) or (times > 1 and max(side) > most) or side == widest:
             break
         widest, left = side, byte_count(memory) - needed
     assert widest is not None
-    return (widest[0], widest[1], widest[2]), left
+    return tuple(widest), left
 
 
 class Pieces:
-    """The blocks of cells of which a picture is drawn, one after another.
+    """The blocks of cells of which a picture is drawn, one after another: of a Cartesian grid.
 
     Attributes
     ----------
-    side : tuple of three int
-        Cells of a block along the axes: some chunks of the file.
+    side : tuple of int
+        Cells of a block along the axes: some chunks of the file. Of a tree, cells at most.
     dual : bool
         Rays interpolate between the centres of cells.
     room : int
@@ -461,7 +471,7 @@ class Pieces:
         self.outline = Outline.of(volume)
         if sweep is not None:
             self.outline = Outline.of(_with(volume, self.outline.stored(medium.names)))
-        self.grid: CartesianGrid = volume.grid
+        self.grid: Any = volume.grid
         self.side = self.outline.store.chunks
         # Coordinates between which the cells are met by rays, of each axis.
         self.walls = self.grid.edges
@@ -539,8 +549,17 @@ class Pieces:
         )
         # Lanes; paths of all rays, of those in a block before and after it, and as results.
         others = _OTHERS + (96 + 20 * path) * pixels[0] * pixels[1]
+        self._divide(per_cell, others, pixels)
+
+    def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
+        """Set the blocks, given the bytes that a cell takes, and those besides."""
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
         self.side, self.room = largest_side(self.outline, self.memory, per_cell, others, *need)
+
+    @property
+    def geometry(self) -> tuple[np.ndarray, ...]:
+        """Numbers that tell where cells are."""
+        return tuple(self.grid.edges)
 
     def boxes(self, parallel: bool, origin: np.ndarray, direction: np.ndarray) -> Iterator[CellBox]:
         """Yield the blocks front to back: rays meet their places at growing distances.
@@ -592,9 +611,10 @@ class Pieces:
         for box in boxes:
             place = tuple(low // (k * side) for low, side in zip(box.low, self.side, strict=True))
             groups.setdefault(place, []).append(box)
-        return [Block(tuple(group), self._around(group)) for group in groups.values()]
+        return [Block(tuple(group), self.around(group)) for group in groups.values()]
 
-    def _around(self, boxes: Sequence[CellBox]) -> np.ndarray:
+    def around(self, boxes: Sequence[CellBox]) -> np.ndarray:
+        """Return the coordinates between which rays meet boxes, shape (3, 2)."""
         extents = np.array([self.extent(box) for box in boxes])
         return np.stack([extents[..., 0].min(axis=0), extents[..., 1].max(axis=0)], axis=-1)
 
@@ -614,11 +634,12 @@ class Pieces:
             table = self.outline.extremes(name)[self.outline.chunks_of(box)]
             ends = table[..., 0].min(), table[..., 1].max()
         else:
-            edges = [
-                e[a : b + 1] for e, a, b in zip(self.grid.edges, box.low, box.high, strict=True)
-            ]
-            ends = coordinate_extremes(CartesianGrid(*edges), name)
+            ends = coordinate_extremes(CartesianGrid(*self._ends(box)), name)
         return Interval(*(np.asarray(end, np.float64) for end in ends))
+
+    def _ends(self, box: CellBox) -> list[np.ndarray]:
+        """Return the first and the last wall of a block along each axis."""
+        return [e[[a, b]] for e, a, b in zip(self.grid.edges, box.low, box.high, strict=True)]
 
     def ranges_of_chunks(self, names: Any) -> dict[str, Interval]:
         """Return the ranges in every chunk, arrays of three axes; see `chunk_ends`."""
@@ -654,7 +675,7 @@ class Pieces:
                 furthest(lines[:-1], own[1:], out=lines[:-1])
         return Interval(low, high)
 
-    def cells(self, box: CellBox) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    def cells(self, box: CellBox) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return the first cells and the last, plus one, that drawing a block needs.
 
         If rays interpolate, one layer more on the low sides.
@@ -663,6 +684,72 @@ class Pieces:
             return box.low, box.high
         x, y, z = (max(a - 1, 0) for a in box.low)
         return (x, y, z), box.high
+
+
+class TreePieces(Pieces):
+    """Consecutive cells of an octree, or of patches, in which rays wait to be drawn."""
+
+    parts: Parts
+    # Parts that a process draws one after another.
+    groups: Parts
+
+    def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
+        # Where rays wait: on the host, and before and after a block. Tables of where cells are.
+        others += _WAITING * pixels[0] * pixels[1] + 2 * self.grid.tree.entries.nbytes
+        super()._divide(per_cell, others, pixels)
+        (most,) = self.side
+        self.parts = self.groups = self.grid.parts(most)
+        if len(self.parts.low) > _MOST_BLOCKS:
+            self.groups = self.grid.parts(max(most, 2 * self.grid.size // _MOST_BLOCKS))
+
+    @property
+    def geometry(self) -> tuple[np.ndarray, ...]:
+        return (*self.grid.base_edges, self.grid.levels, self.parts.low, self.parts.high)
+
+    def boxes(self, parallel: bool, origin: np.ndarray, direction: np.ndarray) -> Iterator[CellBox]:
+        way = origin.mean(axis=1), direction if parallel else None
+        rank = np.empty(len(self.groups.low), np.int64)
+        rank[self.groups.front_to_back(*way)] = np.arange(len(rank))
+        order = self.parts.front_to_back(*way)
+        for k in order[np.argsort(rank[self._group(self.parts.ends[order])], kind="stable")]:
+            yield CellBox((int(self.parts.ends[k]),), (int(self.parts.ends[k + 1]),))
+
+    def blocks(self, boxes: Sequence[CellBox]) -> list[Block]:
+        groups: dict[int, list[CellBox]] = {}
+        for box in boxes:
+            groups.setdefault(int(self._group(box.low[0])), []).append(box)
+        return [Block(tuple(group), self.around(group)) for group in groups.values()]
+
+    def _group(self, cell: Any) -> Any:
+        return np.searchsorted(self.groups.ends, cell, "right") - 1
+
+    def extent(self, box: CellBox) -> np.ndarray:
+        k = np.searchsorted(self.parts.ends, box.low[0])
+        return np.stack([self.parts.low[k], self.parts.high[k]], axis=-1)
+
+    def _ends(self, box: CellBox) -> list[np.ndarray]:
+        return list(self.extent(box))
+
+    def ranges_of_chunks(self, names: Any) -> dict[str, Interval]:
+        grids = {}
+        for name in names:
+            ends: Any
+            if name in self.outline:
+                ends = np.moveaxis(self.outline.extremes(name), -1, 0)
+            else:
+                ends = coordinate_extremes(self.grid, name)
+            grids[name] = Interval(*(np.asarray(end, np.float64) for end in ends))
+        return grids
+
+    def cells(self, box: CellBox) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return box.low, box.high
+
+
+def pieces_of(volume: Any, medium: Any, memory: Any, sweep: Any = None, **options: Any) -> Pieces:
+    """Return the pieces of a volume; see `check_in_pieces` for the options."""
+    grid = getattr(volume, "grid", None)
+    kind = Pieces if grid is None or grid.is_structured else TreePieces
+    return kind(volume, medium, memory, sweep, **options)
 
 
 def _with(volume: Volume, names: Any) -> Volume:

@@ -85,10 +85,16 @@ class StreamingTracer(RayTracer):
     def _draw(self, batch: RayBatch, rows: list[Float], lanes: int = 0) -> None:
         for number, part in self.parts():  # blocks of channels are passes of their own
             rays = Rays.starting(self, part, batch)
-            if self.pieces.sweep is None:
-                self.through(part, rays, self.pieces.boxes(*rays.origins()))
-            else:
-                self.pieces.sweep.draw(self, number, part, rays)
+            counts = self._counts
+            while True:
+                if self.pieces.sweep is None:
+                    self.through(part, rays, self.pieces.boxes(*rays.origins()))
+                else:
+                    self.pieces.sweep.draw(self, number, part, rays)
+                if not rays.wait:
+                    break
+                self._counts = False  # rays come to some pieces of patches again
+            self._counts = counts
             path, over = rays.path, rays.state.over
             numbers = path.emission + path.transparency + path.depth + path.error
             real = self.backend.Float
@@ -100,22 +106,24 @@ class StreamingTracer(RayTracer):
         """Let rays go through boxes of cells, one after another; the next one is read meanwhile."""
         left, following = iter(boxes), deque[tuple[CellBox, np.ndarray, bool]]()
         names = [n for n in self.job.medium.names if n in self.pieces.outline]
+        waiting = rays.state.cursor is not None
 
         def look_ahead() -> None:
             for box in left:
-                chosen = rays.meeting(self.pieces.extent(box))
-                seen = len(chosen) > 0 and self.visible(part, box)
+                chosen = rays.coming_to([box])
+                # Rays that wait in a tree come to more cells until the box is drawn.
+                seen = (waiting or len(chosen) > 0) and self.visible(part, box)
                 following.append((box, chosen, seen))
+                for name in names if seen and len(chosen) else ():
+                    self.chunks.ahead(name, *self.pieces.cells(box), self.shown(part))
                 if seen:
-                    for name in names:
-                        self.chunks.ahead(name, *self.pieces.cells(box), self.shown(part))
                     break
 
         try:
             look_ahead()
             while following:
                 box, chosen, seen = following.popleft()
-                chosen = rays.unfinished(chosen)
+                chosen = rays.coming_to([box], chosen)
                 if seen and len(chosen):
                     self._through(part, rays, chosen, box, look_ahead)
                 elif seen:
@@ -171,7 +179,7 @@ class StreamingTracer(RayTracer):
         told = job.provenance(), repr(job.camera), job.frame.pixels, pieces.side, job.samples
         also = job.cutoff, job.tolerance, self.background, self.faintest, job.scheme.controlled
         digest = hashlib.sha256(json.dumps([*told, *also], default=repr).encode())
-        for numbers in (*self.pieces.grid.edges, *tables, *job.frame.vectors):
+        for numbers in (*pieces.geometry, *tables, *job.frame.vectors):
             digest.update(np.ascontiguousarray(numbers).tobytes())
         return digest.hexdigest()[:24]
 
@@ -206,7 +214,8 @@ class StreamingTracer(RayTracer):
         with np.errstate(all="ignore"):
             return np.asarray(self.job.medium.visible_in(ranges, context))
 
-    def _walk(self, box: CellBox) -> Any:
+    def walk_in(self, box: CellBox) -> Any:
+        """Return the walk confined to a box of cells."""
         return self.job.volume.grid.walk(self.backend, self.job.walk_kind, box)
 
     def _through(
@@ -219,7 +228,7 @@ class StreamingTracer(RayTracer):
     ) -> None:
         """Let rays go through a block, and remember their state."""
         source, hidden = self._source(part, box, len(chosen))
-        walk, scheme = self._walk(box), self.scheme
+        walk, scheme = self.walk_in(box), self.scheme
         if hidden is not None:
             scheme = Hiding(scheme, HiddenCells(hidden).on(self.backend))
         meanwhile()
@@ -232,15 +241,17 @@ class StreamingTracer(RayTracer):
 
     def _past(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
         """Let rays skip a block; it is not read."""
-        if not rays.state.carried:
+        if not rays.state.carried and rays.state.cursor is None:
             return
-        walk = self._walk(box)
-        ray, before = rays.some(chosen)
-        assert before.carried is not None
+        walk = self.walk_in(box)
+        ray, state = rays.some(chosen)
         track, cursor = walk.enter(ray)
-        here = Position(walk, track, cursor)
-        carried = self.scheme.after_skip(here, part.source, before.carried, cursor.inside)
-        state = replace(before, carried=carried)
+        if state.cursor is not None:
+            state = replace(state, cursor=walk.beyond(track, cursor))
+        if state.carried:
+            here = Position(walk, track, cursor)
+            carried = self.scheme.after_skip(here, part.source, state.carried, cursor.inside)
+            state = replace(state, carried=carried)
         dr.eval(state)
         rays.put(chosen, _mapped(lambda a: a.numpy(), state))
 
@@ -253,7 +264,9 @@ class StreamingTracer(RayTracer):
             if name in pieces.outline
         }
         sides = [b - a for a, b in zip(box.low, box.high, strict=True)]
-        cells, steps = math.prod(sides), rays * sum(sides) / 2
+        cells = math.prod(sides)
+        across = sum(sides) if pieces.grid.is_structured else 3.0 * cells ** (1 / 3)
+        steps = rays * across / 2
         if pieces.dual:
             return source.within(values, steps > _STEPS_PER_QUAD * cells), None
         hidden = pieces.hidden(box, values)
@@ -299,7 +312,25 @@ class Rays:
         path = _mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
         none = np.zeros(count, bool)
         places = np.asarray(lanes.u), np.asarray(lanes.v), np.asarray(lanes.there)
-        return cls(tracer, batch.offset, places, RayState(path, None, none, none.copy()))
+        rays = cls(tracer, batch.offset, places, RayState(path, None, none, none.copy()))
+        if not (grid := tracer.pieces.grid).is_structured:
+            walk = tracer.walk_in(CellBox((0,), (grid.size,)))
+            _, cursor = walk.enter(rays.ray(np.arange(count)))
+            dr.eval(cursor)
+            rays.state.cursor = _mapped(lambda a: np.resize(a.numpy(), count), cursor)
+        return rays
+
+    @property
+    def wait(self) -> bool:
+        """Whether some rays wait in cells of a tree."""
+        size = self.tracer.pieces.grid.size
+        return self.state.cursor is not None and bool(np.any(self._waiting(0, size)))
+
+    def _waiting(self, first: int, last: int) -> np.ndarray:
+        """Return which rays wait in some consecutive cells of a tree, and are not at their end."""
+        number = self.state.cursor.cell.number
+        here: np.ndarray = (number >= first) & (number < last) & self.there & ~self.state.over
+        return here
 
     def taken(self, chosen: np.ndarray) -> Rays:
         """Return some of the rays by themselves."""
@@ -334,6 +365,18 @@ class Rays:
             direction = np.zeros(3)
         return parallel, origin, direction
 
+    def coming_to(self, boxes: Sequence[CellBox], met: np.ndarray | None = None) -> np.ndarray:
+        """Return the numbers of rays that may meet boxes next, or wait in these cells of a tree.
+
+        Those that may go through the boxes were `met`, if that is known.
+        """
+        if self.state.cursor is None:
+            if met is None:
+                return self.meeting(self.tracer.pieces.around(boxes))
+            return self.unfinished(met)
+        here = [self._waiting(box.low[0], box.high[0]) for box in boxes]
+        return _many(np.flatnonzero(np.logical_or.reduce(here)))
+
     def meeting(self, extent: np.ndarray) -> np.ndarray:
         """Return the numbers of rays that may meet a box and are not at their end.
 
@@ -365,9 +408,7 @@ class Rays:
 
     def unfinished(self, chosen: np.ndarray) -> np.ndarray:
         """Return those of some rays that are not at their end, on at least two lanes."""
-        chosen = chosen[~self.state.over[chosen]]
-        # Kernels of one lane differ from those of many.
-        return np.resize(chosen, 2) if len(chosen) == 1 else chosen
+        return _many(chosen[~self.state.over[chosen]])
 
     def _through_box(self, chosen: np.ndarray, extent: np.ndarray) -> np.ndarray:
         """Return which of some rays go through a box, or close by."""
@@ -396,7 +437,7 @@ class Rays:
         """Return some rays, and their state on the device."""
         backend = self.tracer.backend
         state = _mapped(lambda a: _on_device(backend, a[chosen]), self.state)
-        return self.ray(chosen), state
+        return replace(self.ray(chosen), waiting=state.cursor), state
 
     def put(self, chosen: np.ndarray, state: RayState) -> None:
         """Remember the state of some rays; of the others nothing is carried yet."""
@@ -434,8 +475,13 @@ def _draw_elsewhere(
         return own.state
 
 
+def _many(chosen: np.ndarray) -> np.ndarray:
+    """Return numbers of rays, at least two: kernels of one lane differ from those of many."""
+    return np.resize(chosen, 2) if len(chosen) == 1 else chosen
+
+
 def _on_device(backend: Backend, values: np.ndarray) -> Any:
-    kinds = {"float32": "Float32", "float64": "Float64", "bool": "Bool"}
+    kinds = {"float32": "Float32", "float64": "Float64", "bool": "Bool", "uint32": "UInt32"}
     return from_host(getattr(backend.module, kinds[values.dtype.name]), values)
 
 

@@ -83,7 +83,7 @@ class Sweep:
 
         def begin(k: int) -> bool:
             """Start to draw a block; return whether it is done already."""
-            chosen[k] = met[k][~rays.state.over[met[k]]]
+            chosen[k] = rays.coming_to(blocks[k].boxes, met[k])
             if not len(chosen[k]):
                 return True
             if not any(tracer.visible(part, box) for box in blocks[k].boxes):

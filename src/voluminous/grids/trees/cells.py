@@ -15,6 +15,7 @@ from .vertices import LeafGrid
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
+    from .parts import Parts
     from .walk import TreeWalk
 
 # Cells whose corners are computed at once: temporary arrays stay small beside the fields.
@@ -122,9 +123,22 @@ class TreeCells(LeafGrid):
             places[axis] = base * parts + np.clip(part.astype(np.int64), 0, parts - 1)
         return places
 
-    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> TreeWalk:
-        self.check_no_box(box)
-        return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
+        whole = self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
+        if box is None:
+            return whole
+        if len(box.low) != 1:
+            self.check_no_box(box)
+        from .confined import ConfinedWalk
+
+        return ConfinedWalk(whole, box)
+
+    def parts(self, most: int) -> Parts:
+        """Return the grid in parts of consecutive cells, of so many at most.
+
+        Those of an octree are boxes, so that rays cross each of them once.
+        """
+        raise NotImplementedError
 
     def walk_through(self, tree: Tree, backend: Backend, kind: str = "cells") -> TreeWalk:
         from .walk import TreeFieldWalk, TreeWalk

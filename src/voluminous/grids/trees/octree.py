@@ -26,6 +26,7 @@ from .octree_order import (
 )
 from .octree_tree import octree_tree
 from .octree_vertices import octree_vertices
+from .parts import Parts, parts_of_octree
 from .tree import NONE, Tree
 from .vertices import VertexNumbers
 
@@ -269,3 +270,6 @@ class OctreeGrid(TreeCells):
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         return self.places.boxes(self.base_shape, first, last)
+
+    def parts(self, most: int) -> Parts:
+        return parts_of_octree(self, most)

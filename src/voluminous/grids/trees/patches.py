@@ -14,6 +14,7 @@ from ..arguments import as_array, check_extent
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
 from .octree_order import DEEPEST
+from .parts import Parts, parts_of_patches
 from .patch_cells import Patches, patch_vertices
 from .tree import Tree
 from .vertices import VertexNumbers
@@ -179,6 +180,9 @@ class PatchGrid(TreeCells):
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         return self.patches.boxes(first, last)
+
+    def parts(self, most: int) -> Parts:
+        return parts_of_patches(self, most)
 
     def pack(self, value: Any) -> np.ndarray:
         shapes = self.patches.shape

@@ -23,7 +23,7 @@ from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
 from ...packages import require
 from ...progress import reporter
-from ...store import SIDE, Store, means
+from ...store import LEAVES, SIDE, Store, means
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..zarr.store import arrays_in, checked, opened, part, root_fits
@@ -57,8 +57,8 @@ ABOUT = (
 # Stored bits of the fraction of a number.
 _FRACTION = {4: 23, 8: 52}
 _HALVES = (2, 2, 2)
-# Leaves of a refined grid in a chunk, where nothing else is asked for: 1 MiB of single precision.
-LEAVES = 1 << 18
+# All chunks are written, so that one that is lost is known to be.
+_EVERY_CHUNK: Any = {"write_empty_chunks": True}
 
 
 class NativeZarrReader(ContentsReader):
@@ -140,7 +140,7 @@ class NativeZarrReader(ContentsReader):
         root = library.open_group(str(path), mode="w-", zarr_format=3)
         plain = plain_grid(grid)
         for name, values in plain.arrays.items():
-            root.create_array(f"{GRID}/{name}", data=np.asarray(values))
+            root.create_array(f"{GRID}/{name}", data=np.asarray(values), config=_EVERY_CHUNK)
         shapes = _shapes(grid.shape, _level_count(grid.shape, sides) if levels else 1)
         report, done = reporter(), itertools.count(1)
         total = len(volume.fields) * math.prod(_counts(grid.shape, sides))
@@ -169,7 +169,8 @@ class NativeZarrReader(ContentsReader):
             text, tables = header_text(volume.wcs)
             told[SKY] = text
             for (table, column), values in tables.items():
-                root.create_array(f"{TABLES}/{table}/{column}", data=np.asarray(values))
+                place = f"{TABLES}/{table}/{column}"
+                root.create_array(place, data=np.asarray(values), config=_EVERY_CHUNK)
         # Last of all: without them the store is no volume.
         root.attrs.update({"format": MARK, "version": VERSION, **told})
         with warnings.catch_warnings():
@@ -288,9 +289,8 @@ def _new_array(
         chunks=tuple(min(n, side) for n, side in zip(shape, sides, strict=True)),
         # Blosc may take a chunk that is cut short for a sound one.
         compressors=[packed, Crc32cCodec()],
-        # All chunks are written, so that one that is lost is known to be.
         fill_value=np.nan if dtype.kind == "f" else None,
-        config={"write_empty_chunks": True},
+        config=_EVERY_CHUNK,
         dimension_names=None,
     )
     return made
