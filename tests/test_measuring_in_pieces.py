@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -22,13 +23,13 @@ PIECES = {"memory": "1 GiB"}
 
 def arrays(grid):
     """Return a density, a velocity, and a field of both signs that is missing in some cells."""
-    fields = {"density": RNG.uniform(0.1, 1, grid.shape).astype(np.float32)}
+    found = {"density": RNG.uniform(0.1, 1, grid.shape).astype(np.float32)}
     for axis in "xyz":
-        fields[f"velocity_{axis}"] = RNG.normal(size=grid.shape).astype(np.float32)
+        found[f"velocity_{axis}"] = RNG.normal(size=grid.shape).astype(np.float32)
     field = RNG.normal(size=grid.shape)
     field[RNG.uniform(size=grid.shape) < 0.2] = np.nan
     field[4:8, 4:, 4:] = np.nan  # a whole chunk
-    return {**fields, "signed": field}
+    return {**found, "signed": field}
 
 
 class Counted:
@@ -183,6 +184,41 @@ def test_components_of_vectors_are_drawn(volumes):
             one = vm.render(whole, shell, camera, **options)
             other = vm.render(parts, shell, camera, **options, **PIECES)
             np.testing.assert_array_equal(other.intensity, one.intensity)
+
+
+def probed(probe):
+    """Return the numbers of a probe; hidden cells have some coefficients that do not count."""
+    found = {f.name: getattr(probe, f.name) for f in fields(probe) if f.name != "provenance"}
+    del found["fields"], found["scalars"]
+    return {**found, **probe.fields, **probe.scalars, "j": probe.j[~probe.hidden]}
+
+
+@pytest.mark.parametrize("camera", ["oblique", "from inside"])
+def test_probes_read_the_chunks_along_a_ray(camera, volumes):
+    whole, parts, counted = volumes(UNEVEN)
+    camera = CAMERAS[camera]
+    pixel = tuple(n // 2 for n in camera.frame(UNEVEN).pixels)
+    shell = vm.Gaussian("density", 0.5, 0.2, "red", 0.4, path_length=0.5)
+    many = [f"(density / (1 g/cm3))**{k}" for k in range(20)]
+    for medium, options in (
+        (shell, {"scheme": "first-order"}),
+        (shell, {"tolerance": None}),
+        (shell, {}),
+        (vm.Coefficients(many, "density / (1 g/cm3)"), {"scheme": "first-order"}),
+        (vm.Coefficients("signed**2", 0.5), {"scheme": "first-order"}),
+    ):
+        also = {"also": ["log10(signed)", "los(velocity)"]}
+        one = vm.probe(whole, medium, camera, pixel, **also, **options)
+        vm.render(parts, medium, camera, **options, **PIECES)
+        counted["density"].boxes.clear()
+        other = probed(vm.probe(parts, medium, camera, pixel, **also, **options, **PIECES))
+        for name, value in probed(one).items():
+            np.testing.assert_array_equal(other[name], value, err_msg=name)
+        # Limits of the picture are remembered: nothing else is read.
+        assert len(set(counted["density"].boxes)) < 0.7 * np.prod(
+            [-(-n // 4) for n in UNEVEN.shape]
+        )
+    assert one.hidden.any()
 
 
 def test_what_cannot_be_measured_in_chunks_is_refused(volumes):

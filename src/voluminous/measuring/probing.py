@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
 from ..rendering.options import background_array
+from ..rendering.pieces import Pieces
 from ..rendering.run import run
 from ..rendering.sources.channel_layout import before as before_background
+from ..rendering.streaming import StreamingTracer
 from ..rendering.tolerance import Rounds
 from ..rendering.tracer import RayTracer
 from ..schemes.base import Position, Scheme, interpolated_at
@@ -29,9 +31,9 @@ from .cells import CellQuantity
 from .probe_result import Probe
 
 if TYPE_CHECKING:
-    from ..backend.types import Float, Mask
+    from ..backend.types import Float, Int, Mask
     from ..cameras import Camera, Frame
-    from ..grids.contract import Segment
+    from ..grids.contract import CellBox, Segment
     from ..media import Medium
     from ..volume import Volume
 
@@ -58,6 +60,7 @@ def probe(
     device: str = "auto",
     order: str = "front-to-back",
     cutoff: float | None = None,
+    memory: Any = None,
     progress: Progress = None,
 ) -> Probe:
     """Return the segments of one ray, as `render` solves them.
@@ -82,6 +85,10 @@ def probe(
         done: the tolerance of a pixel depends on the brightest one. With ``tolerance=None`` steps
         are as wide as those of the picture: up to eight cells, and none in empty space.
         ``cutoff=0`` follows the ray to its end.
+    memory : str or int, optional
+        As for `render`: of a volume larger than memory, the chunks along the ray are read. With a
+        tolerance the whole picture is drawn first, unless that has been done: ``tolerance=None``
+        or ``scheme="first-order"`` need nothing but the ray.
     progress : bool or callable, optional
         As for `render`.
 
@@ -95,6 +102,10 @@ def probe(
     InputError, UnknownNameError, UnitsError
         For a pixel, point or field that does not exist, and for what `render` refuses.
     """
+    pieces = None
+    if memory is not None:
+        pieces = Pieces(volume, medium, memory, order=order)
+        volume = pieces.outline
     job, _ = prepare(
         volume,
         medium,
@@ -106,18 +117,19 @@ def probe(
         order=order,
         cutoff=cutoff,
         progress=progress,
+        pieces=pieces,
     )
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)
-    seen = volume.seen_by(camera)
+    seen = volume.seen_by(camera) if pieces is None else pieces.outline
     listed = also if isinstance(also, (list, tuple)) else [also]
     quantities = [CellQuantity.of(seen, expr, "also") for expr in listed]
     more = [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))
     flat = iy * job.frame.pixels[0] + ix
-    tracer = _Recording(job, _source_of(job, flat, brightest), brightest)
-    room = _ROOM * int(job.volume.grid.cells_across) + 64
-    ray = tracer.follow_all(flat, place.offset, room)
+    source = _source_of(job, flat, brightest)
+    kind = RayTracer if pieces is None else StreamingTracer
+    ray = _follow_all(kind(job, source, brightest), flat, place.offset)
     full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
     return _assembled(job, seen, place, ray, more, full[iy, ix])
 
@@ -157,9 +169,12 @@ def _place(pixel: Any, at: Any, frame: Frame, unit: Unit) -> _Place:
 class _Recorder(Scheme):
     """Wrap a scheme and write the solution of each segment to a row of some columns.
 
-    The carried state is the number of segments so far, the coefficients at the end of the last
-    segment (only for schemes with coefficients at vertices), and the wrapped scheme's state.
+    Empty parts of a volume are recorded, too. The carried state is the number of segments so far,
+    the coefficients at the end of the last segment (only for schemes with coefficients at
+    vertices), and the wrapped scheme's state.
     """
+
+    everywhere = True
 
     def __init__(self, scheme: Scheme, names: tuple[str, ...], capacity: int) -> None:
         self.scheme, self.names, self.capacity = scheme, names, capacity
@@ -168,9 +183,24 @@ class _Recorder(Scheme):
         self.columns: dict[str, list[Float]] = {}
         self.own = 1
 
+    def hiding(self, bits: Int) -> Scheme:
+        """Return the recorder of the scheme that leaves out segments; it fills the same rows."""
+        other = copy.copy(self)
+        other.scheme = self.scheme.hiding(bits)
+        return other
+
     def start(self, position: Position, source: Any) -> list[Any]:
+        carried = [source.backend.UInt(0)]
+        if self.coefficients_at == "vertex":
+            corners = position.walk.entry_corners(position.track, position.cursor)
+            carried += source.interpolate(corners, position.cursor.inside)
+        self.own = len(carried)
+        return [*carried, *self.scheme.start(position, source)]
+
+    def make_columns(self, source: Any) -> None:
+        """Make the columns, which are the same in all parts of a volume."""
         numbers, backend = source.numbers, source.backend
-        counts = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
+        counts = {"begin": 1, "end": 1, "cell": 1, "hidden": 1, "j": numbers.emissions}
         counts |= dict.fromkeys(("alpha", "transparency", "tau"), numbers.extinctions)
         counts["emission"] = numbers.emissions
         for name, count in (counts | {f"field {name}": 1 for name in self.names}).items():
@@ -178,12 +208,6 @@ class _Recorder(Scheme):
             self.columns[name] = [dr.zeros(kind, self.capacity) for _ in range(count)]
         dr.eval(self.columns)
         self.limit = dr.opaque(backend.UInt, self.capacity)
-        carried = [backend.UInt(0)]
-        if self.coefficients_at == "vertex":
-            corners = position.walk.entry_corners(position.track, position.cursor)
-            carried += source.interpolate(corners, position.cursor.inside)
-        self.own = len(carried)
-        return [*carried, *self.scheme.start(position, source)]
 
     def after_skip(
         self, position: Position, source: Any, carried: list[Float], moved: Mask
@@ -211,6 +235,7 @@ class _Recorder(Scheme):
         )
         cell = segment.own_cell  # wide steps are through many
         values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
+        values |= {"hidden": [dr.select(self.scheme.hides(segment), Wide(1), Wide(0))]}
         values |= {"j": j, "alpha": alpha, "tau": solution.depth}
         values |= {"emission": solution.emission, "transparency": solution.transparency}
         values |= {f"field {name}": [fields[name]] for name in self.names}
@@ -290,56 +315,76 @@ class _Ray(NamedTuple):
     numbers: Any  # the layout of channels
 
 
-class _Recording(RayTracer):
-    """Ray tracer that records one ray."""
+def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _Ray:
+    """Return the ray with all blocks of channels; some may end before others."""
+    room = _ROOM * int(tracer.job.volume.grid.cells_across) + 64
+    rays = [_follow(tracer, part, pixel, offset, room) for _, part in tracer.parts()]
+    if len(blocks := tracer.blocks) == 1:
+        return rays[0]
+    longest = max(rays, key=lambda ray: len(ray.rows["begin"]))
+    emissions, extinctions, _ = tracer.counts
+    rows, path = dict(longest.rows), tracer.nothing()
+    for name in ("j", "alpha", "tau", "transparency", "emission"):
+        count = emissions if name in ("j", "emission") else extinctions
+        shape = (len(longest.rows[name]), count)
+        rows[name] = np.full(shape, 1.0 if name == "transparency" else 0.0)
+    for block, ray in zip(blocks, rays, strict=True):
+        grey = slice(0, 1) if extinctions == 1 else block
+        for name in ("j", "emission"):
+            rows[name][: len(ray.rows[name]), block] = ray.rows[name]
+        for name in ("alpha", "tau", "transparency"):
+            rows[name][: len(ray.rows[name]), grey] = ray.rows[name]
+        path.emission[block] = ray.path.emission
+        path.transparency[grey], path.depth[grey] = ray.path.transparency, ray.path.depth
+    stopped = any(ray.stopped for ray in rays)
+    return longest._replace(rows=rows, path=path, stopped=stopped, numbers=tracer.source.numbers)
 
-    def follow_all(self, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
-        """Return the ray with all blocks of channels; some may end before others."""
-        if len(blocks := self.blocks) == 1:
-            return self.follow(pixel, offset, capacity)
-        rays = [cast(_Recording, part).follow(pixel, offset, capacity) for _, part in self.parts()]
-        longest = max(rays, key=lambda ray: len(ray.rows["begin"]))
-        emissions, extinctions, _ = self.counts
-        rows, path = dict(longest.rows), self.nothing()
-        for name in ("j", "alpha", "tau", "transparency", "emission"):
-            count = emissions if name in ("j", "emission") else extinctions
-            shape = (len(longest.rows[name]), count)
-            rows[name] = np.full(shape, 1.0 if name == "transparency" else 0.0)
-        for block, ray in zip(blocks, rays, strict=True):
-            grey = slice(0, 1) if extinctions == 1 else block
-            for name in ("j", "emission"):
-                rows[name][: len(ray.rows[name]), block] = ray.rows[name]
-            for name in ("alpha", "tau", "transparency"):
-                rows[name][: len(ray.rows[name]), grey] = ray.rows[name]
-            path.emission[block] = ray.path.emission
-            path.transparency[grey], path.depth[grey] = ray.path.transparency, ray.path.depth
-        stopped = any(ray.stopped for ray in rays)
-        return longest._replace(rows=rows, path=path, stopped=stopped, numbers=self.source.numbers)
 
-    def follow(self, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
-        inner, medium = self.scheme, self.job.medium
-        names = medium.names if inner.coefficients_at == "field" else ()
-        self.scheme = recorder = _Recorder(inner, names, capacity)
-        ray = self.ray_through(*(np.array([part]) for part in (pixel, *offset)))
-        state = self.march(ray)
+def _follow(
+    tracer: RayTracer, part: RayTracer, pixel: int, offset: tuple[float, float], capacity: int
+) -> _Ray:
+    """Return the ray as a part of the channels has it."""
+    inner, job = tracer.scheme, tracer.job
+    names = job.medium.names if inner.coefficients_at == "field" else ()
+    tracer.scheme = part.scheme = recorder = _Recorder(inner, names, capacity)
+    recorder.make_columns(part.source)
+    place = tuple(np.array([value]) for value in (pixel, *offset))
+    ray = tracer.ray_through(*place)
+    boxes: list[tuple[CellBox, int]] = []
+    if isinstance(tracer, StreamingTracer):
+        rays, last = tracer.starting(part, *place), 0
+        for box in tracer.pieces.boxes(*rays.origins()):
+            tracer.through(part, rays, [box])
+            last = int(rays.state.carried[0][0]) if rays.state.carried else 0
+            boxes.append((box, last))
+        count, found, over = last, rays.state.path, rays.state.over
+    else:
+        state = part.march(ray)
         dr.eval(state, recorder.columns)
-        self.scheme = inner
-        count = int(state.carried[0][0])
-        if count > capacity:
-            return self.follow(pixel, offset, count)
-        rows = recorder.read(count)
-        origin, direction = (
-            np.array([float(np.asarray(part).reshape(-1)[0]) for part in vector])
-            for vector in (ray.origin, ray.direction)
-        )
-        if self.job.backward:
-            rows = {name: values[::-1] for name, values in rows.items()}
-            rows |= {"begin": -rows["end"], "end": -rows["begin"]}
-            direction = -direction
-        parts = (state.path.emission, state.path.transparency, state.path.depth)
-        path = Path(*([np.asarray(v)[0] for v in part] for part in parts))
-        stopped = bool(np.asarray(state.cursor.inside)[0])
-        return _Ray(origin, direction, rows, path, stopped, self.source.numbers)
+        count, found, over = int(state.carried[0][0]), state.path, state.cursor.inside
+    tracer.scheme = part.scheme = inner
+    if count > capacity:
+        return _follow(tracer, part, pixel, offset, count)
+    rows = recorder.read(count)
+    first = 0
+    for box, last in boxes:  # in which cells have numbers of their own
+        own = rows["cell"][first:last]
+        shape = [high - low for low, high in zip(box.low, box.high, strict=True)]
+        if inner.coefficients_at == "cell":
+            index = np.array(np.unravel_index(own, shape)) + np.reshape(box.low, (3, 1, 1))
+            own[:] = np.ravel_multi_index(tuple(index), job.volume.grid.shape)
+        first = last
+    origin, direction = (
+        np.array([float(np.asarray(part).reshape(-1)[0]) for part in vector])
+        for vector in (ray.origin, ray.direction)
+    )
+    if job.backward:
+        rows = {name: values[::-1] for name, values in rows.items()}
+        rows |= {"begin": -rows["end"], "end": -rows["begin"]}
+        direction = -direction
+    parts = (found.emission, found.transparency, found.depth)
+    path = Path(*([np.asarray(v)[0] for v in numbers] for numbers in parts))
+    return _Ray(origin, direction, rows, path, bool(np.asarray(over)[0]), part.source.numbers)
 
 
 def _assembled(
@@ -354,19 +399,21 @@ def _assembled(
     rows, path, grid, scheme = ray.rows, ray.path, volume.grid, job.scheme
     begin, end = rows["begin"][:, 0], rows["end"][:, 0]
     position = ray.origin + 0.5 * (begin + end)[:, None] * ray.direction
-    cell, hidden = rows["cell"][:, 0].astype(np.int64), np.zeros(len(begin), bool)
-    if job.hidden is not None:
-        hidden = (job.hidden.words[cell >> 5] >> (cell & 31).astype(np.uint32)) & 1 == 1
-    elif scheme.coefficients_at == "field":  # which walks between the cells' centres
+    cell, hidden = rows["cell"][:, 0].astype(np.int64), rows["hidden"][:, 0] > 0.0
+    if job.hidden is None and scheme.coefficients_at == "field":  # between the cells' centres
         cell = np.asarray(grid.locate(position), dtype=np.int64)
     index = None
     if grid.is_structured:
         index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
         index = np.where(cell[:, None] >= 0, index, -1)
 
+    own = [Expression(name) for name in job.medium.names]
+    known = [feature.expr for feature in job.medium.known_features() if feature.expr.names]
+    asked = more if scheme.coefficients_at == "field" else [*own, *more, *known]
+    values = _in_cells(volume, job.pieces, asked, cell)
+
     def in_cells(expr: Expression) -> np.ndarray:
-        values = {c: volume.evaluate_cells(expr, c, c + 1)[0] for c in np.unique(cell) if c >= 0}
-        return np.array([values.get(c, np.nan) for c in cell], dtype=np.float64)
+        return np.array([values[expr.text].get(c, np.nan) for c in cell], dtype=np.float64)
 
     def on_the_ray(expr: Expression) -> np.ndarray:
         if scheme.coefficients_at != "field":
@@ -376,10 +423,8 @@ def _assembled(
             values = np.asarray(expr.evaluate(NumpyOps(), recorded), dtype=np.float64)
         return np.where(hidden, np.nan, values)
 
-    own = [Expression(name) for name in job.medium.names]
     fields = {e.text: on_the_ray(e) for e in own}
     fields |= {e.text: in_cells(e) for e in more if e.text not in fields}
-    known = [feature.expr for feature in job.medium.known_features() if feature.expr.names]
     scalars = {e.text: on_the_ray(e) for e in known if e.text not in fields}
     units = {e.text: unit_name(volume.expression_unit(e)) for e in (*own, *more, *known)}
     light = job.medium.intensity_unit(RangeContext(volume.unit, volume.expression_unit))
@@ -398,7 +443,9 @@ def _assembled(
         position=position,
         cell=cell,
         index=index,
-        level=np.where(cell >= 0, grid.levels.reshape(-1)[cell], 0),
+        level=np.zeros(len(cell), int)
+        if grid.is_structured
+        else np.where(cell >= 0, grid.levels[cell], 0),
         hidden=hidden,
         fields=fields,
         scalars=scalars,
@@ -421,6 +468,23 @@ def _assembled(
         units=units,
         provenance={**job.provenance(), "camera": job.camera.describe()},
     )
+
+
+def _in_cells(
+    volume: Volume, pieces: Pieces | None, expressions: Sequence[Expression], cell: np.ndarray
+) -> dict[str, dict[int, float]]:
+    """Return the values of expressions in some cells; with `pieces` block after block is read."""
+    known = np.unique(cell[cell >= 0])
+    found: dict[str, dict[int, float]] = {expr.text: {} for expr in expressions}
+    names = dict.fromkeys(name for expr in expressions for name in expr.names)
+    groups: Iterable[tuple[Volume, np.ndarray, np.ndarray]] = [(volume, known, known)]
+    if pieces is not None:
+        groups = pieces.outline.with_cells(known, names, pieces.side)
+    for part, numbers, own in groups:
+        for expr in expressions:
+            values = (part.evaluate_cells(expr, c, c + 1)[0] for c in own)
+            found[expr.text] |= dict(zip(numbers.tolist(), values, strict=True))
+    return found
 
 
 def _folded(

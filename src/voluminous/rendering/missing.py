@@ -14,19 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import Backend, dr
-from ..backend.types import Float, Int, Mask
+from ..backend import Backend
+from ..backend.types import Int
 from ..errors import InputError
-from ..grids.contract import Segment
 from ..grids.two_walks import TwoWalks
-from ..schemes.base import Position, Scheme, Solution
-from ..schemes.path import empty_path
 from ..volume import Volume
 from .cache import Cache
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
-    from ..schemes.base import Source
 
 
 class HiddenCells:
@@ -51,38 +47,6 @@ class HiddenCells:
 def through_cells(walk: Any, grid: Grid, backend: Backend) -> Any:
     """Return a walk whose segments each lie in one cell of the grid."""
     return walk if walk.in_cells else TwoWalks(walk, grid.walk(backend))
-
-
-class Hiding(Scheme):
-    """A scheme that leaves out segments in hidden cells; otherwise it is another."""
-
-    def __init__(self, scheme: Scheme, bits: Int) -> None:
-        self.scheme, self.bits = scheme, bits
-        self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
-        self.controlled = scheme.controlled
-
-    def start(self, position: Position, source: Source) -> list[Float]:
-        return self.scheme.start(position, source)
-
-    def after_skip(
-        self, position: Position, source: Source, carried: list[Float], moved: Mask
-    ) -> list[Float]:
-        return self.scheme.after_skip(position, source, carried, moved)
-
-    def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
-    ) -> tuple[Solution, list[Float]]:
-        hidden = self.hides(segment)
-        path, onward = self.scheme.solve(segment, source, carried)
-        parts = (path.emission, path.transparency, path.error)
-        nothing = empty_path(type(segment.length), *map(len, parts))
-        beyond = self.scheme.after_hidden(carried, onward)
-        return dr.select(hidden, nothing, path), dr.select(hidden, beyond, onward)
-
-    def hides(self, segment: Segment) -> Mask:
-        cell = segment.own_cell
-        word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
-        return (word >> (cell & 31)) & 1 == 1
 
 
 # Cells processed at once.

@@ -151,7 +151,8 @@ class Outline(Volume):
             return volume
         outline = object.__new__(cls)
         vars(outline).update(vars(volume))
-        outline.tables = OrderedDict()
+        if len(volume.waiting) < len(volume.fields):  # some may be changed in place
+            outline.tables = OrderedDict()
         outline._whole, outline._tables, outline._made = volume, {}, {}
         return outline
 
@@ -218,6 +219,20 @@ class Outline(Volume):
         }
         return self.volume(box, fields)
 
+    def with_cells(
+        self, cells: np.ndarray, names: Iterable[str], side: Sequence[int]
+    ) -> Iterator[tuple[Volume, np.ndarray, np.ndarray]]:
+        """Yield blocks that hold some cells, their numbers in the grid, and those in the block."""
+        shape, sides = self.grid.shape, np.asarray(side)
+        index = np.stack(np.unravel_index(cells, shape))
+        places, which = np.unique(index // sides[:, None], axis=1, return_inverse=True)
+        for k, place in enumerate(places.T):
+            low = place * sides
+            box = _box(low.tolist(), np.minimum(low + sides, shape).tolist())
+            own, part = np.flatnonzero(which.reshape(-1) == k), self.part(box, names)
+            local = np.ravel_multi_index(tuple(index[:, own] - low[:, None]), part.grid.shape)
+            yield part, cells[own], local
+
     def volume(self, box: CellBox, fields: Mapping[str, np.ndarray]) -> Volume:
         """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
         grid: Grid
@@ -283,7 +298,7 @@ class Outline(Volume):
         return FlatField(self, name)
 
     def digest(self, name: str) -> bytes:
-        return name.encode()  # caches of an outline are its own
+        return repr(self._key(name) or name).encode()
 
     def extremes(self, name: str) -> np.ndarray:
         """Return the least and the largest value in each chunk, shape (kx, ky, kz, 2) or (k, 2).

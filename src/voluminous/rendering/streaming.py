@@ -26,7 +26,7 @@ from ..schemes.base import Position
 from ..schemes.path import Path
 from .chunks import Chunks
 from .march import RayState, hand_on, march
-from .missing import HiddenCells, Hiding
+from .missing import HiddenCells
 from .pixels import Lanes
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
 
@@ -137,6 +137,10 @@ class StreamingTracer(RayTracer):
         finally:
             self.chunks.forget()
 
+    def starting(self, part: RayTracer, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Rays:
+        """Return the rays through points of pixels, which have not met anything yet."""
+        return Rays.starting(self, part, RayBatch(self._lanes(pixel, du, dv)))
+
     def drawn(self, boxes: Iterable[CellBox]) -> None:
         """Report boxes that are done."""
         if self._counts:
@@ -230,7 +234,7 @@ class StreamingTracer(RayTracer):
         source, hidden = self._source(part, box, len(chosen))
         walk, scheme = self.walk_in(box), self.scheme
         if hidden is not None:
-            scheme = Hiding(scheme, HiddenCells(hidden).on(self.backend))
+            scheme = scheme.hiding(HiddenCells(hidden).on(self.backend))
         meanwhile()
         ray, before = rays.some(chosen)
         _, cursor = walk.enter(ray)

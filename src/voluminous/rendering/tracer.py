@@ -19,7 +19,7 @@ from ..backend.types import Float
 from ..grids.contract import Ray
 from ..schemes.path import Path, empty_path
 from .march import Cutoff, MarchState, RayState, march
-from .missing import Hiding, through_cells
+from .missing import through_cells
 from .pixels import BLOCK, MOST_KEPT, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
 from .sources.channel_layout import PerChannel, blocks_of
 
@@ -139,7 +139,7 @@ class RayTracer:
         self.scheme = job.scheme
         if job.hidden is not None:
             self.walk = through_cells(self.walk, grid, job.backend)
-            self.scheme = Hiding(job.scheme, job.hidden.on(job.backend))
+            self.scheme = job.scheme.hiding(job.hidden.on(job.backend))
         # Rays take fewer steps in empty space and where steps are wide. Batches are then fewer and
         # longer (512³, a thin shell: 20 batches took 0.27 s, 2 take 0.22 s).
         blocks, steps = source.blocks, grid.cells_across

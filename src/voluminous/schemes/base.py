@@ -6,11 +6,11 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..backend import Backend
+from ..backend import Backend, dr
 from ..backend.functions import branch
-from ..backend.types import Float, Mask
+from ..backend.types import Float, Int, Mask
 from ..grids.contract import Corners, Cursor, Segment, Track, Walk
-from .path import Path, last_argument
+from .path import Path, empty_path, last_argument
 
 # A solved segment is a piece of path like any other.
 Solution = Path
@@ -126,6 +126,10 @@ class Scheme:
         """
         return 0.0
 
+    def hiding(self, bits: Int) -> Scheme:
+        """Return the scheme that leaves out segments in some cells, of which this is a mask."""
+        return Hiding(self, bits)
+
     def hides(self, segment: Segment) -> Mask:
         """Return where the solution of a segment is discarded."""
         return segment.active & False
@@ -137,6 +141,38 @@ class Scheme:
         """
         own = type(self).__module__.rpartition(".")[0] == __package__
         return (type(self).__name__, *sorted(vars(self).items())) if own else None
+
+
+class Hiding(Scheme):
+    """A scheme that leaves out segments in hidden cells; otherwise it is another."""
+
+    def __init__(self, scheme: Scheme, bits: Int) -> None:
+        self.scheme, self.bits = scheme, bits
+        self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
+        self.controlled = scheme.controlled
+
+    def start(self, position: Position, source: Source) -> list[Float]:
+        return self.scheme.start(position, source)
+
+    def after_skip(
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
+    ) -> list[Float]:
+        return self.scheme.after_skip(position, source, carried, moved)
+
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
+        hidden = self.hides(segment)
+        path, onward = self.scheme.solve(segment, source, carried)
+        parts = (path.emission, path.transparency, path.error)
+        nothing = empty_path(type(segment.length), *map(len, parts))
+        beyond = self.scheme.after_hidden(carried, onward)
+        return dr.select(hidden, nothing, path), dr.select(hidden, beyond, onward)
+
+    def hides(self, segment: Segment) -> Mask:
+        cell = segment.own_cell
+        word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
+        return (word >> (cell & 31)) & 1 == 1
 
 
 def interpolated_at(
