@@ -20,7 +20,6 @@ from test_confined_walk import UNIFORM
 from test_streaming import CAMERAS, MEDIUM, chunks, noise, reads
 from test_streaming import assert_same_bits as assert_same_in_memory
 from voluminous.errors import InputError, VoluminousError
-from voluminous.rendering.sweep import Sweep
 
 __all__ = ["chunks", "reads"]
 
@@ -143,12 +142,12 @@ def test_tasks_that_cannot_read_are_tried_again(stored, narrow):
         assert_same_bits(whole, draw(executor=executor))
     with (
         Counting(lambda number: OSError("gone") if number > 4 else None) as executor,
-        pytest.raises(OSError, match="gone"),
+        pytest.raises(VoluminousError, match=r"block . of 12: OSError: gone"),
     ):
         draw(executor=executor)
     with (
         Counting(lambda number: ValueError("wrong") if number == 4 else None) as executor,
-        pytest.raises(ValueError, match="wrong"),
+        pytest.raises(VoluminousError, match="ValueError: wrong"),
     ):
         draw(executor=executor)
     assert executor.count < 12
@@ -194,7 +193,7 @@ def test_progress_grows_to_all_cells(stored, narrow):
 
 def test_refusals(stored, monkeypatch):
     camera = CAMERAS["oblique"]
-    with pytest.raises(InputError, match="or a Dask client, got 4"):
+    with pytest.raises(InputError, match=r"executor is a .*, or a Dask client, got 4"):
         vm.render(vm.open(stored), MEDIUM, camera, executor=4)
     monkeypatch.setattr("voluminous.rendering.streaming._SENT", 1 << 10)
     with (
@@ -219,7 +218,7 @@ def test_a_pool_whose_process_dies_is_named(stored, narrow, tmp_path, monkeypatc
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
         pool.submit(_die)
-        with pytest.raises(VoluminousError, match="finished blocks are kept: call again"):
+        with pytest.raises(VoluminousError, match="finished blocks with checkpoint="):
             vm.render(volume, MEDIUM, camera, executor=pool, checkpoint=tmp_path / "kept")
 
 
@@ -253,10 +252,6 @@ def test_a_killed_driver_goes_on(stored, tmp_path):
     whole = vm.render(vm.open(stored), MEDIUM, vm.Orthographic(35, 50, width=4, resolution=60))
     np.testing.assert_array_equal(vm.Image.load(picture).intensity, whole.intensity)
     assert not list(kept.iterdir())
-
-
-def test_passes_of_a_sweep_are_told_apart():
-    assert Sweep(None, None).passes == 0
 
 
 @pytest.mark.parametrize("deaths", [1, pytest.param(10, marks=pytest.mark.exhaustive)])

@@ -40,25 +40,29 @@ def as_executor(given: Any) -> Any:
 
 def run_tasks(
     executor: Any,
-    function: Callable[..., Any],
-    tasks: Sequence[tuple[Any, ...]],
+    begin: Callable[[int], tuple[Any, ...] | None],
+    end: Callable[[int, Any], Any],
     names: Sequence[str],
-    report: Callable[[int], Any],
-) -> list[Any]:
-    """Return what a function makes of each of several tuples of arguments.
+    report: Callable[[], Any],
+    before: Sequence[set[int]] | None = None,
+) -> None:
+    """Run tasks in other processes.
 
     Parameters
     ----------
     executor : Executor
         See `as_executor`. It stays open.
-    function : callable
-        Of a module, so that processes can import it.
-    tasks : sequence of tuple
-        Arguments. They are independent of each other.
+    begin : callable
+        Returns, for the number of a task, a function of a module and its arguments; None if there
+        is nothing left to do.
+    end : callable
+        Is given the number of a task and its result.
     names : sequence of str
         Of the tasks, for errors.
     report : callable
-        Is told the number of tasks done, five times a second or more often; may raise to cancel.
+        Is called five times a second or more often; may raise to cancel.
+    before : sequence of sets of int, optional
+        Numbers of the tasks that must end before each begins. By default they are independent.
 
     Raises
     ------
@@ -66,43 +70,49 @@ def run_tasks(
         If a task fails, with its name; after errors of files (OSError) it is tried three times
         more. Tasks that have not begun are cancelled then.
     """
-    results: list[Any] = [None] * len(tasks)
-    left = [_AGAIN] * len(tasks)
+    waiting, left = list(range(len(names))), set(range(len(names)))
+    tries = [_AGAIN] * len(names)
     pending: dict[Future[Any], int] = {}
     later: dict[int, float] = {}  # tasks to try again, and when
-    done = 0
     try:
-        for k, task in enumerate(tasks):
-            pending[_submit(executor, function, task, names[k])] = k
-        while pending or later:
+        while left:
             now = time.monotonic()
-            for k in [k for k, when in later.items() if when <= now]:
-                del later[k]
-                pending[_submit(executor, function, tasks[k], names[k])] = k
+            ready = [k for k in waiting if before is None or not before[k] & left]
+            waiting = [k for k in waiting if k not in set(ready)]
+            ready += [k for k, when in later.items() if when <= now]
+            for k in ready:
+                later.pop(k, None)
+                task = begin(k)
+                if task is None:
+                    end(k, None)
+                    left.discard(k)
+                else:
+                    pending[_submit(executor, task, names[k])] = k
+            if ready and before is not None:
+                continue  # others may be ready now
             finished, _ = wait(pending, _POLL, FIRST_COMPLETED) if pending else ((), ())
             for future in sorted(finished, key=pending.__getitem__):
                 k = pending.pop(future)
                 error = _error(future)
                 if error is None:
-                    results[k] = future.result()
-                    done += 1
-                elif _is_passing(error) and left[k] > 0:
-                    left[k] -= 1
-                    later[k] = time.monotonic() + _PAUSE * 2 ** (_AGAIN - 1 - left[k])
+                    end(k, future.result())
+                    left.discard(k)
+                elif _is_passing(error) and tries[k] > 0:
+                    tries[k] -= 1
+                    later[k] = time.monotonic() + _PAUSE * 2 ** (_AGAIN - 1 - tries[k])
                 else:
                     raise _named(error, names[k]) from error
-            report(done)
+            report()
             if not pending and later:
                 time.sleep(_POLL)
-        return results
     finally:
         for future in pending:
             future.cancel()
 
 
-def _submit(executor: Any, function: Any, task: tuple[Any, ...], name: str) -> Future[Any]:
+def _submit(executor: Any, task: tuple[Any, ...], name: str) -> Future[Any]:
     try:
-        future: Future[Any] = executor.submit(function, *task)
+        future: Future[Any] = executor.submit(*task)
     except Exception as error:
         raise _named(error, name) from error
     return future
@@ -126,8 +136,9 @@ def _named(error: BaseException, name: str) -> BaseException:
     if isinstance(error, BrokenExecutor):
         return VoluminousError(
             f"{name}: a process of the executor died, killed or of too little memory, and the "
-            f"executor goes on no more ({error}); do the same again with a new one: what is done "
-            "is not done again. Dask replaces processes that die"
+            f"executor goes on no more ({error}); do the same again with a new one: finished "
+            "frames are kept, and finished blocks with checkpoint=. Dask replaces processes that "
+            "die"
         )
     if isinstance(error, CancelledError):
         return VoluminousError(f"{name}: cancelled, or the executor was closed")

@@ -295,7 +295,15 @@ class _Film:
         if self.executor is not None:
             tasks = [(self.frame(k), self.sources[self.index(k)]) for k in numbers]
             names = [f"frame {k}" for k in numbers]
-            return run_tasks(self.executor, function, tasks, names, report)
+            done: dict[int, Any] = {}
+            run_tasks(
+                self.executor,
+                lambda k: (function, *tasks[k]),
+                done.__setitem__,
+                names,
+                lambda: report(len(done)),
+            )
+            return [done[k] for k in range(len(tasks))]
         results = []
         for k in numbers:
             results.append(function(self.frame(k), self.volume(k)))

@@ -6,9 +6,8 @@ import functools
 import hashlib
 import json
 import math
-import pickle
 import threading
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -19,9 +18,11 @@ from ..backend import Backend, dr, from_host
 from ..backend.functions import flush_subnormal
 from ..backend.types import Float
 from ..errors import InputError
+from ..executors import Sent
 from ..expressions.interval import Interval
 from ..grids.contract import CellBox
 from ..media.ranges import RangeContext
+from ..memory import reuse_memory
 from ..schemes.base import Position
 from ..schemes.path import Path
 from .chunks import Chunks
@@ -152,8 +153,8 @@ class StreamingTracer(RayTracer):
         self.pieces.report(self._done, total)
 
     @functools.cached_property
-    def packed(self) -> bytes:
-        """What another process needs to make this tracer.
+    def sent(self) -> Sent:
+        """What makes this tracer in another process.
 
         Raises
         ------
@@ -167,13 +168,8 @@ class StreamingTracer(RayTracer):
                 "block: write the volume first, volume.save('big.zarr', stats=True), and draw "
                 "vm.open('big.zarr')"
             )
-        try:
-            return pickle.dumps((self.job, self.background, self.faintest))
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise InputError(
-                f"executor= sends the picture to other processes, which is not possible: {error}. "
-                "Functions must be those of a module; volumes those of vm.open(path)"
-            ) from error
+        made = functools.partial(_tracer, self.job, self.background, self.faintest)
+        return Sent.of(made, "the picture")
 
     @functools.cached_property
     def name(self) -> str:
@@ -193,7 +189,7 @@ class StreamingTracer(RayTracer):
         limits = _mapped(
             lambda a: a.numpy(), [list(source.tolerance), list(source.numbers.weights)]
         )
-        return _draw_elsewhere, self.packed, number, limits, rays.plain(), tuple(boxes)
+        return _draw_elsewhere, self.sent, number, limits, rays.plain(), tuple(boxes)
 
     def visible(self, part: RayTracer, box: CellBox) -> bool:
         """Return whether the medium may be visible in a block."""
@@ -452,25 +448,21 @@ class Rays:
             own[chosen] = new
 
 
-# Processes that draw blocks of others' pictures do one after another: kernels use all cores.
+# Threads of one process that draw blocks do so one after another: kernels use all cores.
 _LOCK = threading.Lock()
-_TRACERS: OrderedDict[bytes, StreamingTracer] = OrderedDict()
-_MOST_TRACERS = 2
+
+
+def _tracer(job: RenderJob, background: float, faintest: bool) -> StreamingTracer:
+    reuse_memory()
+    return StreamingTracer(job, job.source(faintest), background, faintest)
 
 
 def _draw_elsewhere(
-    packed: bytes, number: int, limits: Any, rays: tuple[Any, ...], boxes: tuple[CellBox, ...]
+    sent: Sent, number: int, limits: Any, rays: tuple[Any, ...], boxes: tuple[CellBox, ...]
 ) -> RayState:
     """Return the state of rays that have gone through boxes; see `StreamingTracer.task`."""
     with _LOCK:
-        key = hashlib.sha256(packed).digest()
-        if key not in _TRACERS:
-            job, background, faintest = pickle.loads(packed)
-            made = StreamingTracer(job, job.source(faintest), background, faintest)
-            _TRACERS[key] = made
-            if len(_TRACERS) > _MOST_TRACERS:
-                _TRACERS.popitem(last=False)
-        tracer = _TRACERS[key]
+        tracer: StreamingTracer = sent.value()
         tolerance, weights = _mapped(lambda a: _on_device(tracer.backend, a), limits)
         tracer.source.tolerance, tracer.source.numbers.weights = tuple(tolerance), weights
         part = next(part for k, part in tracer.parts() if k == number)

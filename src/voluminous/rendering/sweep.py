@@ -11,42 +11,17 @@ from __future__ import annotations
 import os
 import pickle
 import shutil
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, VoluminousError
+from ..executors import as_executor, run_tasks
 from ..files import as_path, replacing
 
 if TYPE_CHECKING:
     from .streaming import Rays, StreamingTracer
     from .tracer import RayTracer
-
-# How often reading is tried again in another task.
-_RETRIES = 3
-# Seconds after which progress is reported, which may cancel.
-_PATIENCE = 0.1
-
-
-def as_executor(given: Any) -> Executor | None:
-    """Return what runs tasks: an executor itself, or that of a Dask client.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
-    if hasattr(given, "get_executor"):
-        executor: Executor = given.get_executor(retries=_RETRIES, pure=False)
-        return executor
-    if given is None or isinstance(given, Executor):
-        return given
-    raise InputError(
-        "executor must be a concurrent.futures.Executor (ProcessPoolExecutor, mpi4py's "
-        f"MPIPoolExecutor, joblib's get_reusable_executor(), …) or a Dask client, got {given!r}"
-    )
 
 
 class Sweep:
@@ -61,7 +36,7 @@ class Sweep:
     """
 
     def __init__(self, executor: Any, checkpoint: Any) -> None:
-        self.executor = as_executor(executor)
+        self.executor = None if executor is None else as_executor(executor)
         self.folder = None if checkpoint is None else as_path(checkpoint)
         self.passes, self.used = 0, set[Path]()
 
@@ -75,77 +50,35 @@ class Sweep:
         """
         blocks = tracer.pieces.blocks(list(tracer.pieces.boxes(*rays.origins())))
         met = [rays.meeting(block.extent) for block in blocks]
-        before = _before(met, len(rays.u))
         self.passes += 1
-        waiting, left = list(range(len(blocks))), set(range(len(blocks)))
-        running: dict[Future[Any], int] = {}
-        failed, chosen = dict.fromkeys(waiting, 0), {}
+        chosen: dict[int, np.ndarray] = {}
 
-        def begin(k: int) -> bool:
-            """Start to draw a block; return whether it is done already."""
-            chosen[k] = rays.coming_to(blocks[k].boxes, met[k])
-            if not len(chosen[k]):
-                return True
-            if not any(tracer.visible(part, box) for box in blocks[k].boxes):
-                tracer.through(part, rays, blocks[k].boxes)
-                return True
-            state = self._kept(tracer, k)
-            if state is None and self.executor is None:
-                tracer.through(part, rays, blocks[k].boxes)
-                self._keep(tracer, k, rays.taken(chosen[k]).state)
-                return True
+        def begin(k: int) -> tuple[Any, ...] | None:
+            """Return the task that draws a block; None if it is done already."""
+            own = chosen[k] = rays.coming_to(blocks[k].boxes, met[k])
+            if not len(own):
+                return None
+            seen = any(tracer.visible(part, box) for box in blocks[k].boxes)
+            state = self._kept(tracer, k) if seen else None
             if state is not None:
-                rays.put(chosen[k], state)
-                return True
-            work, *given = tracer.task(number, rays.taken(chosen[k]), blocks[k].boxes)
-            assert self.executor is not None
-            running[self.executor.submit(work, *given)] = k
-            return False
+                rays.put(own, state)
+            elif seen and self.executor is not None:
+                return tracer.task(number, rays.taken(own), blocks[k].boxes)
+            else:
+                tracer.through(part, rays, blocks[k].boxes)
+                if seen:
+                    self._keep(tracer, k, rays.taken(own).state)
+            return None
 
-        def end(k: int) -> None:
-            left.discard(k)
+        def end(k: int, state: Any) -> None:
+            if state is not None:
+                self._keep(tracer, k, state)
+                rays.put(chosen[k], state)
             tracer.drawn(blocks[k].boxes)
 
-        try:
-            while left:
-                ready = [k for k in waiting if not before[k] & left]
-                waiting = [k for k in waiting if k not in ready]
-                for k in ready:
-                    if begin(k):
-                        end(k)
-                if ready or not running:
-                    continue
-                done, _ = wait(running, _PATIENCE, FIRST_COMPLETED)
-                for future in done:
-                    k = running.pop(future)
-                    state = self._result(future, failed, k)
-                    if state is None:
-                        waiting.append(k)
-                        continue
-                    self._keep(tracer, k, state)
-                    rays.put(chosen[k], state)
-                    end(k)
-                tracer.drawn(())
-        finally:
-            for future in running:
-                future.cancel()
-
-    def _result(self, future: Future[Any], failed: dict[int, int], k: int) -> Any:
-        """Return what a task made; None if it must be tried again."""
-        try:
-            return future.result()
-        except BrokenExecutor as error:
-            kept = "" if self.folder is None else "; finished blocks are kept: call again"
-            raise VoluminousError(
-                "a process that drew a block died, of too little memory or killed, and its "
-                f"executor goes on no more ({error}). Take a new one, less memory= or fewer "
-                f"processes{kept}. Dask replaces processes that die"
-            ) from error
-        except OSError:
-            failed[k] += 1
-            if failed[k] > _RETRIES:
-                raise
-            return None
+        names = [f"block {k + 1} of {len(blocks)}" for k in range(len(blocks))]
+        before = _before(met, len(rays.u))
+        run_tasks(self.executor, begin, end, names, lambda: tracer.drawn(()), before)
 
     def _path(self, tracer: StreamingTracer, block: int) -> Path:
         assert self.folder is not None
