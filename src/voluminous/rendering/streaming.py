@@ -46,8 +46,6 @@ _MARGIN = 1e-3
 _SENT = 16 << 20
 # With fewer cells than this for each that a ray crosses a table is made first.
 _CELLS_PER_STEP = 0.5
-# With more steps than this for each cell quads are made, which rays gather faster.
-_STEPS_PER_QUAD = 0.5
 
 
 class StreamingTracer(RayTracer):
@@ -268,7 +266,7 @@ class StreamingTracer(RayTracer):
         across = sum(sides) if pieces.grid.is_structured else 3.0 * cells ** (1 / 3)
         steps = rays * across / 2
         if pieces.dual:
-            return source.within(values, steps > _STEPS_PER_QUAD * cells), None
+            return source.within(values), None
         hidden = pieces.hidden(box, values)
         volume = pieces.outline.volume(box, values)
         if cells < _CELLS_PER_STEP * steps and source.real is self.backend.Wide:

@@ -164,10 +164,9 @@ def cartesian_lattices(
     arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[FacePackets | NodalValues]:
     """Return the `Grid.lattice` of Cartesian grids, each in the faster layout."""
-    units = [_checked_unit(array, backend, _padded_size(array.shape)) for array in arrays]
     return [
-        cartesian_lattice(np.pad(array, 1, mode="edge"), backend, unit)
-        for array, unit in zip(arrays, units, strict=True)
+        _cartesian_lattice(array, backend, _checked_unit(array, backend, _padded_size(array.shape)))
+        for array in arrays
     ]
 
 
@@ -175,21 +174,13 @@ def _padded_size(shape: tuple[int, ...]) -> int:
     return math.prod(int(n) + 2 for n in shape)
 
 
-def cartesian_lattice(
-    padded: np.ndarray, backend: Backend, unit: float, quads: bool = True
+def _cartesian_lattice(
+    array: np.ndarray, backend: Backend, unit: float
 ) -> FacePackets | NodalValues:
-    """Return a field of a Cartesian grid, divided by a unit, in the faster layout.
-
-    Parameters
-    ----------
-    padded : array
-        Values with a rim of one layer, which repeats the outermost ones.
-    quads : bool
-        Whether rays look at so many cells that quads pay, if they fit into memory.
-    """
-    nx, ny, nz = (int(n) for n in padded.shape)
-    size = 4 * nx * (ny - 1) * (nz - 1) * backend.dtype.itemsize
-    if quads and size <= _LARGEST_QUADS and fits(4 * size):
+    nx, ny, nz = (int(n) for n in array.shape)
+    size = 4 * (nx + 2) * (ny + 1) * (nz + 1) * backend.dtype.itemsize
+    padded = np.pad(array, 1, mode="edge")
+    if size <= _LARGEST_QUADS and fits(4 * size):
         return make_faces(padded, backend, unit)
     return make_nodes(padded, backend, unit)
 

@@ -25,7 +25,7 @@ from ...schemes.path import Path, layer
 from ..cache import Cache
 from .cells import CellEvaluator, along_sight, ray_coordinates
 from .channel_layout import PerChannel, some_channels
-from .corner_layouts import Corners, FieldLattice, cartesian_lattice, get_lattices
+from .corner_layouts import Corners, FieldLattice, get_lattices, make_nodes
 from .empty_space import DUAL, get_blocks, get_exactness, pruned_walk, visible_leaves
 
 # The smallest fraction of a peak that each precision represents.
@@ -166,15 +166,15 @@ class Interpolated:
     def accept(self, front: Path, panel: Path, where: Mask) -> None:
         """Take note of a panel that is accepted, and of the part of its segment in front of it."""
 
-    def within(self, padded: dict[str, np.ndarray], quads: bool) -> Interpolated:
+    def within(self, padded: dict[str, np.ndarray]) -> Interpolated:
         """Return the source in a box of cells, given these and one layer more on the low sides.
 
-        Around them is a rim of one layer, which repeats the outermost ones; see also `quads` of
-        `cartesian_lattice`.
+        Around them is a rim of one layer, which repeats the outermost ones. Each value is kept
+        once: to make quads takes longer than they save (512³, 800² rays: 9.6 s instead of 6.1).
         """
         part = copy.copy(self)
         part.lattices = {
-            name: cartesian_lattice(padded[name], self.backend, lattice.unit, quads)
+            name: make_nodes(padded[name], self.backend, lattice.unit)
             for name, lattice in self.lattices.items()
         }
         return part
