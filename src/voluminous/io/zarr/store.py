@@ -251,12 +251,51 @@ def part(path: Path, place: str, index: Any = ..., *, complete: bool = False) ->
             for i, n in zip(index, array.shape, strict=True)
         )
         with placed(f"/{place}[{cells}]"), by_library("zarr"):
-            values = np.asarray(array[index])
+            values = _one_chunk(array, index)
+            values = np.asarray(array[index]) if values is None else values
             lost = _lost(array, index)
             if lost is not None and complete:
                 raise FileFormatError(f"the chunk {lost} is missing")
         warn_of_missing(path, array.store)
         return values
+
+
+def _one_chunk(array: zarr.Array[Any], index: Sequence[Any]) -> np.ndarray | None:
+    """Return a whole chunk of a store that `Volume.save` writes; None if that is not asked for.
+
+    Zarr's pipeline of coroutines and copies takes 1.4 times as long (128³, single precision).
+    """
+    from zarr.storage import LocalStore
+
+    store: Any = array.store
+    files = store._store if isinstance(store, _careful()) else None
+    if array.metadata.zarr_format == 2 or array.shards or not isinstance(files, LocalStore):
+        return None
+    codecs = [type(codec).__name__ for codec in array.metadata.codecs]
+    little = array.dtype == array.dtype.newbyteorder("<")
+    if codecs != ["BytesCodec", "BloscCodec", "Crc32cCodec"] or not little:
+        return None
+    number = []
+    for one, n, side in zip(index, array.shape, array.chunks, strict=True):
+        low, high, step = (0, 0, 1) if isinstance(one, int) else one.indices(n)
+        if low % side or high - low != side or step != 1:
+            return None
+        number.append(low // side)
+    key = array.metadata.encode_chunk_key(tuple(number))
+    import google_crc32c
+    from numcodecs import blosc
+
+    try:
+        packed = (files.root / array.path / key).read_bytes()
+    except OSError:
+        return None  # which is said, or tried again, where Zarr reads it
+    # A view of bytes as NumPy's is the only one of which no copy is made.
+    data = np.frombuffer(packed, np.uint8)
+    if google_crc32c.value(data[:-4]) != int.from_bytes(packed[-4:], "little"):
+        return None
+    values = np.empty(array.chunks, array.dtype)
+    blosc.decompress(data[:-4], values)
+    return values
 
 
 def warn_of_missing(path: Path, store: Any) -> None:
