@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -267,8 +267,7 @@ def _one_chunk(array: zarr.Array[Any], index: Sequence[Any]) -> np.ndarray | Non
     """
     from zarr.storage import LocalStore
 
-    store: Any = array.store
-    files = store._store if isinstance(store, _careful()) else None
+    files = cast(Any, array.store)._store if isinstance(array.store, _careful()) else None
     if array.metadata.zarr_format == 2 or array.shards or not isinstance(files, LocalStore):
         return None
     codecs = [type(codec).__name__ for codec in array.metadata.codecs]
