@@ -65,6 +65,7 @@ _PUBLIC = {
     "observe": "observing",
     "open": "io",
     "orbit": "movies",
+    "plan": "rendering",
     "plot_row": "image.row",
     "presets": "calibration",
     "probe": "measuring",
@@ -157,6 +158,7 @@ __all__ = [
     "observe",
     "open",
     "orbit",
+    "plan",
     "plot_row",
     "presets",
     "probe",
@@ -211,7 +213,7 @@ if TYPE_CHECKING:
     from .objects import Axes, Boxes, Curves, Spheres, Stars
     from .observing import observe, spectrum
     from .physics import Blackbody, Molecule, Opacity
-    from .rendering import render
+    from .rendering import plan, render
     from .scene import Scene
     from .viewer import view
     from .volume import Volume

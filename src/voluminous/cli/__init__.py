@@ -16,7 +16,20 @@ from types import ModuleType
 
 from ..errors import VoluminousError
 from ..packages import VERSION
-from . import convert, demo, doctor, formats, info, measure, movie, probe, radmc3d, render, view
+from . import (
+    convert,
+    demo,
+    doctor,
+    formats,
+    info,
+    measure,
+    movie,
+    plan,
+    probe,
+    radmc3d,
+    render,
+    view,
+)
 
 COMMANDS: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
@@ -25,6 +38,7 @@ COMMANDS: dict[str, ModuleType] = {
         render,
         view,
         movie,
+        plan,
         radmc3d,
         info,
         measure,

@@ -304,11 +304,7 @@ class _Film:
                 lambda: report(len(done)),
             )
             return [done[k] for k in range(len(tasks))]
-        results = []
-        for k in numbers:
-            results.append(function(self.frame(k), self.volume(k)))
-            report(len(results))
-        return results
+        return [function(self.frame(k), self.volume(k)) for k in numbers]
 
     def draw(self, numbers: Sequence[int], report: Callable[[int, int], Any]) -> None:
         """Draw and write some frames, but for those that are made."""

@@ -2,7 +2,8 @@
 
 from .api import render
 from .framing import framed
+from .planning import plan
 from .prepare import prepare
 from .sky import image_wcs
 
-__all__ = ["framed", "image_wcs", "prepare", "render"]
+__all__ = ["framed", "image_wcs", "plan", "prepare", "render"]

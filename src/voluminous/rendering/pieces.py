@@ -470,6 +470,8 @@ class Pieces:
         Rays interpolate between the centres of cells.
     room : int
         Bytes that may be taken besides.
+    per_cell, others : float
+        Bytes that drawing takes for each cell of a block, and besides; see `plan`.
     sweep : Sweep or None
         Draws blocks in other processes, or keeps them in files.
     report : callable
@@ -568,6 +570,7 @@ class Pieces:
 
     def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
         """Set the blocks, given the bytes that a cell takes, and those besides."""
+        self.per_cell, self.others = per_cell, others
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
         self.side, self.room = largest_side(self.outline, self.memory, per_cell, others, *need)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import inspect
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ..backend import from_host, get_backend
 from ..calibration import calibrated
 from ..calibration.plain import in_plain_numbers
-from ..cameras.contract import Camera, check_camera
+from ..cameras.contract import Camera, Frame, check_camera
 from ..errors import InputError, check_name
-from ..expressions.interval import Interval
 from ..files import url_of
 from ..grids.contract import CellBox
 from ..media.contract import Medium
@@ -29,16 +30,20 @@ from .api import render
 from .cache import Cache
 from .levels import at_level
 from .options import check_scheme_in_pieces, check_tolerance
-from .pieces import Pieces
+from .pieces import Outline, Pieces
 from .sources.channel_layout import blocks_of
 
 # Seconds of one core for: a byte of a field, unpacked; a box; a ray through a box, with its state;
 # a cell on a ray. Measured on 512³ and 1024³ cells (`benchmarks/plan.py`); other machines are
 # faster or slower by two.
-_BYTE, _BOX, _RAY = 1.4e-9, 0.03, 2e-7
-_STEP = {"first-order": 1.5e-8, "pre-integrated": 4e-8, "post-classified": 1e-7}
+_BYTE, _BOX, _RAY = 1.3e-9, 0.012, 2e-7
+_STEP = {"first-order": 1.5e-8, "pre-integrated": 5e-8, "post-classified": 8e-8}
 # A program and its compiler: to begin with, and bytes.
 _START, _PROCESS = 0.5, 150 << 20
+# Rays along each side of a picture that are followed.
+_SAMPLE = 16
+# Part of the room that is left for chunks (`Chunks`).
+_KEPT = 0.75
 # A task of an executor, besides its rays, in seconds.
 _TASK = 0.01
 # Passes of a picture drawn to a tolerance: at least, at most, as a rule, and as many as all rays
@@ -119,7 +124,10 @@ class Plan:
             ("memory", f"{_bytes(self.memory)} ({_bytes(self.bytes_whole)} without memory=)"),
         ]
         if self.workers > 1:
-            lines[-1] = ("memory", f"{_bytes(self.memory)} a process, {_bytes(self.memory_here)} here")
+            lines[-1] = (
+                "memory",
+                f"{_bytes(self.memory)} a process, {_bytes(self.memory_here)} here",
+            )
             lines += [("tasks", f"{self.tasks} in {self.shells} shells, {self.workers} processes")]
         lines += [("time", f"{_seconds(self.seconds)}, within a factor of three")]
         return "\n".join(f"{name:8} {text}" for name, text in lines)
@@ -181,7 +189,8 @@ def plan(
     volume, medium, drawn = at_level(volume, medium, camera, 0 if level is None else level)
     choices = {"order": "front-to-back", "antialias": None, "bounds": False, "objects": ()}
     choices |= {name: options[name] for name in choices if name in options}
-    pieces = Pieces(volume, medium, memory, measure=False, **choices)
+    pieces = Pieces(_Sketch.of(volume), medium, memory, **choices)
+    pieces.seen_by(camera, medium.names)
     if scheme is None:
         scheme = "first-order" if medium.discrete else "post-classified"
     check_tolerance(tolerance)
@@ -191,6 +200,25 @@ def plan(
     frame = camera.frame(volume.grid)
     pieces.plan(medium, solver, frame.pixels)
     return _planned(pieces, medium, solver, camera, drawn, workers, samples)
+
+
+class _Sketch(Outline):
+    """An outline for which no file is read: ranges that it does not tell are infinite."""
+
+    def knows(self, name: str) -> bool:
+        """Return whether the ranges of a field are known."""
+        return bool(np.all(np.isfinite(self.extremes(name))))
+
+    def _key(self, name: str) -> Any:
+        return None
+
+    def _measured(self, name: str, told: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        if name in self._whole.fields and self.in_memory(name) is not None:
+            return super()._measured(name, told)
+        found = (
+            np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
+        )
+        return np.where(np.isfinite(found), found, (-np.inf, np.inf)), None
 
 
 def _plain(medium: Medium, volume: Volume) -> Medium:
@@ -212,43 +240,48 @@ def _planned(
     samples: int,
 ) -> Plan:
     volume, grid, frame = pieces.outline, pieces.grid, camera.frame(pieces.grid)
+    assert isinstance(volume, _Sketch)
     names = [name for name in medium.names if name in volume]
-    chunks = _boxes(grid.shape, volume.store.chunks)
-    seen = _visible(pieces, medium, scheme, volume.store.chunks).ravel()
-    visible = seen & (_Met.by_rays(camera, frame, pieces, *chunks).rays > 0)
+    context = RangeContext(volume.unit, volume.expression_unit, _FAINTEST[scheme.name])
+    with np.errstate(all="ignore"):
+        shown = medium.visible_in(pieces.ranges_of_chunks(medium.names), context)
+    seen = np.array(np.broadcast_to(shown, volume.chunk_counts))
+    seen &= (rays_through(camera, pieces, *_chunks(pieces))[0] > 0).reshape(seen.shape)
     boxes = list(pieces.boxes(*_origins(camera, pieces)))
     low, high = (np.array([getattr(box, end) for box in boxes]) for end in ("low", "high"))
-    met = _Met.by_rays(camera, frame, pieces, low, high)
-    places = tuple((low // pieces.side).T)
-    drawn = _visible(pieces, medium, scheme, pieces.side)[places] & (met.rays > 0)
-    cells = np.prod(high - low, axis=1)
+    rays, crossed = rays_through(camera, pieces, low, high)
+    share = np.array([seen[volume.chunks_of(box)].mean() for box in boxes]) * (rays > 0)
+    cells = share * np.prod(high - low, axis=1)
     turns = samples**2 * len(blocks_of(medium.channels, scheme))
-    least, most, read, rounds = _PASSES if scheme.controlled else (1, 1, 1.0, 1.0)
-    per_cell = sum(volume.dtype(name).itemsize for name in names)
-    steps = _STEP[scheme.name] / _processors() * met.steps
-    cost = read * (_BOX + _BYTE * per_cell * cells) + rounds * (_RAY * met.rays + steps)
-    cost *= drawn * turns
+    least, most, usual, rounds = _PASSES if scheme.controlled else (1, 1, 1.0, 1.0)
+    total = float(np.sum(cells)) * sum(volume.dtype(name).itemsize for name in names)
+    # Chunks that are kept are unpacked once.
+    kept = min(1.0, _KEPT * pieces.room / total) if total else 1.0
+    unpacked = kept + (1.0 - kept) * usual * turns
+    cost = unpacked * _BYTE * total / max(np.sum(cells), 1.0) * cells
+    steps = _STEP[scheme.name] / _processors() * crossed
+    cost += (share > 0) * turns * (usual * _BOX + rounds * (_RAY * rays + steps))
     tasks, shells, along = _side_by_side(pieces, boxes, cost, workers)
     stored = _stored(volume, names) if level == 0 else None
-    share = float(np.sum(cells[drawn])) / grid.size
+    x, y, z = (int(n) for n in pieces.side)
     return Plan(
         shape=grid.shape,
         level=level,
         pixels=frame.pixels,
         scheme=scheme.name,
-        chunks=len(seen),
-        visible=int(np.sum(visible)),
+        chunks=seen.size,
+        visible=int(seen.sum()),
         known=all(volume.knows(name) for name in names),
-        side=pieces.side,
-        boxes=int(np.sum(drawn)),
+        side=(x, y, z),
+        boxes=int(np.count_nonzero(share)),
         tasks=tasks,
         shells=shells,
         passes=(least * turns, most * turns),
-        bytes_read=int(per_cell * np.sum(cells[drawn])),
-        bytes_stored=None if stored is None else int(stored * share),
-        bytes_whole=pieces.needed(grid.shape) + _PROCESS,
-        memory=pieces.needed(pieces.side) + _PROCESS,
-        memory_here=pieces.needed((0, 0, 0)) + _PROCESS,
+        bytes_read=int(total),
+        bytes_stored=None if stored is None else int(stored * seen.mean()),
+        bytes_whole=int(pieces.others + pieces.per_cell * grid.size) + _PROCESS,
+        memory=int(pieces.others + pieces.per_cell * math.prod(pieces.side)) + _PROCESS,
+        memory_here=pieces.others + _PROCESS,
         workers=workers,
         seconds=_START + (float(np.sum(cost)) if workers == 1 else along),
     )
@@ -259,11 +292,11 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _boxes(shape: Sequence[int], side: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first cells of all boxes of so many cells, and those after the last, (n, 3)."""
-    counts = [-(-n // s) for n, s in zip(shape, side, strict=True)]
-    low = np.indices(counts).reshape(3, -1).T * np.asarray(side)
-    return low, np.minimum(low + side, shape)
+def _chunks(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first cells of all chunks, and those after the last, shape (n, 3)."""
+    side = np.array(pieces.outline.store.chunks)
+    low = np.indices(pieces.outline.chunk_counts).reshape(3, -1).T * side
+    return low, np.minimum(low + side, pieces.grid.shape)
 
 
 def _origins(camera: Camera, pieces: Pieces) -> tuple[bool, np.ndarray, np.ndarray]:
@@ -276,109 +309,80 @@ def _origins(camera: Camera, pieces: Pieces) -> tuple[bool, np.ndarray, np.ndarr
     return False, np.repeat(center - depth * direction[:, None], 2, axis=1), direction
 
 
-@dataclass
-class _Met:
-    """How many rays meet each of some boxes, and how many cells they cross there."""
+def rays_through(
+    camera: Camera, pieces: Pieces, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many rays meet each of some boxes, and how many cells all of them cross there.
 
-    rays: np.ndarray
-    steps: np.ndarray
+    The six faces of a box are projected: half of their areas is that of the box's picture, and the
+    rays through the faces across an axis cross all cells between them. Where that cannot be told,
+    beside the observer or in panoramas, some rays are followed.
+    """
+    frame = camera.frame(pieces.grid)
+    ends = np.stack(
+        [w[np.stack([a, b])] for w, a, b in zip(pieces.walls, low.T, high.T, strict=True)]
+    )  # (axis, end, box)
+    pick = np.arange(8) >> np.array([[2], [1], [0]]) & 1
+    corners = np.stack([own[way].T for own, way in zip(ends, pick, strict=True)])
+    seen = camera.project(corners.reshape(3, -1), pieces.grid)[:2]
+    x, y = (
+        (places.reshape(-1, 8) - shift) / step
+        for places, shift, step in zip(seen, frame.shift, frame.pixel, strict=True)
+    )
+    rays, steps = np.zeros(len(low)), np.zeros(len(low))
+    for axis, way in enumerate(pick):
+        for face in (np.flatnonzero(way == end)[[0, 1, 3, 2]] for end in (0, 1)):
+            area = 0.5 * _area(x[:, face], y[:, face])
+            rays += area
+            steps += area * (high - low)[:, axis]
+    nx, ny = frame.pixels
+    inside = _overlap(x, nx) * _overlap(y, ny)
+    rays, steps = rays * inside, steps * inside
+    known = np.isfinite(x)
+    some = known.any(axis=1) & (not camera.straight or ~known.all(axis=1))
+    rays[~known.any(axis=1)] = steps[~known.any(axis=1)] = 0.0
+    if some.any():
+        rays[some], steps[some] = _followed(camera, frame, ends[..., some], (high - low)[some])
+    return rays, steps
 
-    @classmethod
-    def by_rays(
-        cls, camera: Camera, frame: Any, pieces: Pieces, low: np.ndarray, high: np.ndarray
-    ) -> _Met:
-        """Project the six faces of each box: half of their areas is that of the box's picture.
 
-        The rays through the faces across an axis cross all its cells between them.
-        """
-        ends = np.stack(
-            [
-                np.stack([w[k] for k in (a, b)], -1)
-                for w, a, b in zip(pieces.walls, low.T, high.T, strict=True)
-            ]
-        )  # (3, n, 2)
-        corners = np.stack(
-            [ends[axis][:, [k >> (2 - axis) & 1 for k in range(8)]] for axis in range(3)]
-        )  # (3, n, 8)
-        u, v, _ = camera.project(corners.reshape(3, -1), pieces.grid)
-        x, y = (
-            (np.reshape(seen, corners.shape[1:]) - shift) / step
-            for seen, shift, step in zip((u, v), frame.shift, frame.pixel, strict=True)
-        )
-        nx, ny = frame.pixels
-        rays, steps = np.zeros(len(low)), np.zeros(len(low))
-        for axis in range(3):
-            far = 4 >> axis
-            near = [k for k in range(8) if not k & far]
-            near = [near[0], near[1], near[3], near[2]]  # around the face
-            area = sum(_area(x[:, face], y[:, face]) for face in (near, [k + far for k in near]))
-            rays += 0.5 * area
-            steps += 0.5 * area * (high - low)[:, axis]
-        inside = _overlap(x, nx) * _overlap(y, ny)
-        # What is behind the observer, or around him, is on any ray at most once.
-        known = np.isfinite(x).all(axis=1)
-        behind = ~np.isfinite(x).any(axis=1)
-        share = np.where(known, inside, 1.0)
-        everything = np.where(behind, 0.0, float(nx * ny))
-        cells = (high - low).sum(axis=1) / 2
-        rays = np.where(known, np.minimum(rays * share, nx * ny), everything)
-        return cls(rays, np.where(known, steps * share, everything * cells))
+def _followed(
+    camera: Camera, frame: Frame, ends: np.ndarray, cells: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many rays meet boxes, and the cells they cross, from a sample of the rays."""
+    backend = get_backend("cpu", "double")
+    some = [
+        axis[np.linspace(0, len(axis) - 1, _SAMPLE).astype(int)] for axis in frame.coordinates()
+    ]
+    u, v = (from_host(backend.Wide, places.ravel()) for places in np.meshgrid(*some))
+    ray = camera.rays(frame.traced_vectors(backend), u, v)
+    first, last, across = 0.0, np.inf, 0.0
+    for origin, direction, (near, far), count in zip(
+        ray.origin, ray.direction, ends[..., None], cells.T[..., None], strict=True
+    ):
+        o, d = np.asarray(origin), np.asarray(direction)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, two = (near - o) / d, (far - o) / d
+        first, last = np.fmax(first, np.fmin(one, two)), np.fmin(last, np.fmax(one, two))
+        across = across + np.abs(d) * count / (far - near)
+    length = np.maximum(last - first, 0.0)
+    each = np.prod(frame.pixels) / _SAMPLE**2
+    # What is far away in a panorama may be between the rays of the sample.
+    met = np.maximum((length > 0).sum(axis=1), not camera.straight)
+    return met * each, (length * across).sum(axis=1) * each
 
 
 def _area(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the areas of polygons, shape (n, corners)."""
     twice = np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
-    return 0.5 * np.abs(twice)
+    return np.asarray(0.5 * np.abs(twice))
 
 
 def _overlap(x: np.ndarray, count: int) -> np.ndarray:
     """Return which part of each range of places is in a picture that reaches to ± count / 2."""
     low, high = x.min(axis=1), x.max(axis=1)
     within = np.minimum(high, 0.5 * count) - np.maximum(low, -0.5 * count)
-    return np.clip(within / np.maximum(high - low, 1e-30), 0.0, 1.0)
-
-
-def _visible(
-    pieces: Pieces, medium: Medium, scheme: Scheme, side: Sequence[int]
-) -> np.ndarray:
-    """Return where the medium may be visible, for each of the boxes of some chunks."""
-    volume, chunks, shape = pieces.outline, pieces.outline.store.chunks, pieces.grid.shape
-    ghosts = scheme.coefficients_at == "field"
-    context = RangeContext(volume.unit, volume.expression_unit, _FAINTEST[scheme.name])
-    lows = [np.arange(0, n, s) for n, s in zip(shape, side, strict=True)]
-    ranges = {}
-    for name in medium.names:
-        if name in volume:
-            table = volume.extremes(name)
-            for axis, (low, chunk) in enumerate(zip(lows, chunks, strict=True)):
-                first = np.maximum(low - ghosts, 0) // chunk
-                last = -(-np.append(low[1:], shape[axis]) // chunk)
-                parts = [table.take(range(a, b), axis) for a, b in zip(first, last, strict=True)]
-                table = np.stack(
-                    [
-                        np.stack([part[..., 0].min(axis), part[..., 1].max(axis)], -1)
-                        for part in parts
-                    ],
-                    axis,
-                )
-            ranges[name] = Interval(*np.moveaxis(table.astype(np.float64), -1, 0))
-        else:
-            ranges[name] = Interval(*_coordinates(pieces, name, side, ghosts))
-    with np.errstate(all="ignore"):
-        seen = np.asarray(medium.visible_in(ranges, context))
-    return np.broadcast_to(seen, [len(low) for low in lows])
-
-
-def _coordinates(
-    pieces: Pieces, name: str, side: Sequence[int], ghosts: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and largest values of a coordinate in boxes."""
-    low, high = _boxes(pieces.grid.shape, side)
-    boxes = (CellBox(*ends) for ends in zip(map(tuple, low), map(tuple, high), strict=True))
-    ranges = [pieces.ranges(box, [name], ghosts)[name] for box in boxes]
-    counts = [-(-n // s) for n, s in zip(pieces.grid.shape, side, strict=True)]
-    ends = np.array([(float(r.lo), float(r.hi)) for r in ranges]).T.reshape(2, *counts)
-    return ends[0], ends[1]
+    return np.asarray(np.clip(within / np.maximum(high - low, 1e-30), 0.0, 1.0))
 
 
 def _side_by_side(

@@ -1,0 +1,189 @@
+"""Plans say what pictures drawn chunk by chunk take, and read nothing to know it."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from test_confined_walk import UNIFORM
+from test_streaming import CAMERAS, MEDIUM, chunks, noise, reads  # noqa: F401
+from voluminous.cli import main
+from voluminous.errors import MemoryNeededError, UnknownNameError
+from voluminous.rendering.pieces import Pieces
+from voluminous.rendering.planning import rays_through
+from voluminous.store import FieldStore
+
+# Chunks of the volumes below are few and small: half a gigabyte is for other things.
+ENOUGH = "500 MB"
+
+
+def blob(n):
+    """Return a volume of which only the middle is visible with `MEDIUM`."""
+    grid = vm.CartesianGrid.uniform(n, (-1, 1))
+    x, y, z = np.meshgrid(*[np.linspace(-1, 1, n)] * 3, indexing="ij")
+    return vm.Volume(grid, a=np.where(x**2 + y**2 + z**2 < 0.2, 0.5, 9.0).astype(np.float32))
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_the_boxes_of_a_plan_are_those_that_are_read(camera, chunks, reads):  # noqa: F811
+    """But for boxes at the rim of a picture, which no ray through a pixel's middle meets."""
+    chunks(3)
+    volume = noise(UNIFORM)
+    options = {"memory": ENOUGH, "scheme": "first-order"}
+    plan = vm.plan(volume, MEDIUM, camera, **options)
+    measured = len(reads)  # ranges of what is in memory
+    del reads[:]
+    vm.render(volume, MEDIUM, camera, **options, cutoff=0.0)
+    read = len(set(reads[measured:]))
+    assert read <= plan.boxes <= 1.3 * read + 2
+    assert plan.visible == plan.boxes
+    assert plan.passes == (1, 1)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "pre-integrated", "post-classified"])
+def test_boxes_that_show_nothing_are_left_out(scheme, chunks, reads):  # noqa: F811
+    chunks(8)
+    volume, camera = blob(64), vm.Orthographic(35, 25, width=3, resolution=40)
+    options = {"memory": ENOUGH, "scheme": scheme}
+    plan = vm.plan(volume, MEDIUM, camera, **options)
+    measured = len(reads)
+    del reads[:]
+    vm.render(volume, MEDIUM, camera, **options, cutoff=0.0)
+    read = len(set(reads[measured:]))
+    assert plan.chunks == 512
+    assert read <= plan.boxes <= 1.3 * read < 0.4 * 512
+    assert plan.bytes_read == plan.boxes * 8**3 * 4
+
+
+def test_rays_and_cells_are_those_of_the_geometry():
+    """Along z each ray through a box crosses its layers; from afar a perspective is the same."""
+    volume = noise(vm.CartesianGrid.uniform((4, 6, 8), (-1, 1)))
+    pieces = Pieces(volume, MEDIUM, ENOUGH)
+    low, high = np.array([(0, 0, 0), (2, 3, 0)]), np.array([(4, 6, 8), (4, 6, 8)])
+    far = 1e4
+    cameras = (
+        vm.Orthographic(0, 0, width=2.0, resolution=100),
+        vm.Perspective((0, 0, far), (0, 0, 0), np.rad2deg(2 * np.arctan(1 / far)), resolution=100),
+    )
+    for camera in cameras:
+        rays, steps = rays_through(camera, pieces, low, high)
+        np.testing.assert_allclose(rays, [1e4, 2500], rtol=1e-3)
+        np.testing.assert_allclose(steps, [8e4, 2e4], rtol=1e-3)
+    # Obliquely, more of it is seen: |d| · A, and each axis has its crossings.
+    camera = vm.Orthographic(40, 20, width=10.0, resolution=500)
+    rays, steps = rays_through(camera, pieces, low[:1], high[:1])
+    d = np.abs(camera.lines_of_sight(np.zeros((3, 1)), volume.grid)[:, 0])
+    pixel = (10 / 500) ** 2
+    np.testing.assert_allclose(rays, 4 * d.sum() / pixel, rtol=1e-9)
+    np.testing.assert_allclose(steps, 4 * d @ (4, 6, 8) / pixel, rtol=1e-9)
+
+
+def test_of_a_picture_that_shows_a_part_only_that_is_read(chunks):  # noqa: F811
+    chunks(8)
+    near = vm.Orthographic(0, 0, width=0.25, center=(0.5, 0.5, 0), resolution=40)
+    plan = vm.plan(noise(vm.CartesianGrid.uniform(64, (-1, 1))), MEDIUM, near, memory=ENOUGH)
+    assert 8 <= plan.boxes <= 4 * 8
+
+
+def test_nothing_of_a_file_is_read(tmp_path, monkeypatch):
+    blob(32).save(tmp_path / "a.zarr", stats=True, levels=True, chunks=8)
+    blob(32).save(tmp_path / "b.zarr", chunks=8)
+    volumes = [vm.io.registry.open_lazily(tmp_path / name) for name in ("a.zarr", "b.zarr")]
+    monkeypatch.setattr(FieldStore, "read", None)
+    medium, camera = MEDIUM.replace(path_length="auto"), CAMERAS["oblique"]
+    with_stats, without = (vm.plan(v, medium, camera, memory=ENOUGH) for v in volumes)
+    assert with_stats.known
+    assert with_stats.visible < 64 == with_stats.chunks
+    assert not without.known
+    assert without.visible == without.chunks
+    assert "--stats" in str(without)
+    on_disk = sum(
+        p.stat().st_size for p in (tmp_path / "a.zarr/fields/a").rglob("*") if p.is_file()
+    )
+    assert 0 < with_stats.bytes_stored <= on_disk
+    assert all(volume.waiting == ("a",) for volume in volumes)
+    monkeypatch.undo()
+    coarse = vm.plan(volumes[0], MEDIUM, camera, memory=ENOUGH, level=1)
+    assert (coarse.shape, coarse.level, coarse.chunks) == ((16, 16, 16), 1, 8)
+
+
+def test_four_thousand_chunks_are_at_most_two_hundred_tasks(chunks):  # noqa: F811
+    chunks(4)
+    volume = noise(vm.CartesianGrid.uniform(64, (-1, 1)))
+    camera = vm.Orthographic(35, 25, resolution=50)
+    one, four, many = (
+        vm.plan(volume, MEDIUM, camera, memory=ENOUGH, workers=n) for n in (1, 4, 64)
+    )
+    assert one.chunks == 4096
+    assert one.tasks == four.tasks == many.tasks <= 200
+    k = round(one.tasks ** (1 / 3))
+    assert k**3 == one.tasks
+    assert one.shells == 3 * k - 2
+    # As many at a time as there are processes, and as share no ray.
+    assert one.seconds / 4 <= four.seconds <= one.seconds / 2.5
+    assert one.seconds / 64 < many.seconds < four.seconds
+    assert "64 in 10 shells, 4 processes" in str(four)
+
+
+def test_memory_is_that_of_drawing():
+    volume, camera = noise(UNIFORM), CAMERAS["oblique"]
+    with pytest.raises(MemoryNeededError) as planned:
+        vm.plan(volume, MEDIUM, camera, memory="1 MB")
+    with pytest.raises(MemoryNeededError) as drawn:
+        vm.render(volume, MEDIUM, camera, memory="1 MB")
+    assert str(planned.value) == str(drawn.value)
+    big = vm.plan(volume, MEDIUM, CAMERAS["oblique"].replace(resolution=2000), memory="3 GB")
+    assert big.memory > vm.plan(volume, MEDIUM, camera).memory + 200 * 2000**2
+
+
+def test_samples_and_channels_are_passes():
+    volume, camera = noise(UNIFORM), CAMERAS["oblique"]
+    assert vm.plan(volume, MEDIUM, camera, samples=2, tolerance=None).passes == (4, 4)
+    spectrum = vm.Coefficients(["a"] * 40, "a")
+    assert vm.plan(volume, spectrum, camera, scheme="first-order").passes == (3, 3)
+    assert "2 to 4" in str(vm.plan(volume, MEDIUM, camera))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"workers": 0}, vm.InputError, "workers"),
+        ({"sample": 2}, UnknownNameError, "samples"),
+        ({"scheme": "second-order"}, vm.InputError, "chunk by chunk"),
+        ({"bounds": True}, vm.InputError, "bounds"),
+        ({"memory": "much"}, vm.InputError, "memory"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(options, error, message):
+    with pytest.raises(error, match=message):
+        vm.plan(noise(UNIFORM), MEDIUM, CAMERAS["oblique"], **options)
+
+
+def test_the_command_line_prints_a_plan(tmp_path, capsys):
+    blob(16).save(tmp_path / "a.h5")
+    words = ["plan", str(tmp_path / "a.h5"), "--scheme", "first-order", "-q"]
+    assert main([*words, "--workers", "8"]) == 0
+    told = capsys.readouterr().out
+    assert "16 x 16 x 16, level 0" in told
+    assert "8 processes" in told
+    assert main([*words, "--workers", "0"]) == 2
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("scheme", ["first-order", "pre-integrated", "post-classified"])
+def test_the_time_is_right_within_a_factor_of_three(tmp_path, scheme):
+    """Of the clock of a machine that has nothing else to do: processor time, or a part of it."""
+    grid = vm.CartesianGrid.uniform(256, (-1, 1))
+    noise(grid).save(tmp_path / "a.zarr", stats=True, chunks=64)
+    volume = vm.io.registry.open_lazily(tmp_path / "a.zarr")
+    camera = vm.Orthographic(35, 25, resolution=600)
+    options = {"scheme": scheme, "memory": "1 GB"}
+    said = vm.plan(volume, MEDIUM, camera, **options).seconds
+    before = time.process_time()
+    vm.render(volume, MEDIUM, camera, **options)
+    spent = time.process_time() - before
+    assert spent / (3 * (os.cpu_count() or 1)) <= said <= 3 * spent
