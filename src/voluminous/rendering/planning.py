@@ -186,6 +186,11 @@ def plan(
     if not is_count(workers, 1 << 31):
         raise InputError(f"workers is the number of processes, 1 or more, got {workers!r}")
     check_camera(camera, "plan")
+    if not getattr(volume, "grid", None) or volume.grid.kind != "cartesian":
+        raise InputError(
+            "plans are made of pictures of Cartesian volumes, got "
+            f"{getattr(volume, 'grid', volume)!r}; others are drawn without"
+        )
     volume, medium, drawn = at_level(volume, medium, camera, 0 if level is None else level)
     choices = {"order": "front-to-back", "antialias": None, "bounds": False, "objects": ()}
     choices |= {name: options[name] for name in choices if name in options}
@@ -195,7 +200,7 @@ def plan(
         scheme = "first-order" if medium.discrete else "post-classified"
     check_tolerance(tolerance)
     solver = get_scheme(scheme, controlled=tolerance is not None)
-    check_scheme_in_pieces(solver)
+    check_scheme_in_pieces(solver, volume.grid)
     medium = _plain(medium, volume)
     frame = camera.frame(volume.grid)
     pieces.plan(medium, solver, frame.pixels)
