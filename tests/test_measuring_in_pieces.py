@@ -186,6 +186,24 @@ def test_components_of_vectors_are_drawn(volumes):
             np.testing.assert_array_equal(other.intensity, one.intensity)
 
 
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_many_channels_read_every_chunk_once(scheme, volumes, monkeypatch):
+    whole, parts, counted = volumes(UNIFORM)
+    rho = "density / (1 g/cm3)"
+    medium = vm.Coefficients(
+        [f"({rho})**{k}" for k in range(20)], [f"{rho} * {k}" for k in range(20)]
+    )
+    options = {"scheme": scheme, "tolerance": 1e-3 if scheme == "post-classified" else None}
+    one = vm.render(whole, medium, OBLIQUE, **options)
+    vm.render(parts, medium, OBLIQUE, **options, **PIECES)  # which looks at some cells beforehand
+    counted["density"].boxes.clear()
+    other = vm.render(parts, medium, OBLIQUE, **options, **PIECES)
+    # Chunks that are drawn again are kept.
+    assert len(counted["density"].boxes) == np.prod([-(-n // 4) for n in UNIFORM.shape])
+    np.testing.assert_array_equal(other.intensity, one.intensity)
+    np.testing.assert_array_equal(other.optical_depth, one.optical_depth)
+
+
 def probed(probe):
     """Return the numbers of a probe; hidden cells have some coefficients that do not count."""
     found = {f.name: getattr(probe, f.name) for f in fields(probe) if f.name != "provenance"}

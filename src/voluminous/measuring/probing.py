@@ -318,7 +318,7 @@ class _Ray(NamedTuple):
 def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _Ray:
     """Return the ray with all blocks of channels; some may end before others."""
     room = _ROOM * int(tracer.job.volume.grid.cells_across) + 64
-    rays = [_follow(tracer, part, pixel, offset, room) for _, part in tracer.parts()]
+    rays = [_follow(part, pixel, offset, room) for _, part in tracer.parts()]
     if len(blocks := tracer.blocks) == 1:
         return rays[0]
     longest = max(rays, key=lambda ray: len(ray.rows["begin"]))
@@ -340,31 +340,30 @@ def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _
     return longest._replace(rows=rows, path=path, stopped=stopped, numbers=tracer.source.numbers)
 
 
-def _follow(
-    tracer: RayTracer, part: RayTracer, pixel: int, offset: tuple[float, float], capacity: int
-) -> _Ray:
-    """Return the ray as a part of the channels has it."""
+def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
+    """Return the ray of channels that are drawn together."""
     inner, job = tracer.scheme, tracer.job
     names = job.medium.names if inner.coefficients_at == "field" else ()
-    tracer.scheme = part.scheme = recorder = _Recorder(inner, names, capacity)
-    recorder.make_columns(part.source)
+    tracer.scheme = recorder = _Recorder(inner, names, capacity)
+    recorder.make_columns(tracer.source)
     place = tuple(np.array([value]) for value in (pixel, *offset))
     ray = tracer.ray_through(*place)
     boxes: list[tuple[CellBox, int]] = []
     if isinstance(tracer, StreamingTracer):
-        rays, last = tracer.starting(part, *place), 0
+        rays, count = tracer.starting(*place), 0
+        (own_state,) = rays.states
         for box in tracer.pieces.boxes(*rays.origins()):
-            tracer.through(part, rays, [box])
-            last = int(rays.state.carried[0][0]) if rays.state.carried else 0
-            boxes.append((box, last))
-        count, found, over = last, rays.state.path, rays.state.over
+            tracer.through(rays, [box])
+            count = int(own_state.carried[0][0]) if own_state.carried else 0
+            boxes.append((box, count))
+        found, over = own_state.path, own_state.over
     else:
-        state = part.march(ray)
+        state = tracer.march(ray)
         dr.eval(state, recorder.columns)
         count, found, over = int(state.carried[0][0]), state.path, state.cursor.inside
-    tracer.scheme = part.scheme = inner
+    tracer.scheme = inner
     if count > capacity:
-        return _follow(tracer, part, pixel, offset, count)
+        return _follow(tracer, pixel, offset, count)
     rows = recorder.read(count)
     first = 0
     for box, last in boxes:  # in which cells have numbers of their own
@@ -384,7 +383,7 @@ def _follow(
         direction = -direction
     parts = (found.emission, found.transparency, found.depth)
     path = Path(*([np.asarray(v)[0] for v in numbers] for numbers in parts))
-    return _Ray(origin, direction, rows, path, bool(np.asarray(over)[0]), part.source.numbers)
+    return _Ray(origin, direction, rows, path, bool(np.asarray(over)[0]), tracer.source.numbers)
 
 
 def _assembled(

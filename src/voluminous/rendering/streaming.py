@@ -52,7 +52,8 @@ class StreamingTracer(RayTracer):
     """Traces all rays through one block of cells after another, front to back.
 
     Each call of `frame`, `pixels` or `rays` is a pass through the blocks that its rays meet, and
-    whose medium may be visible. Rays that have reached the cut-off need no further blocks.
+    whose medium may be visible, with all channels. Rays that have reached the cut-off need no
+    further blocks.
     """
 
     def __init__(
@@ -65,10 +66,9 @@ class StreamingTracer(RayTracer):
         nx, ny = job.frame.pixels
         self.batch = max(self.batch, (nx + _GROUP) * (ny + _GROUP))  # blocks are read once
         self._done, self._counts = 0, False
-        several = job.scheme.controlled or job.samples > 1 or len(self.blocks) > 1
+        several = job.scheme.controlled or job.samples > 1
         pieces = self.pieces
         self.chunks = Chunks(pieces.outline, pieces.room, again=several, layers=pieces.dual)
-        self._shown: dict[int, np.ndarray] = {}
 
     def _frame(
         self,
@@ -82,39 +82,38 @@ class StreamingTracer(RayTracer):
         return paths
 
     def _draw(self, batch: RayBatch, rows: list[Float], lanes: int = 0) -> None:
-        for number, part in self.parts():  # blocks of channels are passes of their own
-            rays = Rays.starting(self, part, batch)
-            counts = self._counts
-            while True:
-                if self.pieces.sweep is None:
-                    self.through(part, rays, self.pieces.boxes(*rays.origins()))
-                else:
-                    self.pieces.sweep.draw(self, number, part, rays)
-                if not rays.wait:
-                    break
-                self._counts = False  # rays come to some pieces of patches again
-            self._counts = counts
-            path, over = rays.path, rays.state.over
+        rays, counts = Rays.starting(self, batch), self._counts
+        while True:
+            if self.pieces.sweep is None:
+                self.through(rays, self.pieces.boxes(*rays.origins()))
+            else:
+                self.pieces.sweep.draw(self, rays)
+            if not rays.wait:
+                break
+            self._counts = False  # rays come to some pieces of patches again
+        self._counts = counts
+        for number, state in enumerate(rays.states):
+            path = rays.found(state)
             numbers = path.emission + path.transparency + path.depth + path.error
             real = self.backend.Float
             values = [flush_subnormal(from_host(real, n), MARGIN) for n in numbers]
-            values.append(from_host(real, over.astype(self.backend.dtype)))
+            values.append(from_host(real, state.over.astype(self.backend.dtype)))
             write_paths(self._rows_of(number, rows), values, batch.lanes, batch.first)
 
-    def through(self, part: RayTracer, rays: Rays, boxes: Iterable[CellBox]) -> None:
+    def through(self, rays: Rays, boxes: Iterable[CellBox]) -> None:
         """Let rays go through boxes of cells, one after another; the next one is read meanwhile."""
         left, following = iter(boxes), deque[tuple[CellBox, np.ndarray, bool]]()
         names = [n for n in self.job.medium.names if n in self.pieces.outline]
-        waiting = rays.state.cursor is not None
+        parts, waiting = [part for _, part in self.parts()], rays.states[0].cursor is not None
 
         def look_ahead() -> None:
             for box in left:
                 chosen = rays.coming_to([box])
                 # Rays that wait in a tree come to more cells until the box is drawn.
-                seen = (waiting or len(chosen) > 0) and self.visible(part, box)
+                seen = (waiting or len(chosen) > 0) and self.visible(box)
                 following.append((box, chosen, seen))
                 for name in names if seen and len(chosen) else ():
-                    self.chunks.ahead(name, *self.pieces.cells(box), self.shown(part))
+                    self.chunks.ahead(name, *self.pieces.cells(box), self.shown)
                 if seen:
                     break
 
@@ -124,11 +123,11 @@ class StreamingTracer(RayTracer):
                 box, chosen, seen = following.popleft()
                 chosen = rays.coming_to([box], chosen)
                 if seen and len(chosen):
-                    self._through(part, rays, chosen, box, look_ahead)
+                    self._through(parts, rays, chosen, box, look_ahead)
                 elif seen:
                     self.chunks.forget()
                 elif len(chosen):
-                    self._past(part, rays, chosen, box)
+                    self._past(parts, rays, chosen, box)
                 if not following:
                     look_ahead()
                 if self.pieces.sweep is None:
@@ -136,9 +135,9 @@ class StreamingTracer(RayTracer):
         finally:
             self.chunks.forget()
 
-    def starting(self, part: RayTracer, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Rays:
+    def starting(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Rays:
         """Return the rays through points of pixels, which have not met anything yet."""
-        return Rays.starting(self, part, RayBatch(self._lanes(pixel, du, dv)))
+        return Rays.starting(self, RayBatch(self._lanes(pixel, du, dv)))
 
     def drawn(self, boxes: Iterable[CellBox]) -> None:
         """Report boxes that are done."""
@@ -147,8 +146,7 @@ class StreamingTracer(RayTracer):
                 math.prod(high - low for low, high in zip(box.low, box.high, strict=True))
                 for box in boxes
             )
-        total = self.pieces.grid.size * self.job.samples**2 * len(self.blocks)
-        self.pieces.report(self._done, total)
+        self.pieces.report(self._done, self.pieces.grid.size * self.job.samples**2)
 
     @functools.cached_property
     def sent(self) -> Sent:
@@ -181,33 +179,31 @@ class StreamingTracer(RayTracer):
             digest.update(np.ascontiguousarray(numbers).tobytes())
         return digest.hexdigest()[:24]
 
-    def task(self, number: int, rays: Rays, boxes: Sequence[CellBox]) -> tuple[Any, ...]:
-        """Return a function and its arguments, which another process calls: the rays' new state."""
+    def task(self, rays: Rays, boxes: Sequence[CellBox]) -> tuple[Any, ...]:
+        """Return a function and its arguments, which returns the rays' states elsewhere."""
         source = self.source
         limits = _mapped(
             lambda a: a.numpy(), [list(source.tolerance), list(source.numbers.weights)]
         )
-        return _draw_elsewhere, self.sent, number, limits, rays.plain(), tuple(boxes)
+        return _draw_elsewhere, self.sent, limits, rays.plain(), tuple(boxes)
 
-    def visible(self, part: RayTracer, box: CellBox) -> bool:
+    def visible(self, box: CellBox) -> bool:
         """Return whether the medium may be visible in a block."""
         if self.scheme.everywhere:
             return True
-        return bool(np.any(self._visible_in(part, self.pieces.ranges(box, self.job.medium.names))))
+        return bool(np.any(self._visible_in(self.pieces.ranges(box, self.job.medium.names))))
 
-    def shown(self, part: RayTracer) -> np.ndarray:
-        """Return in which chunks the medium may be visible, whatever block they are part of."""
-        if part.first not in self._shown:
-            shown: Any = True
-            if not self.scheme.everywhere:
-                ranges = self.pieces.ranges_of_chunks(self.job.medium.names)
-                shown = self._visible_in(part, ranges)
-            self._shown[part.first] = np.broadcast_to(shown, self.pieces.outline.chunk_counts)
-        return self._shown[part.first]
+    @functools.cached_property
+    def shown(self) -> np.ndarray:
+        """In which chunks the medium may be visible, whatever block they are part of."""
+        shown: Any = True
+        if not self.scheme.everywhere:
+            shown = self._visible_in(self.pieces.ranges_of_chunks(self.job.medium.names))
+        return np.broadcast_to(shown, self.pieces.outline.chunk_counts)
 
-    def _visible_in(self, part: RayTracer, ranges: dict[str, Interval]) -> np.ndarray:
+    def _visible_in(self, ranges: dict[str, Interval]) -> np.ndarray:
         volume = self.job.volume
-        faint = part.source.context.faint if self.pieces.dual else _FAINTEST
+        faint = self.source.context.faint if self.pieces.dual else _FAINTEST
         context = RangeContext(volume.unit, volume.expression_unit, faint)
         with np.errstate(all="ignore"):
             return np.asarray(self.job.medium.visible_in(ranges, context))
@@ -218,46 +214,57 @@ class StreamingTracer(RayTracer):
 
     def _through(
         self,
-        part: RayTracer,
+        parts: Sequence[RayTracer],
         rays: Rays,
         chosen: np.ndarray,
         box: CellBox,
         meanwhile: Callable[[], None],
     ) -> None:
-        """Let rays go through a block, and remember their state."""
-        source, hidden = self._source(part, box, len(chosen))
+        """Let rays go through a block, one part of the channels after another."""
+        source, hidden = self._source(box, len(chosen))
         walk, scheme = self.walk_in(box), self.scheme
         if hidden is not None:
             scheme = scheme.hiding(HiddenCells(hidden).on(self.backend))
         meanwhile()
-        ray, before = rays.some(chosen)
-        _, cursor = walk.enter(ray)
-        after = march(walk, source, scheme, ray, before, part.ending, False)
-        state = hand_on(before, cursor.inside, after)
-        dr.eval(state)
-        rays.put(chosen, _mapped(lambda a: a.numpy(), state))
+        for part, block, state in zip(parts, self.blocks, rays.states, strict=True):
+            own = chosen if len(parts) == 1 else rays.unfinished(chosen, state)
+            if not len(own):
+                continue
+            ray, before = rays.some(own, state)
+            _, cursor = walk.enter(ray)
+            after = march(walk, source(block), scheme, ray, before, part.ending, False)
+            new = hand_on(before, cursor.inside, after)
+            dr.eval(new)
+            rays.put(own, state, _mapped(lambda a: a.numpy(), new))
 
-    def _past(self, part: RayTracer, rays: Rays, chosen: np.ndarray, box: CellBox) -> None:
+    def _past(
+        self, parts: Sequence[RayTracer], rays: Rays, chosen: np.ndarray, box: CellBox
+    ) -> None:
         """Let rays skip a block; it is not read."""
-        if not rays.state.carried and rays.state.cursor is None:
-            return
         walk = self.walk_in(box)
-        ray, state = rays.some(chosen)
-        track, cursor = walk.enter(ray)
-        if state.cursor is not None:
-            state = replace(state, cursor=walk.beyond(track, cursor))
-        if state.carried:
-            here = Position(walk, track, cursor)
-            carried = self.scheme.after_skip(here, part.source, state.carried, cursor.inside)
-            state = replace(state, carried=carried)
-        dr.eval(state)
-        rays.put(chosen, _mapped(lambda a: a.numpy(), state))
+        for part, state in zip(parts, rays.states, strict=True):
+            own = chosen if len(parts) == 1 else rays.unfinished(chosen, state)
+            if not len(own) or (not state.carried and state.cursor is None):
+                continue
+            ray, new = rays.some(own, state)
+            track, cursor = walk.enter(ray)
+            if new.cursor is not None:
+                new = replace(new, cursor=walk.beyond(track, cursor))
+            if new.carried:
+                here = Position(walk, track, cursor)
+                carried = self.scheme.after_skip(here, part.source, new.carried, cursor.inside)
+                new = replace(new, carried=carried)
+            dr.eval(new)
+            rays.put(own, state, _mapped(lambda a: a.numpy(), new))
 
-    def _source(self, part: RayTracer, box: CellBox, rays: int) -> tuple[Any, np.ndarray | None]:
-        """Return the coefficients in a block, and which of its cells are hidden."""
-        source, pieces = part.source, self.pieces
+    def _source(self, box: CellBox, rays: int) -> tuple[Callable[[slice], Any], np.ndarray | None]:
+        """Return the coefficients of some channels in a block, and which of its cells are hidden.
+
+        Fields are read, and put where kernels gather them, once for all channels.
+        """
+        source, pieces = self.source, self.pieces
         values = {
-            name: self.chunks.box(name, *pieces.cells(box), self.shown(part), int(pieces.dual))
+            name: self.chunks.box(name, *pieces.cells(box), self.shown, int(pieces.dual))
             for name in self.job.medium.names
             if name in pieces.outline
         }
@@ -265,17 +272,25 @@ class StreamingTracer(RayTracer):
         cells = math.prod(sides)
         across = sum(sides) if pieces.grid.is_structured else 3.0 * cells ** (1 / 3)
         steps = rays * across / 2
+        several, hidden = len(self.blocks) > 1, None
         if pieces.dual:
-            return source.within(values), None
-        hidden = pieces.hidden(box, values)
-        volume = pieces.outline.volume(box, values)
-        if cells < _CELLS_PER_STEP * steps and source.real is self.backend.Wide:
-            return source.tabulated(volume, box.low), hidden
-        return source.within(volume, box.low), hidden
+            within = source.within(values)
+        else:
+            hidden = pieces.hidden(box, values)
+            volume = pieces.outline.volume(box, values)
+            if cells < _CELLS_PER_STEP * steps and source.real is self.backend.Wide:
+
+                def table(block: slice) -> Any:
+                    part = source.block(block) if several else source
+                    return part.tabulated(volume, box.low)
+
+                return table, hidden
+            within = source.within(volume, box.low)
+        return (within.block if several else lambda block: within), hidden
 
 
 class Rays:
-    """Some rays, and their state: in NumPy's memory, of which blocks take some.
+    """Some rays, and their states: in NumPy's memory, of which blocks take some.
 
     Attributes
     ----------
@@ -285,6 +300,8 @@ class Rays:
         Positions, in pixels from the middle of the picture; near ones follow each other.
     there : bool array
         Lanes that are rays.
+    states : list of RayState
+        One for each block of channels.
     """
 
     def __init__(
@@ -292,9 +309,9 @@ class Rays:
         tracer: StreamingTracer,
         offset: tuple[float, float],
         places: tuple[np.ndarray, np.ndarray, np.ndarray],
-        state: RayState,
+        states: list[RayState],
     ) -> None:
-        self.tracer, self.offset, self.state = tracer, offset, state
+        self.tracer, self.offset, self.states = tracer, offset, states
         self.u, self.v, self.there = places
         # The least and the largest places of rays that are together.
         starts = np.arange(0, len(self.u), _GROUP)
@@ -304,53 +321,60 @@ class Rays:
         )
 
     @classmethod
-    def starting(cls, tracer: StreamingTracer, part: RayTracer, batch: RayBatch) -> Rays:
+    def starting(cls, tracer: StreamingTracer, batch: RayBatch) -> Rays:
         """Return the rays of a batch, which have not met anything yet."""
-        lanes, count = batch.lanes, len(batch.lanes.target)
-        path = _mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
-        none = np.zeros(count, bool)
+        lanes, count, states = batch.lanes, len(batch.lanes.target), []
+        for _, part in tracer.parts():
+            path = _mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
+            states.append(RayState(path, None, np.zeros(count, bool), np.zeros(count, bool)))
         places = np.asarray(lanes.u), np.asarray(lanes.v), np.asarray(lanes.there)
-        rays = cls(tracer, batch.offset, places, RayState(path, None, none, none.copy()))
+        rays = cls(tracer, batch.offset, places, states)
         if not (grid := tracer.pieces.grid).is_structured:
             walk = tracer.walk_in(CellBox((0,), (grid.size,)))
             _, cursor = walk.enter(rays.ray(np.arange(count)))
             dr.eval(cursor)
-            rays.state.cursor = _mapped(lambda a: np.resize(a.numpy(), count), cursor)
+            for state in states:
+                state.cursor = _mapped(lambda a: np.resize(a.numpy(), count), cursor)
         return rays
+
+    @property
+    def over(self) -> np.ndarray:
+        """Which rays are at their end, in all channels."""
+        return np.asarray(np.logical_and.reduce([state.over for state in self.states]))
 
     @property
     def wait(self) -> bool:
         """Whether some rays wait in cells of a tree."""
         size = self.tracer.pieces.grid.size
-        return self.state.cursor is not None and bool(np.any(self._waiting(0, size)))
+        return self.states[0].cursor is not None and bool(np.any(self._waiting(0, size)))
 
     def _waiting(self, first: int, last: int) -> np.ndarray:
         """Return which rays wait in some consecutive cells of a tree, and are not at their end."""
-        number = self.state.cursor.cell.number
-        here: np.ndarray = (number >= first) & (number < last) & self.there & ~self.state.over
+        here = np.zeros(len(self.u), bool)
+        for state in self.states:
+            number = state.cursor.cell.number
+            here |= (number >= first) & (number < last) & ~state.over & self.there
         return here
 
     def taken(self, chosen: np.ndarray) -> Rays:
         """Return some of the rays by themselves."""
         places = self.u[chosen], self.v[chosen], self.there[chosen]
-        state = _mapped(lambda a: a[chosen], self.state)
-        return Rays(self.tracer, self.offset, places, state)
+        states = _mapped(lambda a: a[chosen], self.states)
+        return Rays(self.tracer, self.offset, places, states)
 
     def plain(self) -> tuple[Any, ...]:
         """Return the arguments besides the tracer, which other processes take."""
-        return self.offset, (self.u, self.v, self.there), self.state
+        return self.offset, (self.u, self.v, self.there), self.states
 
-    @property
-    def path(self) -> Path:
-        """The paths of all rays, or the results of those that look for something else than light.
+    def found(self, state: RayState) -> Path:
+        """Return the paths of all rays, or the results of those that look for something else.
 
         Rays that have met no block carry nothing.
         """
-        found, state = self.tracer.results, self.state
-        if not found:
+        if not (results := self.tracer.results):
             return state.path
-        dtype, carried = self.tracer.backend.dtype, state.carried or found
-        pairs = zip(found, carried, strict=False)
+        dtype, carried = self.tracer.backend.dtype, state.carried or results
+        pairs = zip(results, carried, strict=False)
         return Path([np.where(state.begun, c, f).astype(dtype) for f, c in pairs], [], [])
 
     def origins(self) -> tuple[bool, np.ndarray, np.ndarray]:
@@ -368,7 +392,7 @@ class Rays:
 
         Those that may go through the boxes were `met`, if that is known.
         """
-        if self.state.cursor is None:
+        if self.states[0].cursor is None:
             if met is None:
                 return self.meeting(self.tracer.pieces.around(boxes))
             return self.unfinished(met)
@@ -401,12 +425,16 @@ class Rays:
         chosen = chosen[chosen < len(self.u)]
         u, v = self.u[chosen], self.v[chosen]
         inside = (u >= low[0]) & (u <= high[0]) & (v >= low[1]) & (v <= high[1])
-        chosen = chosen[inside & self.there[chosen] & ~self.state.over[chosen]]
+        chosen = chosen[inside & self.there[chosen] & ~self.over[chosen]]
         return np.asarray(chosen[self._through_box(chosen, extent)] if len(chosen) else chosen)
 
-    def unfinished(self, chosen: np.ndarray) -> np.ndarray:
-        """Return those of some rays that are not at their end, on at least two lanes."""
-        return _many(chosen[~self.state.over[chosen]])
+    def unfinished(self, chosen: np.ndarray, state: RayState | None = None) -> np.ndarray:
+        """Return those of some rays that are not at their end, on at least two lanes.
+
+        In all channels, or in those of a state.
+        """
+        over = self.over if state is None else state.over
+        return _many(chosen[~over[chosen]])
 
     def _through_box(self, chosen: np.ndarray, extent: np.ndarray) -> np.ndarray:
         """Return which of some rays go through a box, or close by."""
@@ -431,19 +459,24 @@ class Rays:
         lanes = Lanes(u, v, dr.arange(backend.UInt, len(chosen)))
         return self.tracer.ray(lanes, [backend.wide(o) for o in self.offset])
 
-    def some(self, chosen: np.ndarray) -> tuple[Any, RayState]:
+    def some(self, chosen: np.ndarray, state: RayState) -> tuple[Any, RayState]:
         """Return some rays, and their state on the device."""
         backend = self.tracer.backend
-        state = _mapped(lambda a: _on_device(backend, a[chosen]), self.state)
-        return replace(self.ray(chosen), waiting=state.cursor), state
+        own = _mapped(lambda a: _on_device(backend, a[chosen]), state)
+        return replace(self.ray(chosen), waiting=own.cursor), own
 
-    def put(self, chosen: np.ndarray, state: RayState) -> None:
+    def put(self, chosen: np.ndarray, state: RayState, new: RayState) -> None:
         """Remember the state of some rays; of the others nothing is carried yet."""
-        if self.state.carried is None:
+        if state.carried is None:
             count = len(self.u)
-            self.state.carried = _mapped(lambda a: np.zeros(count, a.dtype), state.carried)
-        for own, new in zip(_leaves(self.state), _leaves(state), strict=True):
-            own[chosen] = new
+            state.carried = _mapped(lambda a: np.zeros(count, a.dtype), new.carried)
+        for own, values in zip(_leaves(state), _leaves(new), strict=True):
+            own[chosen] = values
+
+    def put_all(self, chosen: np.ndarray, states: Sequence[RayState]) -> None:
+        """Remember the states of some rays, of all channels."""
+        for state, new in zip(self.states, states, strict=True):
+            self.put(chosen, state, new)
 
 
 # Threads of one process that draw blocks do so one after another: kernels use all cores.
@@ -456,17 +489,16 @@ def _tracer(job: RenderJob, background: float, faintest: bool) -> StreamingTrace
 
 
 def _draw_elsewhere(
-    sent: Sent, number: int, limits: Any, rays: tuple[Any, ...], boxes: tuple[CellBox, ...]
-) -> RayState:
-    """Return the state of rays that have gone through boxes; see `StreamingTracer.task`."""
+    sent: Sent, limits: Any, rays: tuple[Any, ...], boxes: tuple[CellBox, ...]
+) -> list[RayState]:
+    """Return the states of rays that have gone through boxes; see `StreamingTracer.task`."""
     with _LOCK:
         tracer: StreamingTracer = sent.value()
         tolerance, weights = _mapped(lambda a: _on_device(tracer.backend, a), limits)
         tracer.source.tolerance, tracer.source.numbers.weights = tuple(tolerance), weights
-        part = next(part for k, part in tracer.parts() if k == number)
         own = Rays(tracer, *rays)
-        tracer.through(part, own, boxes)
-        return own.state
+        tracer.through(own, boxes)
+        return own.states
 
 
 def _many(chosen: np.ndarray) -> np.ndarray:

@@ -21,7 +21,6 @@ from ..files import as_path, replacing
 
 if TYPE_CHECKING:
     from .streaming import Rays, StreamingTracer
-    from .tracer import RayTracer
 
 
 class Sweep:
@@ -40,14 +39,8 @@ class Sweep:
         self.folder = None if checkpoint is None else as_path(checkpoint)
         self.passes, self.used = 0, set[Path]()
 
-    def draw(self, tracer: StreamingTracer, number: int, part: RayTracer, rays: Rays) -> None:
-        """Let rays go through all blocks.
-
-        Parameters
-        ----------
-        number : int
-            Of the block of channels that `part` draws.
-        """
+    def draw(self, tracer: StreamingTracer, rays: Rays) -> None:
+        """Let rays go through all blocks."""
         blocks = tracer.pieces.blocks(list(tracer.pieces.boxes(*rays.origins())))
         met = [rays.meeting(block.extent) for block in blocks]
         self.passes += 1
@@ -58,22 +51,22 @@ class Sweep:
             own = chosen[k] = rays.coming_to(blocks[k].boxes, met[k])
             if not len(own):
                 return None
-            seen = any(tracer.visible(part, box) for box in blocks[k].boxes)
+            seen = any(tracer.visible(box) for box in blocks[k].boxes)
             state = self._kept(tracer, k) if seen else None
             if state is not None:
-                rays.put(own, state)
+                rays.put_all(own, state)
             elif seen and self.executor is not None:
-                return tracer.task(number, rays.taken(own), blocks[k].boxes)
+                return tracer.task(rays.taken(own), blocks[k].boxes)
             else:
-                tracer.through(part, rays, blocks[k].boxes)
+                tracer.through(rays, blocks[k].boxes)
                 if seen:
-                    self._keep(tracer, k, rays.taken(own).state)
+                    self._keep(tracer, k, rays.taken(own).states)
             return None
 
         def end(k: int, state: Any) -> None:
             if state is not None:
                 self._keep(tracer, k, state)
-                rays.put(chosen[k], state)
+                rays.put_all(chosen[k], state)
             tracer.drawn(blocks[k].boxes)
 
         names = [f"block {k + 1} of {len(blocks)}" for k in range(len(blocks))]
