@@ -181,3 +181,94 @@ def test_cells_inside_have_values_whatever_is_outside(source):
     inside = volume.resample(boxes, fill=np.nan).array("f")
     assert np.isnan(inside[:2]).all()  # outside, and half outside
     np.testing.assert_allclose(inside[2], 3.0, rtol=1e-12)
+
+
+def in_chunks(volume, name, side):
+    """Return a field put together from boxes of so many cells."""
+    whole = np.empty(volume.grid.shape, volume.describe()["fields"][name]["dtype"])
+    for place in np.ndindex(*(-(-n // side) for n in whole.shape)):
+        low = [side * i for i in place]
+        high = [min(a + side, n) for a, n in zip(low, whole.shape, strict=True)]
+        whole[tuple(map(slice, low, high))] = volume.store.read(name, low, high)
+    return whole
+
+
+def test_particles_on_a_grid_chunk_by_chunk(tmp_path):
+    """The bits do not depend on the chunks; mass and momentum are conserved to rounding."""
+    rng = np.random.default_rng(2)
+    points, mass, speed = rng.normal(size=(400, 3)), rng.random(400), rng.normal(size=400)
+    tree = vm.Volume.from_particles(points, mass, fields={"v": speed}, unit="pc")
+    tree["p"] = "density * v"
+    # Neither bounds nor walls are those of the tree.
+    counts = (23, 17, 12)
+    edges = [
+        np.linspace(a - 0.3, b + 0.2, n + 1)
+        for (a, b), n in zip(tree.grid.bounds, counts, strict=True)
+    ]
+    grid = vm.CartesianGrid(*edges, unit="pc")
+    volume, whole = tree.resample(grid, deferred=True), tree.resample(grid)
+    assert volume.waiting == tree.fields
+    assert volume.units == tree.units
+    for name in tree.fields:
+        made = in_chunks(volume, name, 23)
+        for side in (4, 7):
+            np.testing.assert_array_equal(in_chunks(volume, name, side), made)
+        np.testing.assert_allclose(made, whole.array(name), rtol=1e-12, atol=1e-14)
+    assert volume.waiting == tree.fields
+    for name, total in (("density", mass.sum()), ("p", (mass * speed).sum())):
+        # Sums of 400 numbers of order one, and of 4692.
+        np.testing.assert_allclose(integral(volume, name), total, rtol=0, atol=1e-11)
+    pytest.importorskip("zarr", "3")
+    tree.resample(grid, deferred=True).save(tmp_path / "a.zarr", chunks=8, stats=True)
+    again = vm.open(tmp_path / "a.zarr")
+    np.testing.assert_array_equal(again.array("v"), volume.array("v"))
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8", "i2"])
+def test_boxes_of_a_grid_of_planes(monkeypatch, dtype):
+    """Both grids may be larger than memory: of the old one, too, only a part is read."""
+    source = random_grid((9, 12, 7), 1)
+    values = (100 * np.random.default_rng(3).random(source.shape)).astype(dtype)
+    old = vm.Volume(source, f=values)
+    read, largest = vm.store.FieldStore.read, []
+
+    def counted(self, name, low, high, level=0):
+        box = read(self, name, low, high, level)
+        largest.append(box.size)
+        return box
+
+    monkeypatch.setattr(vm.store.FieldStore, "read", counted)
+    monkeypatch.setattr("voluminous.regrid.resample._AT_ONCE", 60)
+    for bounds in ((-1, 2), (-2, 3), (0.5, 0.9)):
+        grid = random_grid((11, 6, 13), 2, bounds)
+        new = old.resample(grid, fill=2.5, deferred=True)
+        made = new.array("f")
+        np.testing.assert_array_equal(made, old.resample(grid, fill=2.5).array("f"))
+        largest.clear()
+        assert made.dtype == (np.float32 if dtype == "f4" else np.float64)
+        box = new.store.read("f", (2, 1, 3), (5, 4, 4))
+        np.testing.assert_array_equal(box, made[2:5, 1:4, 3:4])
+        # Single cells may take more.
+        assert max(largest) <= 2 * 60
+
+
+def test_missing_values_in_boxes():
+    source = random_grid((6, 5, 4), 4)
+    values = np.random.default_rng(5).random(source.shape)
+    values[1:3, 2, 1] = np.nan
+    grid = random_grid((8, 7, 6), 6)
+    for kind in KINDS:
+        cells = kind(source)
+        old = vm.Volume(cells, f=on(cells, values))
+        made = in_chunks(old.resample(grid, deferred=True), "f", 3)
+        np.testing.assert_allclose(made, old.resample(grid).array("f"), rtol=1e-12, atol=1e-14)
+
+
+def test_what_cannot_be_made_in_boxes():
+    sphere = vm.Volume(
+        vm.SphericalGrid([1, 2], [0, 1, np.pi], [0, 2 * np.pi]), f=np.ones((1, 2, 1))
+    )
+    with pytest.raises(InputError, match="deferred=True needs cells that are boxes"):
+        sphere.resample(vm.CartesianGrid.uniform(4, (-1, 1)), deferred=True)
+    with pytest.raises(InputError, match="is nowhere in the volume"):
+        vm.models.sphere(4).resample(vm.CartesianGrid.uniform(4, (7, 8)), deferred=True)

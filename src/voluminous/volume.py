@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import packages
-from .deferred import Deferred, Fields
+from .deferred import Deferred, Fields, Pieces
 from .derivatives import Derivatives, LinesOfSight, component
 from .digest import digest
 from .errors import ImmutableError, InputError, unknown_name
@@ -478,6 +478,7 @@ class Volume(Evaluation):
         *,
         fill: float = 0.0,
         samples: int = 4,
+        deferred: bool = False,
         progress: Progress = None,
     ) -> Volume:
         """Return a volume with the same fields on another grid: means over its cells.
@@ -493,6 +494,10 @@ class Volume(Evaluation):
             it is inside the new grid. With NaN, cells that are not entirely inside are NaN.
         samples : int
             Points per axis and cell where cells are not boxes.
+        deferred : bool
+            True to make no field now, but boxes of it when they are used: for a Cartesian grid
+            that is larger than memory, which ``save("big.zarr")`` writes, and `render` with
+            ``memory=`` draws, chunk by chunk. Cells must be boxes.
         progress
             As for `render`.
 
@@ -517,7 +522,8 @@ class Volume(Evaluation):
         Σ f V is conserved to rounding. To and from other grids they are estimated with
         ``samples**3`` points in each of the smaller cells; a constant stays constant.
         """
-        resampled: Volume = resampled_volume(self, grid, fields, fill, samples)
+        later = _made_in_boxes if deferred else None
+        resampled: Volume = resampled_volume(self, grid, fields, fill, samples, later)
         return resampled
 
     def unfolded(self, phi: int | None = None, theta: int | None = None) -> Volume:
@@ -671,6 +677,11 @@ class Volume(Evaluation):
 
 def _needed(derived: DerivedField) -> set[str]:
     return {name for argument in derived.arguments for name in required_names(argument)}
+
+
+def _made_in_boxes(read: Any, dtype: Any, shape: tuple[int, ...]) -> Deferred:
+    """Return a field of which boxes are made when they are used."""
+    return Deferred(functools.partial(read, (0,) * len(shape), shape), dtype, pieces=Pieces(read))
 
 
 def _load(name: str, grid: Grid, value: Deferred, size: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import time
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, VoluminousError
+from ..memory import fits
 from .common import add_quiet, add_several, assignment, check_directory, say
 from .data import DataFile, add_fields_option, add_reading_options, bytes_of, data_file, in_bytes
 
@@ -93,7 +95,10 @@ def _resampled(volume: Volume, args: argparse.Namespace) -> Volume:
             f"--resample expects three numbers such as 256x256x256, got {args.resample!r}"
         )
     grid = volume.grid
-    coarse = volume.resample(CartesianGrid.uniform(counts, grid.bounds, unit=grid.unit))
+    # What does not fit is made chunk by chunk, while it is written.
+    large = not fits(8 * (len(volume.fields) + 4) * math.prod(counts))
+    target = CartesianGrid.uniform(counts, grid.bounds, unit=grid.unit)
+    coarse = volume.resample(target, deferred=large)
     coarse.meta.update(volume.meta)
     if volume.wcs is not None:
         say(args.quiet, "left out: the world coordinates (WCS), which are those of the old cells")

@@ -12,8 +12,9 @@ too small to be sampled.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ import numpy as np
 from ..errors import InputError, UnitsError
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..memory import check_memory
-from ..progress import reported_range
+from ..progress import progress_bar, reported_range, silent
 from ..units import is_count, plain, shown, unit_name
 from .slices import MOST
 from .table import named_fields
@@ -69,11 +70,12 @@ class BoxPieces:
         return new.chosen(high - low > self.thin[axis])
 
 
-def overlaps(cells: Grid, others: Grid) -> Iterator[Overlap]:
-    """Yield the overlaps of the cells of one grid with those of another."""
+def overlaps(cells: Grid, others: Grid, whole: Grid | None = None) -> Iterator[Overlap]:
+    """Yield the overlaps of the cells of a grid, or of a part of a `whole`, with another's."""
     centers, half = others.cell_centers(0, others.size), 0.5 * others.cell_sizes(0, others.size)
     for first in reported_range(cells.size, _CHUNK):
-        waiting = [_clipped(_boxes(cells, first, min(first + _CHUNK, cells.size)), others.bounds)]
+        own = _boxes(cells, first, min(first + _CHUNK, cells.size), whole or cells)
+        waiting = [_clipped(own, others.bounds)]
         while waiting:
             boxes = waiting.pop()
             for start in range(0, len(boxes.owner), _CHUNK):
@@ -87,9 +89,9 @@ def overlaps(cells: Grid, others: Grid) -> Iterator[Overlap]:
                 waiting += _left_over(part, floor, ceiling)
 
 
-def _boxes(cells: Grid, first: int, last: int) -> BoxPieces:
+def _boxes(cells: Grid, first: int, last: int, whole: Grid) -> BoxPieces:
     middle, half = cells.cell_centers(first, last), 0.5 * cells.cell_sizes(first, last)
-    rounding = _ROUNDING * np.max(np.abs(cells.bounds), axis=1)[:, None]
+    rounding = _ROUNDING * np.max(np.abs(whole.bounds), axis=1)[:, None]
     thin = np.maximum(2 * _SLIVER * half, rounding)
     owner = np.arange(first, last)
     return BoxPieces(owner, middle - half, middle + half, thin, np.zeros(last - first, int))
@@ -222,31 +224,43 @@ def _means(values: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     return out
 
 
+# Cells of a volume that are read at once, to make a box of another grid's.
+_AT_ONCE = 1 << 22
 # Relative rounding error of the covered part of a volume.
 _COVERED = 1e-9
 
 
 def resampled(
-    fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
+    fields: Mapping[str, np.ndarray],
+    source: Grid,
+    target: Grid,
+    fill: float,
+    samples: int,
+    whole: Grid | None = None,
 ) -> dict[str, np.ndarray]:
-    """Return fields on another grid; see `Volume.resample`."""
-    _check(source, target, samples)
+    """Return fields on another grid, or on a part of a `whole`; see `Volume.resample`."""
     size = 8 * (len(fields) + 4) * target.size
     check_memory(size, "fields on another grid", "take fewer fields, or a coarser grid")
     holed = {name: v for name, v in fields.items() if v.dtype.kind == "f" and np.isnan(v).any()}
     rest = {name: v for name, v in fields.items() if name not in holed}
-    found = _resample_means(rest, source, target, fill, samples) if rest else {}
-    found |= {n: _known_means(v, source, target, fill, samples) for n, v in holed.items()}
+    others = (source, target, fill, samples, whole)
+    found = _resample_means(rest, *others) if rest else {}
+    found |= {name: _known_means(values, *others) for name, values in holed.items()}
     return {name: found[name] for name in fields}
 
 
 def _known_means(
-    values: np.ndarray, source: Grid, target: Grid, fill: float, samples: int
+    values: np.ndarray,
+    source: Grid,
+    target: Grid,
+    fill: float,
+    samples: int,
+    whole: Grid | None,
 ) -> np.ndarray:
     """Return means over the valid part (not NaN) of each cell; NaN where it is below half."""
     known = ~np.isnan(values)
     parts = {"sum": np.where(known, values, 0.0), "known": known, "there": np.ones(known.shape)}
-    found = _resample_means(parts, source, target, 0.0, samples)
+    found = _resample_means(parts, source, target, 0.0, samples, whole)
     enough = found["known"] >= 0.5 * found["there"]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(found["known"] > 0, found["sum"] / found["known"], 0.0)
@@ -255,7 +269,12 @@ def _known_means(
 
 
 def _resample_means(
-    fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
+    fields: Mapping[str, np.ndarray],
+    source: Grid,
+    target: Grid,
+    fill: float,
+    samples: int,
+    whole: Grid | None,
 ) -> dict[str, np.ndarray]:
     if not (_is_boxes(source) and _is_boxes(target)):
         return _sampled(fields, source, target, fill, samples)
@@ -266,7 +285,8 @@ def _resample_means(
             for name, values in fields.items()
         }
     volumes = target.cell_volumes
-    sums, shared = _sums(fields, target, _box_overlaps(source, target))
+    found = _box_overlaps(source, target) if whole is None else _ordered(source, target, whole)
+    sums, shared = _sums(fields, target, found)
     empty = _share(fill, _without(shared / volumes))
     return {name: total / volumes + empty for name, total in sums.items()}
 
@@ -311,6 +331,26 @@ def _box_overlaps(source: Grid, target: Grid) -> Iterator[Overlap]:
         return
     for into, own, volume in overlaps(target, source):
         yield own, into, volume
+
+
+def _ordered(source: Grid, target: Grid, whole: Grid) -> Iterator[Overlap]:
+    """Yield overlaps of boxes such that sums have the same bits for any part of a whole."""
+    waiting: list[Overlap] = []
+
+    def in_order() -> Overlap:
+        into, own, volume = (np.concatenate(parts) for parts in zip(*waiting, strict=True))
+        order = np.lexsort((volume, own, into))
+        return own[order], into[order], volume[order]
+
+    for found in overlaps(target, source, whole):
+        # Cells come so many at a time, all that is in them one after another.
+        if waiting and len(found[0]) and found[0][0] // _CHUNK != waiting[0][0][0] // _CHUNK:
+            yield in_order()
+            waiting.clear()
+        if len(found[0]):
+            waiting.append(found)
+    if waiting:
+        yield in_order()
 
 
 def _inside(source: Grid, target: Grid, samples: int) -> np.ndarray:
@@ -376,19 +416,91 @@ def _check(source: Grid, target: Grid, samples: Any) -> None:
 
 
 def resampled_volume(
-    volume: Any, grid: Grid, fields: Iterable[str] | None, fill: float, samples: int
+    volume: Any, grid: Grid, fields: Iterable[str] | None, fill: Any, samples: int, later: Any
 ) -> Any:
-    """Return a volume on another grid; see `Volume.resample`."""
-    names = named_fields(volume, fields)
-    values = {name: volume.array(name) for name in names}
-    means = resampled(values, volume.grid, grid, _number(fill), samples)
+    """Return a volume on another grid; see `Volume.resample`.
+
+    With a function `later` fields are what it makes of their type, and of how boxes are made.
+    """
+    names, fill = named_fields(volume, fields), _number(fill)
+    _check(volume.grid, grid, samples)
     other = type(volume)(grid)
+    if later is not None:
+        _check_in_boxes(volume.grid, grid)
+        for name in names:
+            single = volume.describe()["fields"][name]["dtype"] == "float32"
+            read = functools.partial(_box, volume, name, grid, fill)
+            other[name] = later(read, np.dtype(np.float32 if single else np.float64), grid.shape)
+    else:
+        values = {name: volume.array(name) for name in names}
+        means = resampled(values, volume.grid, grid, fill, samples)
+        for name in names:
+            single = values[name].dtype == np.float32
+            other[name] = means[name].astype(np.float32) if single else means[name]
     for name in names:
-        single = values[name].dtype == np.float32
-        other[name] = means[name].astype(np.float32) if single else means[name]
         other.set_unit(name, volume.field_unit(name))
     other.meta |= _meta_on(volume, grid)
     return other
+
+
+def _check_in_boxes(source: Grid, target: Grid) -> None:
+    if not (_is_boxes(source) and _is_boxes(target)) or len(target.shape) != 3:
+        raise InputError(
+            "deferred=True needs cells that are boxes along x, y and z, and a vm.CartesianGrid for "
+            f"the new ones, got {type(source).__name__} and {type(target).__name__}"
+        )
+    if len(source.shape) != 3 and _has_holes(source):
+        raise InputError("deferred=True needs a volume without holes between its cells")
+
+
+def _box(
+    volume: Any,
+    name: str,
+    grid: Grid,
+    fill: float,
+    low: Sequence[int],
+    high: Sequence[int],
+    level: int = 0,
+) -> np.ndarray:
+    """Return the cells ``low <= i < high`` of a field on another grid."""
+    part = _part(grid, low, high)
+    first, last = low, high  # of the cells of the volume
+    if len(volume.grid.shape) == 3:
+        first, last = _met(volume.grid, part)
+        wide = [
+            b - a if m - k > 1 else 0 for a, b, k, m in zip(first, last, low, high, strict=True)
+        ]
+        if math.prod(b - a for a, b in zip(first, last, strict=True)) > _AT_ONCE and any(wide):
+            axis = int(np.argmax(wide))
+            middle = [*high], [*low]
+            middle[0][axis] = middle[1][axis] = (low[axis] + high[axis]) // 2
+            halves = (low, middle[0]), (middle[1], high)
+            return np.concatenate([_box(volume, name, grid, fill, *h) for h in halves], axis)
+        values, source = volume.store.read(name, first, last), _part(volume.grid, first, last)
+    else:
+        values, source = volume.array(name), volume.grid
+    with progress_bar(silent):
+        made: np.ndarray = resampled({name: values}, source, part, fill, 1, grid)[name]
+    return made.astype(np.float32) if values.dtype == np.float32 else made
+
+
+def _part(grid: Grid, low: Sequence[int], high: Sequence[int]) -> Grid:
+    """Return a box of the cells of a Cartesian grid."""
+    edges = (e[a : b + 1] for e, a, b in zip(grid.edges, low, high, strict=True))
+    made: Any = type(grid)
+    part: Grid = made(*edges, unit=grid.unit)
+    return part
+
+
+def _met(source: Grid, part: Grid) -> tuple[list[int], list[int]]:
+    """Return the box of a Cartesian grid's cells that another meets, of one cell at least."""
+    first, last = [], []
+    for old, new in zip(source.edges, part.edges, strict=True):
+        start = min(max(int(np.searchsorted(old, new[0], "right")) - 1, 0), len(old) - 2)
+        first.append(start)
+        end = int(np.searchsorted(old, new[-1], "left"))
+        last.append(min(max(end, start + 1), len(old) - 1))
+    return first, last
 
 
 def _meta_on(volume: Any, grid: Grid) -> dict[str, Any]:
