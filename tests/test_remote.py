@@ -7,13 +7,16 @@ import logging
 import pickle
 import secrets
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from threading import Thread
 
+import h5py
 import numpy as np
 import pytest
 
 import voluminous as vm
 from voluminous.io.registry import open_lazily
+from voluminous.io.remote import UnreachableError, file_at
 
 pytest.importorskip("zarr", "3")
 fsspec = pytest.importorskip("fsspec")
@@ -22,7 +25,6 @@ RHO = np.random.default_rng(8).random((12, 8, 6), np.float32)
 VOLUME = vm.Volume(vm.CartesianGrid.uniform(RHO.shape, (-1, 1), unit="pc"), rho=RHO)
 MEDIUM = vm.Gaussian("rho", 0.5, 0.1, "orange", opacity=0.5, path_length="1 pc")
 CAMERA = vm.Orthographic(60, 30, width="4 pc", resolution=16)
-UnreachableError = pytest.importorskip("voluminous.io.zarr.store").UnreachableError
 
 
 class Server:
@@ -41,8 +43,20 @@ class Server:
                 if outer.failures:
                     outer.failures -= 1
                     self.send_error(outer.status)
+                elif "Range" in self.headers:
+                    self.send_range()
                 else:
                     super().do_GET()
+
+            def send_range(self):
+                content = Path(self.translate_path(self.path)).read_bytes()
+                first, last = self.headers["Range"].removeprefix("bytes=").split("-")
+                part = content[int(first) : int(last or len(content)) + 1]
+                self.send_response(206)
+                self.send_header("Content-Range", f"bytes {first}-{last}/{len(content)}")
+                self.send_header("Content-Length", str(len(part)))
+                self.end_headers()
+                self.wfile.write(part)
 
         handler = functools.partial(Handler, directory=str(directory))
         self.server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
@@ -53,7 +67,7 @@ class Server:
 @pytest.fixture
 def server(tmp_path, monkeypatch):
     pytest.importorskip("aiohttp")
-    monkeypatch.setattr("voluminous.io.zarr.store._WAITS", (0.0, 0.0))
+    monkeypatch.setattr("voluminous.io.remote.WAITS", (0.0, 0.0))
     VOLUME.save(tmp_path / "a.zarr", chunks=4, levels=True, stats=True)
     served = Server(tmp_path)
     yield served
@@ -114,8 +128,8 @@ def test_what_is_not_there(server):
 
 
 def test_a_silent_server(server, monkeypatch):
-    for name in ("_CONNECT", "_SILENCE"):
-        monkeypatch.setattr(f"voluminous.io.zarr.store.{name}", 0.1)
+    for name in ("CONNECT", "SILENCE"):
+        monkeypatch.setattr(f"voluminous.io.remote.{name}", 0.1)
     silent = ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler)
     # It takes connections, and never answers.
     with pytest.raises(UnreachableError, match="Timeout"):
@@ -182,3 +196,41 @@ def test_without_credentials(bucket, monkeypatch):
     monkeypatch.setattr("fsspec.config.conf", {})
     fsspec.config.set_conf_env(fsspec.config.conf)
     np.testing.assert_array_equal(vm.open(f"{bucket}/a.zarr").array("rho"), RHO)
+
+
+@pytest.mark.parametrize("name", ["plain.h5", "packed.h5", "own.h5", "own_packed.h5", "rho.nc"])
+def test_hdf5_over_http(server, tmp_path, monkeypatch, name):
+    """By the bytes that are asked for, from a server that gives parts of files."""
+    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
+    monkeypatch.setattr("voluminous.io.remote._BLOCK", 4096)
+    options = {}
+    if name == "rho.nc":
+        xr = pytest.importorskip("xarray")
+        pytest.importorskip("h5netcdf")
+        lines = {a: np.arange(n) for a, n in zip("xyz", RHO.shape, strict=True)}
+        xr.Dataset({"rho": (tuple("xyz"), RHO)}, lines).to_netcdf(
+            tmp_path / name, engine="h5netcdf"
+        )
+    elif name.startswith("own"):
+        VOLUME.save(tmp_path / name, compress="packed" in name)
+    else:
+        packed = {"chunks": (4, 4, 4), "compression": "gzip"} if name == "packed.h5" else {}
+        with h5py.File(tmp_path / name, "w") as file:
+            file.create_dataset("rho", data=RHO, **packed)
+        options = {"bounds": (-1, 1), "unit": "pc"}
+    file_at.cache_clear()
+    volume = open_lazily(f"{server.url}/{name}", **options)
+    assert volume.waiting == ("rho",)
+    np.testing.assert_array_equal(volume.store.read("rho", (3, 1, 2), (9, 8, 6)), RHO[3:9, 1:, 2:])
+    np.testing.assert_array_equal(vm.open(f"{server.url}/{name}", **options).array("rho"), RHO)
+    if name == "own.h5":
+        image = vm.render(volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB")
+        whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
+        np.testing.assert_array_equal(image.intensity, whole.intensity)
+    file_at.cache_clear()
+    server.failures = 2
+    np.testing.assert_array_equal(volume.store.read("rho", (3, 1, 2), (9, 8, 6)), RHO[3:9, 1:, 2:])
+    file_at.cache_clear()
+    server.failures = 1000
+    with pytest.raises(UnreachableError, match=rf"{name}: .*cannot be read, tried 3 times"):
+        volume.store.read("rho", (3, 1, 2), (9, 8, 6))

@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FileFormatError, MissingPackageError
+from ..files import url_of
 from ..memory import check_memory
+from . import remote
 from .payload import inside
 
 if TYPE_CHECKING:
@@ -41,11 +43,31 @@ def is_hdf5(head: bytes) -> bool:
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """Open a file to read."""
+    """Open a file to read, or one at a URL."""
     import h5py
 
-    with filters(), h5py.File(path, "r") as file:
-        yield file
+    if not (url := url_of(path)):
+        with filters(), h5py.File(path, "r") as file:
+            yield file
+        return
+    with remote.for_hdf5(url) as source:
+        try:
+            with filters(), h5py.File(source, "r") as file:
+                yield file
+        except (OSError, RuntimeError, KeyError):
+            # HDF5 does not tell why it could not read.
+            failed, source.failed = source.failed, None
+            if failed is None:
+                raise
+            raise failed from None
+
+
+def first_bytes(path: Path, length: int) -> bytes:
+    """Return the first bytes of a file, or of one at a URL."""
+    if url_of(path):
+        return remote.head_of(path, length)
+    with open(path, "rb") as file:
+        return file.read(length)
 
 
 def holds(path: Path, head: bytes, mark: Callable[[h5py.File], Any]) -> bool:

@@ -32,6 +32,7 @@ from .particles.gadget import GadgetReader
 from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
 from .raw import RawReader
+from .remote import head_of
 from .scanners.dicom import DICOMReader
 from .scanners.hdf5_images import ImarisReader, ITKReader
 from .scanners.metaimage import MetaImageReader
@@ -113,8 +114,8 @@ def open(
     Parameters
     ----------
     path : str or Path
-        The file; the format is detected from its content. For Zarr also a URL:
-        ``"https://…/cells.zarr"``.
+        The file; the format is detected from its content. For Zarr and HDF5 also a URL:
+        ``"https://…/cells.zarr"``, ``"s3://…/cells.zarr"``.
     fields : None, str, sequence of str or dict, optional
         Fields of the volume: all (None), one, several, or ``{name: place in the file}``, such as
         ``{"density": "/gas/rho"}``. Only these are read; if they take more than 256 MiB, each is
@@ -182,7 +183,7 @@ def readers() -> tuple[Reader, ...]:
 def find_reader(path: Path, format: str | None = None) -> Reader:
     """Return the reader for an existing file."""
     url = url_of(path)
-    head = b"" if url else _head(path)
+    head = _head(path)
     if format is not None:
         by_name = {reader.name: reader for reader in readers()}
         if format not in by_name:
@@ -223,6 +224,9 @@ def _foreign() -> tuple[Reader, ...]:
 
 
 def _head(path: Path) -> bytes:
+    if url_of(path):
+        # A store is a directory: to ask for it would be in vain.
+        return b"" if path.suffix in ("", ".zarr") else head_of(path, HEAD_LENGTH)
     if path.is_dir():
         return b""
     try:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import check_place, is_hdf5, opened, text, warn_of_missing
+from ..hdf5 import check_place, first_bytes, is_hdf5, opened, text, warn_of_missing
 from ..unit_texts import known_unit
 from .layout import Entry
 from .named_arrays import NamedArraysReader
@@ -42,6 +42,7 @@ class HDF5Reader(NamedArraysReader):
     name = "hdf5"
     description = "an HDF5 file"
     suffixes = (".h5", ".hdf5", ".he5", ".hdf", ".mat")
+    remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
         return is_hdf5(head)
@@ -63,8 +64,7 @@ class HDF5Reader(NamedArraysReader):
     ) -> Iterator[dict[str, Entry]]:
         import h5py
 
-        with open(path, "rb") as start:
-            backwards = start.read(len(_MATLAB)) == _MATLAB
+        backwards = first_bytes(path, len(_MATLAB)) == _MATLAB
         with opened(path) as file:
             entries: dict[str, Entry] = {}
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import FileFormatError, unknown_name
+from ...files import url_of
 from ...packages import require
 from ..contract import FieldInfo
 from ..guard import by_library
-from ..hdf5 import filters, is_hdf5, is_own, opened
+from ..hdf5 import filters, first_bytes, is_hdf5, is_own, opened
+from ..remote import for_hdf5
 from .convert import LabelledReader
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ class NetCDFReader(LabelledReader):
     name = "netcdf"
     description = "a NetCDF file"
     suffixes = (".nc", ".nc4", ".cdf", ".netcdf")
+    remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
         if not is_hdf5(head):
@@ -46,8 +49,7 @@ class NetCDFReader(LabelledReader):
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
         xarray = require("xarray", self.extra, "reading NetCDF")
-        with open(path, "rb") as file:
-            head = file.read(8)
+        head = first_bytes(path, 8)
         groups = _groups(path) if is_hdf5(head) else []
         if group is not None and is_hdf5(head) and group.strip("/") not in ["", *groups]:
             raise unknown_name("group", group, groups)
@@ -59,7 +61,9 @@ class NetCDFReader(LabelledReader):
         # Memory is taken by the volume only: xarray would keep what it reads beside it.
         options: dict[str, Any] = {"engine": engine, "cache": False}
         options |= {} if group is None else {"group": group}
-        with by_library("xarray"), filters(), _decoded(xarray, path, options) as data:
+        url = url_of(path)
+        source = for_hdf5(url) if url else nullcontext(path)
+        with by_library("xarray"), filters(), source as f, _decoded(xarray, f, options) as data:
             has_fields = any(array.ndim >= 3 for array in data.data_vars.values())
             if group is None and groups and not has_fields:
                 listed = ", ".join(groups[:20]) + (", …" if len(groups) > 20 else "")
@@ -70,11 +74,11 @@ class NetCDFReader(LabelledReader):
             yield data
 
 
-def _decoded(xarray: Any, path: Path, options: dict[str, Any]) -> Any:
+def _decoded(xarray: Any, source: Any, options: dict[str, Any]) -> Any:
     try:
-        return xarray.open_dataset(path, decode_timedelta=False, **options)
+        return xarray.open_dataset(source, decode_timedelta=False, **options)
     except (ValueError, OverflowError, ImportError):
-        return xarray.open_dataset(path, decode_times=False, **options)
+        return xarray.open_dataset(source, decode_times=False, **options)
 
 
 def _check_size(path: Path) -> None:

@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError, VoluminousError
+from ...errors import FileFormatError, VoluminousError
 from ...files import url_of
 from ...memory import check_memory
 from ...packages import require
+from .. import remote
 from ..guard import by_library, placed
+from ..hdf5 import is_hdf5
 from ..payload import ZIP, zip_names
+from ..remote import UnreachableError
 
 if TYPE_CHECKING:
     import zarr
@@ -29,28 +32,12 @@ _METADATA = (*_NODES, ".zattrs", ".zmetadata")
 _DEEPEST = 16
 # Descriptions of groups and arrays that are kept: reading them takes longer than reading a box.
 _KEPT = 256
-# Seconds before a transfer that failed is tried again.
-_WAITS = (0.2, 1.0)
-# Seconds until a server must be reached, and must send something.
-_CONNECT, _SILENCE = 10, 30
-# HTTP's numbers for servers that are busy; those of errors begin with 5.
-_BUSY = (408, 425, 429)
-_DENIED = (401, 403)
-_CREDENTIALS = "NoCredentialsError"
-_HOW_TO_SIGN_IN = (
-    "credentials for s3 come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or from "
-    "~/.aws/credentials; data that are public are read with FSSPEC_S3_ANON=true"
-)
-
-
-class UnreachableError(InputError, OSError):
-    """A server that cannot be reached, or does not give what is asked for."""
 
 
 def holds_zarr(path: Path, head: bytes) -> bool:
-    """Return True for a directory or a ZIP file that is a Zarr store, and for any URL."""
+    """Return True for a directory or a ZIP file that is a Zarr store, and for any such URL."""
     if url_of(path):
-        return True
+        return not is_hdf5(head)
     if path.is_dir():
         return any((path / name).is_file() for name in _NODES)
     if not head.startswith(ZIP):
@@ -68,8 +55,6 @@ def opened(path: Path, place: str = "") -> Iterator[Any]:
     """
     library = require("zarr", "arrays", "reading Zarr")
     url = url_of(path)
-    if url:
-        require("fsspec", "remote", f"opening {url}")
     with by_library("zarr"):
         if not url and path.is_file():
             archive = library.storage.ZipStore(path, mode="r")
@@ -104,15 +89,7 @@ def _node(text: str, place: str, stamp: tuple[Any, ...]) -> Any:
     url = url_of(Path(text))
     if not url:
         return _open(LocalStore(text, read_only=True))
-    options: dict[str, Any] = {}
-    if url.startswith("http"):
-        import aiohttp
-        from fsspec.config import conf
-
-        patience = aiohttp.ClientTimeout(None, sock_connect=_CONNECT, sock_read=_SILENCE)
-        given = conf.get(url.partition(":")[0], {}).get("client_kwargs", {})
-        options["client_kwargs"] = {"timeout": patience, **given}
-    return _open(FsspecStore.from_url(url, options, read_only=True))
+    return _open(FsspecStore.from_url(url, remote.options(url), read_only=True))
 
 
 def forget() -> None:
@@ -148,13 +125,13 @@ def _careful() -> type:
             self.kept: dict[Any, Any] = {}  # what readers made of it
 
         async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
-            for wait in (*_WAITS, None):
+            for wait in (*remote.WAITS, None):
                 try:
                     value = await self._store.get(key, prototype, byte_range)
                     break
                 except Exception as error:
-                    if wait is None or not _may_pass(error):
-                        raise _in_words(key, error) from error
+                    if wait is None or not remote.may_pass(error):
+                        raise remote.in_words(key, error) from error
                 await asyncio.sleep(wait)
             (self.absent.add if value is None else self.absent.discard)(key)
             if value is not None and byte_range is None and _by_blosc(self.owner(key)):
@@ -189,32 +166,6 @@ def _check_length(key: str, chunk: Any) -> None:
     expected = int.from_bytes(head[12:16], "little")
     if len(head) < 16 or len(chunk) < expected:
         raise FileFormatError(f"{key} is cut short: it has {len(chunk)} bytes of {expected}")
-
-
-def _may_pass(error: Exception) -> bool:
-    """Return True for errors of a transfer that may not come again."""
-    status = getattr(error, "status", None)
-    if isinstance(status, int):
-        return status >= 500 or status in _BUSY
-    of_transfer = isinstance(error, (OSError, asyncio.TimeoutError))
-    return (of_transfer or _of_http(error)) and not isinstance(error, PermissionError)
-
-
-def _of_http(error: Exception) -> bool:
-    return type(error).__module__.startswith("aiohttp")
-
-
-def _in_words(key: str, error: Exception) -> Exception:
-    """Return the error for a transfer that failed; any other is returned as it is."""
-    said = f"{type(error).__name__}: {error}"[:400]
-    status = getattr(error, "status", None)
-    denied = isinstance(error, PermissionError) or status in _DENIED
-    if denied or type(error).__name__ == _CREDENTIALS:
-        return UnreachableError(f"access to {key} is denied ({said}); {_HOW_TO_SIGN_IN}")
-    if _may_pass(error):
-        tried = f"tried {1 + len(_WAITS)} times"
-        return UnreachableError(f"{key} cannot be read, {tried} ({said}); try later")
-    return UnreachableError(f"{key} cannot be read ({said})") if _of_http(error) else error
 
 
 def root_fits(path: Path, head: bytes, fits: Callable[[Any], bool]) -> bool | None:
