@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import voluminous as vm
 from test_confined_walk import UNIFORM
 from test_streaming import CAMERAS, MEDIUM, chunks, noise, reads
 from test_streaming import assert_same_bits as assert_same_in_memory
+from voluminous.backend import dr
 from voluminous.errors import InputError, VoluminousError
 
 __all__ = ["chunks", "reads"]
@@ -285,3 +287,41 @@ def test_dask_goes_on_where_workers_die(stored, narrow, deaths):
             )
             assert_same_bits(whole, image)
             assert killed
+
+
+def test_the_number_of_threads_changes_no_bit(stored, narrow):
+    # Threads of a pool take numbers below 1e-38 for zero; a kernel that is run by the caller, as
+    # one thread, does not. Rays become that dark, and that opaque, in these blocks.
+    faint = vm.Coefficients(["1e-36*a", "a*exp(-60*a)", "a"], ["30*a"])
+    camera = vm.Orthographic(35, 50, width=4, resolution=60)
+    count, images = dr.thread_count(), []
+    try:
+        for threads in (1, 2):
+            dr.set_thread_count(threads)
+            draw = functools.partial(vm.render, vm.open(stored), faint, camera, cutoff=0)
+            images += [draw(memory="1 GiB"), draw(checkpoint=stored.with_name("kept"))]
+    finally:
+        dr.set_thread_count(count)
+    for image in images[1:]:
+        assert_same_in_memory(images[0], image)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("processes", [2, 3, 4, 7])
+def test_mpi_has_the_bits_of_the_whole(processes, stored, tmp_path):
+    pytest.importorskip("mpi4py", reason="pip install mpi4py mpich")
+    start = shutil.which("mpiexec")
+    if start is None:
+        pytest.skip("mpiexec is not there: pip install mpich")
+    script = tmp_path / "draw.py"
+    body = SCRIPT.replace("ThreadPoolExecutor(2)", "MPIPoolExecutor()")
+    lines = body.replace("from concurrent.futures import Thread", "from mpi4py.futures import MPI")
+    head, tail = lines.split("image = ", 1)
+    main = "\n    ".join(("image = " + tail).splitlines())
+    script.write_text(f"{head}if __name__ == '__main__':\n    {main}\n")
+    picture = tmp_path / "picture.npz"
+    command = [start, "-n", processes, sys.executable, "-m", "mpi4py.futures", script]
+    kept = tmp_path / "kept"
+    subprocess.run([str(c) for c in (*command, stored, kept, picture)], check=True, timeout=300)
+    whole = vm.render(vm.open(stored), MEDIUM, vm.Orthographic(35, 50, width=4, resolution=60))
+    np.testing.assert_array_equal(vm.Image.load(picture).intensity, whole.intensity)
