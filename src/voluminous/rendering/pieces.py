@@ -470,6 +470,8 @@ class Pieces:
         Rays interpolate between the centres of cells.
     room : int
         Bytes that may be taken besides.
+    tabulates : bool
+        There is also room for a table of a block's coefficients.
     per_cell, others : float
         Bytes that drawing takes for each cell of a block, and besides; see `plan`.
     sweep : Sweep or None
@@ -545,11 +547,13 @@ class Pieces:
             If it does not allow even single chunks.
         """
         used = [name for name in medium.names if name in self.outline]
-        sizes = [self.outline.dtype(name).itemsize for name in used]
+        kinds = [self.outline.dtype(name) for name in used]
         extinctions = 1 if medium.grey else medium.channels
-        # Fields as read, padded and as gathered; or with a table of coefficients.
+        # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions
-        per_cell: float = 2 * sum(sizes) + 6 * max(numbers, len(medium.components()))
+        per_cell: float = sum(2 * k.itemsize for k in kinds)
+        per_cell += sum((4 if k.itemsize <= 2 else 8) for k in kinds if k.kind != "f")
+        self.per_table = 6 * max(numbers, len(medium.components()))
         path = numbers + extinctions
         self.dual = scheme.coefficients_at == "field"
         if self.dual:
@@ -557,7 +561,8 @@ class Pieces:
             self.walls = tuple(
                 np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.grid.edges
             )
-            per_cell = sum(2 * size + 20 for size in sizes)
+            per_cell = sum(2 * k.itemsize + 4 for k in kinds)
+            self.per_table = 0
             path += 3 + extinctions + 2 * len(medium.scalars())
         # While a field is computed, those that it is made of are there.
         made = [self.outline.stored([n]) for n in used if n not in self.outline.stored([n])]
@@ -573,6 +578,9 @@ class Pieces:
         self.per_cell, self.others = per_cell, others
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
         self.side, self.room = largest_side(self.outline, self.memory, per_cell, others, *need)
+        table = self.per_table * math.prod(n + 2 for n in self.side)
+        self.tabulates = table <= self.room
+        self.room -= table if self.tabulates else 0
 
     @property
     def geometry(self) -> tuple[np.ndarray, ...]:
