@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import subprocess
 import sys
@@ -205,6 +206,43 @@ def test_chunks_behind_an_opaque_one_are_not_read(chunks, reads):
     np.testing.assert_array_equal(parts.optical_depth, whole.optical_depth)
 
 
+def ball(radius, folder):
+    """Return values near one in a ball and zero around it, stored in chunks of 4³, and whose."""
+    grid = vm.CartesianGrid.uniform(32, (-1, 1))
+    x, y, z = np.meshgrid(*grid.centers, indexing="ij")
+    values = np.random.default_rng(1).uniform(0.9, 1.1, grid.shape).astype(np.float32)
+    volume = vm.Volume(grid, a=np.where(x * x + y * y + z * z < radius**2, values, 0))
+    volume.save(folder / "ball.zarr", chunks=4, stats=True)
+    return volume["a"], open_lazily(folder / "ball.zarr")
+
+
+@pytest.mark.parametrize("side", [4, 8])
+def test_chunks_that_show_nothing_are_not_read(side, tmp_path, chunks, ahead):
+    chunks(side)
+    values, stored = ball(0.3, tmp_path)
+    shows = values.reshape(8, 4, 8, 4, 8, 4).max(axis=(1, 3, 5)) > 0
+    assert 0.03 < np.mean(shows) < 0.1
+    thin = vm.Gaussian("a", 1, 0.05, "white", opacity=0.1, path_length=1)
+    vm.render(stored, thin, ORTHOGRAPHIC, scheme="first-order", memory="1 GiB")
+    # Blocks of several chunks are visible as a whole; of them, too, only those that show something.
+    assert {low for low, _ in ahead} == {tuple(4 * i for i in p) for p in np.argwhere(shows)}
+    assert len(ahead) == np.count_nonzero(shows)
+
+
+@pytest.mark.parametrize("side", [4, 16])
+def test_chunks_behind_an_opaque_surface_are_not_read(side, tmp_path, chunks, ahead):
+    chunks(side)
+    values, stored = ball(0.8, tmp_path)
+    opaque = vm.Gaussian("a", 1, 0.07, "white", opacity=100, path_length=0.01)
+    camera = vm.Orthographic(0, 0, width=2, resolution=64)
+    image = vm.render(stored, opaque, camera, scheme="first-order", memory="1 GiB")
+    assert image.transparency.min() < 1e-6
+    # Rays are at their end in the first cell, and stop after the next one.
+    met = (values > 0) & (np.cumsum(values > 0, axis=2) <= 2)
+    visible = np.count_nonzero(met.reshape(8, 4, 8, 4, 8, 4).any(axis=(1, 3, 5)))
+    assert visible <= len(ahead) <= 1.3 * visible
+
+
 def test_progress_counts_cells_and_cancels(chunks):
     chunks(4)
     told = []
@@ -260,40 +298,85 @@ def test_what_cannot_be_drawn_in_chunks_is_refused():
         vm.render(volume, negative, many, memory="1 GiB", scheme="first-order")
 
 
-MEASURED = """
+LIMITED = """
+import resource
 import sys
 import numpy as np
 import voluminous as vm
-from test_confined_walk import CAMERAS as WALKED
-from test_confined_walk import SHAPE, UNEVEN, UNIFORM
 
-def peak():  # what getrusage tells includes the parent's
-    status = open("/proc/self/status").read().splitlines()
-    return int(next(line.split()[1] for line in status if line.startswith("VmHWM"))) << 10
+def status(what):  # what getrusage tells includes the parent's
+    lines = open("/proc/self/status").read().splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith(what))) << 10
 
+path, scheme, pixels, limit = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]) << 20
+memory = {} if sys.argv[5:] == ["whole"] else {"memory": limit}
 medium = vm.Gaussian("a", 0.5, 0.2, (1, 0.5, 0.2), opacity=0.4, path_length=50)
-camera = vm.Orthographic(35, 50, width=900, resolution=200)
 small = vm.Volume(vm.CartesianGrid.uniform(8, (0, 1)), a=np.linspace(0, 1, 512).reshape(8, 8, 8))
-vm.render(small, medium, camera.replace(width=2), memory="1 GiB")
-before = peak()
-volume = vm.open(sys.argv[1])
-image = vm.render(volume, medium, camera, scheme=sys.argv[2], memory="300 MiB")
+camera = vm.Orthographic(35, 50, width=2, resolution=64)
+vm.render(small, medium, camera, scheme=scheme, **memory)
+volume = vm.open(path)
+camera = camera.replace(width=1.8 * volume.grid.shape[0], resolution=pixels)
+before = status("VmRSS")
+resource.setrlimit(resource.RLIMIT_DATA, (status("VmData") + limit,) * 2)
+image = vm.render(volume, medium, camera, scheme=scheme, **memory)
 assert image.intensity.max() > 0
-print(peak() - before)
+print(status("VmHWM") - before)
 """
 
 
-@pytest.mark.exhaustive
-@pytest.mark.skipif(sys.platform != "linux", reason="memory is told by /proc")
-@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
-def test_memory_does_not_depend_on_the_volume(tmp_path, scheme):
-    # 512 MiB, of which less is in memory at any time than is allowed.
+def limited(path, scheme, pixels, mebibytes, *how):
+    """Return how drawing ended in a process that may take so much more memory; it told how much."""
+    command = [sys.executable, "-c", LIMITED, *map(str, (path, scheme, pixels, mebibytes, *how))]
+    return subprocess.run(command, capture_output=True, text=True, timeout=2000)
+
+
+def tiled(folder, times):
+    """Return the path of a store of 256³ numbers, repeated along each axis by links to files."""
+    zarr = pytest.importorskip("zarr")
+    cells, path = 256 * times, folder / f"{times}.zarr"
+    values = np.random.default_rng(1).uniform(0, 1, (256,) * 3).astype(np.float32)
+    once = vm.Volume(vm.CartesianGrid.uniform(256, (0, 256)), a=values)
+    once.save(path, stats=True, keep_bits=10)
+    root = zarr.open_group(path)
+    ranges = np.tile(root["stats/a"][...], (times, times, times, 1))
+    arrays = {f"grid/{axis}": np.linspace(0, cells, cells + 1) for axis in "xyz"}
+    for place, data in {**arrays, "stats/a": ranges}.items():
+        root.create_array(place, data=data, overwrite=True)
+    root["fields/a"].resize((cells,) * 3)
+    root.attrs["grid"] = {**root.attrs["grid"], "cells": cells**3}
+    for place in itertools.product(range(2 * times), repeat=3):
+        first = path / "fields/a/c" / "/".join(str(i % 2) for i in place)
+        file = path / "fields/a/c" / "/".join(map(str, place))
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file != first:
+            file.hardlink_to(first)
+    return path
+
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="memory is limited and told by Linux")
+
+
+@on_linux
+def test_memory_is_what_was_asked_for(tmp_path):
+    # 256 MiB of numbers, in no more memory than 200 MiB, which is enforced; whole they need more.
     path = tmp_path / "a.npy"
-    array = np.lib.format.open_memmap(path, "w+", np.float32, (512, 512, 512))
+    array = np.lib.format.open_memmap(path, "w+", np.float32, (256, 512, 512))
     plane = np.random.default_rng(1).uniform(0, 1, (512, 512))
     for k in range(len(array)):
         array[k] = np.roll(plane, k, axis=0)
     del array
-    command = [sys.executable, "-c", MEASURED, str(path), scheme]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=500)
-    assert int(told.stdout) < 300 << 20
+    for scheme in ("first-order", "post-classified"):
+        ended = limited(path, scheme, 100, 200)
+        assert ended.returncode == 0, ended.stderr
+    assert limited(path, "post-classified", 100, 200, "whole").returncode != 0
+
+
+@on_linux
+@pytest.mark.exhaustive
+def test_memory_does_not_depend_on_the_volume(tmp_path):
+    peaks = []
+    for times, mebibytes in ((4, 512), (8, 768)):
+        ended = limited(tiled(tmp_path, times), "first-order", 800, mebibytes)
+        assert ended.returncode == 0, ended.stderr
+        peaks.append(int(ended.stdout))
+    assert peaks[1] <= 1.2 * peaks[0]

@@ -600,14 +600,19 @@ class Pieces:
         direction : float array, shape (3,)
             Of parallel rays.
         """
+        return self._boxes(self.side, parallel, origin, direction)
+
+    def _boxes(
+        self, side: tuple[int, ...], parallel: bool, origin: np.ndarray, direction: np.ndarray
+    ) -> Iterator[CellBox]:
         walls, center = [], []
-        for axis, (n, side) in enumerate(zip(self.grid.shape, self.side, strict=True)):
+        for axis, (n, step) in enumerate(zip(self.grid.shape, side, strict=True)):
             begin = [0, 0] if direction[axis] >= 0 else [n, n]
             if not parallel:
                 begin = (np.searchsorted(self.walls[axis], origin[axis], "right") - 1).tolist()
             # The block that a ray meets later takes the layer between two: of the other the layer
             # of cells that it needs has been read before.
-            own = [w + 1 if self.dual and 0 < w < begin[0] else w for w in range(0, n, side)]
+            own = [w + 1 if self.dual and 0 < w < begin[0] else w for w in range(0, n, step)]
             walls.append([*own, n])
             first, last = (np.searchsorted(walls[-1], begin, "right") - 1).tolist()
             if first != last:
@@ -626,6 +631,17 @@ class Pieces:
             )
             if all(a < b for a, b in zip(low, high, strict=True)):
                 yield CellBox(low, high)
+
+    def place(self, box: CellBox) -> tuple[int, ...]:
+        """Return the number of the block that a box is in, along each axis."""
+        return tuple(low // side for low, side in zip(box.low, self.side, strict=True))
+
+    def in_chunks(self, *seen: Any) -> dict[tuple[int, ...], list[CellBox]]:
+        """Return the chunks of each block, front to back; arguments are those of `boxes`."""
+        found: dict[tuple[int, ...], list[CellBox]] = {}
+        for box in self._boxes(self.outline.store.chunks, *seen):
+            found.setdefault(self.place(box), []).append(box)
+        return found
 
     def blocks(self, boxes: Sequence[CellBox]) -> list[Block]:
         """Return boxes in blocks of k × k × k: few, that several processes draw."""

@@ -29,6 +29,7 @@ from .chunks import Chunks
 from .march import RayState, hand_on, march
 from .missing import HiddenCells
 from .pixels import Lanes
+from .sources.cells import CellEvaluator
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ _FAINTEST = 1e-37
 _MARGIN = 1e-3
 # Bytes of fields in memory that every block of another process may bring.
 _SENT = 16 << 20
+# Optical depth of a chunk in which rays come to their end, at its densest place.
+_OPAQUE = 10.0
 # With fewer cells than this for each that a ray crosses a table is made first (three Gaussians,
 # 512³ and 800² rays: of 0.3 cells for each it saves nothing).
 _CELLS_PER_STEP = 0.25
@@ -103,7 +106,7 @@ class StreamingTracer(RayTracer):
 
     def through(self, rays: Rays, boxes: Iterable[CellBox]) -> None:
         """Let rays go through boxes of cells, one after another; the next one is read meanwhile."""
-        left, following = iter(boxes), deque[tuple[CellBox, np.ndarray, bool]]()
+        left, following = self._divided(rays, boxes), deque[tuple[CellBox, np.ndarray, bool]]()
         names = [n for n in self.job.medium.names if n in self.pieces.outline]
         parts, waiting = [part for _, part in self.parts()], rays.states[0].cursor is not None
 
@@ -135,6 +138,24 @@ class StreamingTracer(RayTracer):
                     self.drawn([box])
         finally:
             self.chunks.forget()
+
+    def _divided(self, rays: Rays, boxes: Iterable[CellBox]) -> Iterator[CellBox]:
+        """Yield boxes; for one in which rays may come to their end its chunks, front to back.
+
+        Those behind others are then not read.
+        """
+        pieces, chunks, finer = self.pieces, self.pieces.outline.store.chunks, None
+        source = self.source
+        evaluator = CellEvaluator(self.job.volume, self.job.medium, source.numbers, self.backend)
+        for box in boxes:
+            several = pieces.grid.is_structured and pieces.side != chunks
+            if self.ending is not None and several:
+                most = evaluator.most_in(pieces.ranges(box, self.job.medium.names))
+                if source.numbers.densest(most) * min(chunks) > _OPAQUE:
+                    finer = finer or pieces.in_chunks(*rays.origins())
+                    yield from finer[pieces.place(box)]
+                    continue
+            yield box
 
     def starting(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Rays:
         """Return the rays through points of pixels, which have not met anything yet."""
