@@ -36,8 +36,8 @@ from .sources.channel_layout import blocks_of
 # Seconds of one core for: a byte of a field, unpacked; a box; a ray through a box, with its state;
 # a cell on a ray. Measured on 512³ and 1024³ cells (`benchmarks/plan.py`); other machines are
 # faster or slower by two.
-_BYTE, _BOX, _RAY = 1.3e-9, 0.012, 2e-7
-_STEP = {"first-order": 1.5e-8, "pre-integrated": 5e-8, "post-classified": 8e-8}
+_BYTE, _BOX, _RAY = 1.1e-9, 0.006, 1.5e-7
+_STEP = {"first-order": 1.5e-8, "pre-integrated": 3e-8, "post-classified": 4e-8}
 # A program and its compiler: to begin with, and bytes.
 _START, _PROCESS = 0.5, 150 << 20
 # Rays along each side of a picture that are followed.
@@ -257,7 +257,8 @@ def _planned(
     rays, crossed = rays_through(camera, pieces, low, high)
     share = np.array([seen[volume.chunks_of(box)].mean() for box in boxes]) * (rays > 0)
     cells = share * np.prod(high - low, axis=1)
-    turns = samples**2 * len(blocks_of(medium.channels, scheme))
+    # Blocks of channels share what is read.
+    turns, blocks = samples**2, len(blocks_of(medium.channels, scheme))
     least, most, usual, rounds = _PASSES if scheme.controlled else (1, 1, 1.0, 1.0)
     total = float(np.sum(cells)) * sum(volume.dtype(name).itemsize for name in names)
     # Chunks that are kept are unpacked once.
@@ -265,7 +266,7 @@ def _planned(
     unpacked = kept + (1.0 - kept) * usual * turns
     cost = unpacked * _BYTE * total / max(np.sum(cells), 1.0) * cells
     steps = _STEP[scheme.name] / _processors() * crossed
-    cost += (share > 0) * turns * (usual * _BOX + rounds * (_RAY * rays + steps))
+    cost += (share > 0) * turns * (usual * _BOX + rounds * blocks * (_RAY * rays + steps))
     tasks, shells, along = _side_by_side(pieces, boxes, cost, workers)
     stored = _stored(volume, names) if level == 0 else None
     x, y, z = (int(n) for n in pieces.side)
