@@ -82,7 +82,7 @@ class Plan:
     bytes_whole : int
         Memory that the picture would take if it were not drawn in chunks, about.
     memory, memory_here : int
-        Bytes that a process takes that draws, and the one that waits for others (with workers).
+        Bytes that a process takes that draws, at most, and the one that waits (with workers).
     workers : int
     seconds : float
         Estimate, within a factor of three for a machine like that of the developers; each process
@@ -267,6 +267,7 @@ def _planned(
     cost = unpacked * _BYTE * total / max(np.sum(cells), 1.0) * cells
     steps = _STEP[scheme.name] / _processors() * crossed
     cost += (share > 0) * turns * (usual * _BOX + rounds * blocks * (_RAY * rays + steps))
+    held = min(pieces.room, total) if most * turns > 1 or pieces.dual else 0.0
     tasks, shells, along = _side_by_side(pieces, boxes, cost, workers)
     stored = _stored(volume, names) if level == 0 else None
     x, y, z = (int(n) for n in pieces.side)
@@ -286,7 +287,7 @@ def _planned(
         bytes_read=int(total),
         bytes_stored=None if stored is None else int(stored * seen.mean()),
         bytes_whole=int(pieces.others + pieces.per_cell * grid.size) + _PROCESS,
-        memory=int(pieces.others + pieces.per_cell * math.prod(pieces.side)) + _PROCESS,
+        memory=int(pieces.others + pieces.per_cell * math.prod(pieces.side) + held) + _PROCESS,
         memory_here=pieces.others + _PROCESS,
         workers=workers,
         seconds=_START + (float(np.sum(cost)) if workers == 1 else along),
