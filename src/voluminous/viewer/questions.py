@@ -47,13 +47,14 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
     places = zip("xy", shot.pixels, strict=True)
     x, y = (min(int(_part(message, name) * n), n - 1) for name, n in places)
     options = {k: v for k, v in shot.options.items() if k in _RAY_OPTIONS}
-    volume = at_hand(shot.volume)
-    ray = probe(volume, shot.medium, shot.camera, (x, y), progress=False, **options)
+    if at_hand(shot.volume) is not shot.volume:
+        # All chunks would be drawn, to know the tolerance of one pixel.
+        options |= {"tolerance": None, "memory": shot.options.get("memory")}
+    ray = probe(shot.volume, shot.medium, shot.camera, (x, y), progress=False, **options)
     reply: Answer = {
         "x": message["x"],
         "y": message["y"],
         "pixel": [x, y],
-        "level": _level_of(volume, page),
         "intensity": listed(ray.intensity),
         "tau": listed(ray.optical_depth),
         "unit": ray.units.get("length", ""),
