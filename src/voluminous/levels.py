@@ -6,16 +6,13 @@ import copy
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .deferred import Deferred, Pieces
 from .errors import InputError
 from .store import FieldStore, level_factors
-
-if TYPE_CHECKING:
-    from .store import Store
 
 HOW_TO_STORE = (
     "`voluminous convert FILE big.zarr --levels --stats` stores them, as does "
@@ -49,7 +46,8 @@ def level_of_volume(volume: Any, level: int) -> Any:
         known = own is not None and own.extremes is not None
         extremes = functools.partial(_extremes, store, name, level) if known else None
         read = functools.partial(_box, store, name, level)
-        pieces = Pieces(read, store.chunks, coarser, extremes)
+        spread = functools.partial(_spread, store, name, level) if own and own.spread else None
+        pieces = Pieces(read, store.chunks, coarser, extremes, spread)
         load = functools.partial(store.read, name, (0, 0, 0), shape, level)
         dtype = volume._fields.dtype(name)
         coarse[name] = Deferred(load, dtype, volume.field_unit(name), pieces=pieces)
@@ -81,12 +79,20 @@ def level_within(volume: Any, cells: int) -> int:
 
 
 def _box(
-    store: Store, name: str, level: int, low: Sequence[int], high: Sequence[int], coarser: int
+    store: FieldStore, name: str, level: int, low: Sequence[int], high: Sequence[int], coarser: int
 ) -> np.ndarray:
     return store.read(name, low, high, level + coarser)
 
 
-def _extremes(store: Store, name: str, level: int) -> np.ndarray:
+def _spread(
+    store: FieldStore, name: str, level: int, low: Sequence[int], high: Sequence[int], coarser: int
+) -> list[np.ndarray]:
+    ends = store.spread(name, low, high, level + coarser)
+    assert ends is not None
+    return ends
+
+
+def _extremes(store: FieldStore, name: str, level: int) -> np.ndarray:
     table = store.extremes(name, level)
     assert table is not None
     return table
