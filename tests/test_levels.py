@@ -233,7 +233,8 @@ def test_the_error_of_a_level_is_honest(field, scheme, tmp_path):
                 image = vm.render(volume, medium, camera, scheme=scheme, level=level)
                 wrong = np.abs(image.intensity - exact.intensity).max(axis=-1)
                 honest.append(np.mean(wrong <= image.error + own))
-    # The share that errors of pictures keep to: 98 % of the pixels of each, but for two or three; 99 % of all.
+    # The share that errors of pictures keep to: 98 % of the pixels of each, but for a few; 99 % of
+    # all.
     assert min(honest) >= 0.975
     assert np.mean(honest) > 0.99
 

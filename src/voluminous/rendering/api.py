@@ -132,7 +132,8 @@ def render(
         Draw a coarser level of the file (`Volume.level`); ``"auto"``: the coarsest whose cells are
         no wider than a pixel, where the visible ones are nearest; level 0, all cells, if the file
         has no levels. A picture of means is not the mean of pictures: `Image.error` estimates the
-        difference, where the file tells how far cells are from means; else it is None. ``image.provenance["level"]`` is what was drawn.
+        difference, where the file tells how far cells are from means; else it is None.
+        ``image.provenance["level"]`` is what was drawn.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as
