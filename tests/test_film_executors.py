@@ -384,3 +384,17 @@ def test_fingerprints_of_levels_read_nothing(tmp_path):
     coarse = volume.level(1)
     assert len({volume.fingerprint(), coarse.fingerprint()}) == 2
     assert coarse.waiting == volume.waiting == ("a",)
+
+
+def test_the_exposure_of_a_large_film_is_measured_in_a_coarse_level(tmp_path):
+    x, y, z = np.meshgrid(*[np.linspace(-1, 1, 32)] * 3, indexing="ij")
+    fine = vm.Volume(vm.CartesianGrid.uniform(32, (-1, 1)), a=np.exp(-(x**2) - y**2 - z**2))
+    fine.save(tmp_path / "a.zarr", levels=True, stats=True, chunks=8)
+    volume, drawn = open_lazily(tmp_path / "a.zarr"), []
+
+    def finish(image):
+        drawn.append(image.provenance.get("level"))
+        return image
+
+    vm.movie(volume, SHELL, CAMERAS[:2], tmp_path / "frames", finish=finish)
+    assert drawn == [1, 1, None, None]

@@ -52,13 +52,17 @@ class Frame:
         return image.replace(provenance={**(image.provenance or {}), **self.noted})
 
     def coarse(self) -> Frame:
-        """Return the frame with few pixels of about the same shape, quickly drawn."""
+        """Return the frame with few pixels of about the same shape, quickly drawn.
+
+        Of a file with levels a coarse one is read.
+        """
         camera = self.camera
         pair = pixel_counts(camera.arguments().get("resolution", _COARSE))
         if max(pair) > _COARSE:
             nx, ny = (max(1, round(n * _COARSE / max(pair))) for n in pair)
             camera = camera.within((nx, ny))
-        return replace(self, camera=camera, options={**self.options, "tolerance": None})
+        quick = {"level": "auto", **self.options, "tolerance": None, "bounds": False}
+        return replace(self, camera=camera, options=quick)
 
 
 def draw(frame: Frame, volume: Volume | Sent) -> None:
