@@ -14,9 +14,12 @@ import voluminous as vm
 from test_io_native import patches
 from test_octree import random_octree
 from test_streaming import MEDIUM, assert_same_bits, both, reads
+from voluminous.backend import get_backend
 from voluminous.errors import InputError, MemoryNeededError
+from voluminous.grids.trees.ghosts import LeavesWithGhosts
 from voluminous.io.registry import open_lazily
 from voluminous.rendering.pieces import Pieces
+from voluminous.rendering.sources.corner_layouts import lattices_of_leaves
 
 __all__ = ["reads"]
 
@@ -106,6 +109,37 @@ def test_patches_that_hide_each_other_in_turn(count, chunks):
         assert_same_bits(*both(volume, MEDIUM, camera, **FIRST))
 
 
+@pytest.mark.parametrize("name", GRIDS)
+def test_parts_have_the_bits_of_the_whole_on_interpolated_fields(name, chunks):
+    """Vertices of parts, hanging ones too, have the values that they have in the whole."""
+    chunks(5 if "octree" in name else 4)
+    volume = noise(GRIDS[name])
+    seen = cameras(volume.grid)
+    for camera, tolerance in (("oblique", 1e-3), ("from inside", None)):
+        assert_same_bits(*both(volume, MEDIUM, seen[camera], tolerance=tolerance))
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_corner_values_of_parts_are_those_of_the_whole(name):
+    grid, backend = GRIDS[name], get_backend("cpu")
+    values = np.random.default_rng(1).random(grid.size, np.float32)
+    (whole,) = grid.lattice([values], backend)
+    whole = np.asarray(whole.data).reshape(-1, 8)
+    for most in (1, 40):
+        parts = grid.parts(most)
+        for first, last in list(itertools.pairwise(parts.ends.tolist()))[::9]:
+            leaves = LeavesWithGhosts(grid, first, last)
+            assert len(leaves.ghosts) < grid.size - leaves.own
+            assert leaves.size == len(leaves.levels) == sum(leaves.cells_per_level)
+            numbers = np.concatenate([np.arange(first, last), leaves.ghosts])
+            expected = np.array(grid.boxes(0, grid.size))[..., numbers]
+            np.testing.assert_array_equal(leaves.boxes(0, leaves.size), expected)
+            near = np.concatenate([values[first:last], values[leaves.ghosts]])
+            (found,) = lattices_of_leaves(leaves, [near], [1.0], backend)
+            found = np.asarray(found.data).reshape(-1, 8)[: leaves.own]
+            np.testing.assert_array_equal(found, whole[first:last])
+
+
 def test_media_fields_and_samples(chunks):
     chunks(4)
     volume = noise(GRIDS["uneven octree"])
@@ -116,6 +150,7 @@ def test_media_fields_and_samples(chunks):
     )
     for resolution in (20, 200):  # the medium on the ray, and in a table
         assert_same_bits(*both(volume, several, camera.replace(resolution=resolution), **FIRST))
+    assert_same_bits(*both(volume, several, camera, tolerance=None))
     many = vm.Coefficients([f"a**{k % 5}" for k in range(20)], "a")
     assert_same_bits(*both(volume, many, camera, **FIRST))
     for axis in "xyz":
@@ -165,11 +200,14 @@ def test_what_cannot_be_drawn_in_parts_is_refused():
     volume = noise(GRIDS["octree"])
     camera = cameras(volume.grid)["oblique"]
     for scheme in ("second-order", "olson-kunasz"):
-        with pytest.raises(InputError, match="scheme='first-order'"):
+        with pytest.raises(InputError, match=r"post-classified.*pre-integrated.*first-order"):
             vm.render(volume, MEDIUM, camera, scheme=scheme, memory="1 GiB")
     with pytest.raises(MemoryNeededError, match="chunks of 873 cells"):
         vm.render(volume, MEDIUM, camera, memory="20 MB", **FIRST)
     refined = vm.SphericalGrid([0, 1], [0, np.pi], [0, 3, 6], refined=2 * [1, *[0] * 4])
+    gone = vm.Volume(volume.grid, a=np.where(np.arange(volume.grid.size) == 5, np.nan, 1.0))
+    with pytest.raises(InputError, match="missing values, which memory= cannot interpolate"):
+        vm.render(gone, MEDIUM, camera, memory="1 GiB")
     with pytest.raises(InputError, match="octrees and patches part by part"):
         vm.render(vm.Volume(refined, a=np.ones(refined.size)), MEDIUM, memory="1 GiB")
 

@@ -118,9 +118,9 @@ def render(
         `Stars`, `Spheres`, `Curves`, `Boxes`, `Axes`.
     memory : str or int, optional
         The memory that drawing may take, such as ``"2 GiB"``: the volume is read and drawn chunk by
-        chunk, front to back, and may be larger than memory. For Cartesian grids and the schemes
-        ``"post-classified"``, ``"pre-integrated"`` and ``"first-order"``, and for octrees and
-        patches with the last; see the page on large data. By default all of it is read.
+        chunk, front to back, and may be larger than memory. For Cartesian grids, octrees and
+        patches, and the schemes ``"post-classified"``, ``"pre-integrated"`` and
+        ``"first-order"``; see the page on large data. By default all of it is read.
     executor : concurrent.futures.Executor or Dask client, optional
         Processes that draw blocks of chunks, which they read from files that all of them see;
         `memory` is that of each (2 GiB by default). The picture is the same to the bit for any

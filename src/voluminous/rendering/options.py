@@ -161,13 +161,8 @@ def check_in_pieces(
         )
 
 
-def check_scheme_in_pieces(scheme: Scheme, grid: Grid) -> None:
+def check_scheme_in_pieces(scheme: Scheme) -> None:
     """Refuse schemes that need more than one layer of cells around a chunk."""
-    if not grid.is_structured and scheme.coefficients_at != "cell":
-        raise InputError(
-            f"scheme {scheme.name!r} needs the values around each cell of a {type(grid).__name__}, "
-            "which memory= does not have: use scheme='first-order'"
-        )
     if scheme.coefficients_at == "vertex":
         raise InputError(
             f"scheme {scheme.name!r} cannot draw chunk by chunk (memory=): use "

@@ -20,10 +20,11 @@ from ..derivatives import LinesOfSight, is_component
 from ..errors import InputError, MemoryNeededError
 from ..expressions import Expression, required_names
 from ..expressions.interval import Interval
-from ..fields import coordinate_extremes
+from ..fields import coordinate_extremes, held_dtype
 from ..grids import CartesianGrid
 from ..grids.contract import CellBox, Grid
 from ..grids.some_cells import SomeCells
+from ..grids.trees.ghosts import LeavesWithGhosts
 from ..progress import Report, reporter, silent
 from ..store import FieldStore
 from ..volume import Volume
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from ..media.contract import Medium
     from ..schemes.base import Scheme
     from ..store import FieldStore
+    from .chunks import Chunks
 
 _SIZES = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
 _TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECASE)
@@ -49,6 +51,9 @@ _MOST_BLOCKS = 200
 _OTHERS = 160 << 20
 # Bytes of a ray's place in a tree: on the host, and before and after a block.
 _WAITING = 240
+# Where fields are interpolated on trees: cells with those around per cell, bytes of a cell's
+# corners, place and slopes, and of all else while they are computed.
+_GHOSTS, _CORNERS, _STENCILS = 1.3, 150, 300 << 20
 
 
 def byte_count(memory: Any) -> int:
@@ -673,11 +678,14 @@ class Pieces:
 
     def _range(self, box: CellBox, name: str) -> Interval:
         if name in self.outline:
-            table = self.outline.extremes(name)[self.outline.chunks_of(box)]
+            table = self.outline.extremes(name)[self._chunks_of(box)]
             ends = table[..., 0].min(), table[..., 1].max()
         else:
             ends = coordinate_extremes(CartesianGrid(*self._ends(box)), name)
         return Interval(*(np.asarray(end, np.float64) for end in ends))
+
+    def _chunks_of(self, box: CellBox) -> Any:
+        return self.outline.chunks_of(box)
 
     def _ends(self, box: CellBox) -> list[np.ndarray]:
         """Return the first and the last wall of a block along each axis."""
@@ -734,10 +742,24 @@ class TreePieces(Pieces):
     parts: Parts
     # Parts that a process draws one after another.
     groups: Parts
+    used: list[str]
+    # By the first cell of a part: it with others around, and the chunks that all these are in.
+    _leaves: OrderedDict[int, LeavesWithGhosts]
+    _touched: dict[int, np.ndarray]
+
+    def plan(self, medium: Medium, scheme: Scheme, pixels: tuple[int, int]) -> None:
+        self.used = [name for name in medium.names if name in self.outline]
+        self._leaves, self._touched = OrderedDict(), {}
+        super().plan(medium, scheme, pixels)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_leaves": OrderedDict()}
 
     def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
         # Where rays wait: on the host, and before and after a block. Tables of where cells are.
         others += _WAITING * pixels[0] * pixels[1] + 2 * self.grid.tree.entries.nbytes
+        if self.dual:
+            per_cell, others = _GHOSTS * (per_cell + _CORNERS), others + _STENCILS
         super()._divide(per_cell, others, pixels)
         (most,) = self.side
         self.parts = self.groups = self.grid.parts(most)
@@ -780,11 +802,51 @@ class TreePieces(Pieces):
                 ends = np.moveaxis(self.outline.extremes(name), -1, 0)
             else:
                 ends = coordinate_extremes(self.grid, name)
+            if self.dual:  # chunks beside one that shows something are needed, too
+                ends = np.min(ends[0]), np.max(ends[1])
             grids[name] = Interval(*(np.asarray(end, np.float64) for end in ends))
         return grids
 
     def cells(self, box: CellBox) -> tuple[tuple[int, ...], tuple[int, ...]]:
         return box.low, box.high
+
+    def _chunks_of(self, box: CellBox) -> Any:
+        if not self.dual:
+            return super()._chunks_of(box)
+        first, side = box.low[0], self.outline.store.chunks[0]
+        if first not in self._touched:
+            own, ghosts = np.arange(first // side, -(-box.high[0] // side)), self.leaves(box).ghosts
+            self._touched[first] = np.unique(np.concatenate([own, ghosts // side]))
+        return self._touched[first]
+
+    def leaves(self, box: CellBox) -> LeavesWithGhosts:
+        """Return a part with the leaves around it that interpolated fields need."""
+        first, last = box.low[0], box.high[0]
+        if first not in self._leaves:
+            while len(self._leaves) > 1:  # that of the part before, and of the next
+                self._leaves.popitem(last=False)
+            self._leaves[first] = LeavesWithGhosts(self.grid, first, last)
+        return self._leaves[first]
+
+    def around_leaves(self, chunks: Chunks, leaves: LeavesWithGhosts) -> dict[str, np.ndarray]:
+        """Return fields in a part and, after it, in the ghosts around it."""
+        own = ((leaves.first,), (leaves.first + leaves.own,))
+        side, ghosts = self.outline.store.chunks[0], leaves.ghosts
+        groups = np.split(ghosts, np.flatnonzero(np.diff(ghosts // side)) + 1)
+        groups = [group for group in groups if len(group)]
+        ends = [((int(group[0]),), (int(group[-1]) + 1,)) for group in groups]
+        fields = {}
+        for name in self.used:
+            for low, high in (own, *ends):
+                chunks.ahead(name, low, high)
+            values = np.empty(leaves.size, held_dtype(self.outline.dtype(name)))
+            values[: leaves.own] = chunks.box(name, *own)
+            end = leaves.own
+            for group, (low, high) in zip(groups, ends, strict=True):
+                values[end : end + len(group)] = chunks.box(name, low, high)[group - low[0]]
+                end += len(group)
+            fields[name] = values
+        return fields
 
 
 def pieces_of(volume: Any, medium: Any, memory: Any, sweep: Any = None, **options: Any) -> Pieces:

@@ -200,7 +200,7 @@ def plan(
         scheme = "first-order" if medium.discrete else "post-classified"
     check_tolerance(tolerance)
     solver = get_scheme(scheme, controlled=tolerance is not None)
-    check_scheme_in_pieces(solver, volume.grid)
+    check_scheme_in_pieces(solver)
     medium = _plain(medium, volume)
     frame = camera.frame(volume.grid)
     pieces.plan(medium, solver, frame.pixels)

@@ -79,7 +79,7 @@ def prepare(
     by_field = solver.coefficients_at == "field"
     check_walk(solver, volume.grid)
     if pieces is not None:
-        check_scheme_in_pieces(solver, volume.grid)
+        check_scheme_in_pieces(solver)
     volume = volume.seen_by(camera) if pieces is None else pieces.seen_by(camera, medium.names)
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)

@@ -28,6 +28,7 @@ from ..schemes.path import Path
 from .chunks import Chunks
 from .march import RayState, hand_on, march
 from .missing import HiddenCells
+from .pieces import TreePieces
 from .pixels import Lanes
 from .sources.cells import CellEvaluator
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
@@ -285,6 +286,11 @@ class StreamingTracer(RayTracer):
         Fields are read, and put where kernels gather them, once for all channels.
         """
         source, pieces = self.source, self.pieces
+        several, hidden = len(self.blocks) > 1, None
+        if isinstance(pieces, TreePieces) and pieces.dual:
+            leaves = pieces.leaves(box)
+            within = source.within_leaves(leaves, pieces.around_leaves(self.chunks, leaves))
+            return (within.block if several else lambda block: within), None
         values = {
             name: self.chunks.box(name, *pieces.cells(box), self.shown, int(pieces.dual))
             for name in self.job.medium.names
@@ -294,7 +300,6 @@ class StreamingTracer(RayTracer):
         cells = math.prod(sides)
         across = sum(sides) if pieces.grid.is_structured else 3.0 * cells ** (1 / 3)
         steps = rays * across / 2
-        several, hidden = len(self.blocks) > 1, None
         if pieces.dual:
             within = source.within(values)
         else:

@@ -133,6 +133,10 @@ class TreeCells(LeafGrid):
 
         return ConfinedWalk(whole, box)
 
+    def surface(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of those cells of a part that may touch others, (3, n)."""
+        raise NotImplementedError
+
     def parts(self, most: int) -> Parts:
         """Return the grid in parts of consecutive cells, of so many at most.
 

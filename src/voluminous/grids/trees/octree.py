@@ -32,6 +32,8 @@ from .vertices import VertexNumbers
 
 # Per cell: for what a function is asked, and its box; for its level and its parent.
 _ASKED_BYTES, _BOX_BYTES, _CELL_BYTES = 180, 48, 12
+# Cells whose boxes are looked at together: temporary arrays stay small.
+_SOME = 1 << 18
 
 
 class OctreeGrid(TreeCells):
@@ -270,6 +272,16 @@ class OctreeGrid(TreeCells):
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         return self.places.boxes(self.base_shape, first, last)
+
+    def surface(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        (begin, _), (low, size) = self.boxes(first, first + 1), self.boxes(last - 1, last)
+        end, found = low + size, []  # parts are boxes
+        for k in range(first, last, _SOME):
+            low, size = self.boxes(k, min(k + _SOME, last))
+            outer = ((low == begin) | (low + size == end)).any(axis=0)
+            found.append((low[:, outer], size[:, outer]))
+        low, size = (np.concatenate(each, axis=1) for each in zip(*found, strict=True))
+        return low, size
 
     def parts(self, most: int) -> Parts:
         return parts_of_octree(self, most)

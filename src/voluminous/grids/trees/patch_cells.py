@@ -208,6 +208,30 @@ class Patches:
         row, z = np.divmod(local, self.shape[patch, 2])
         return patch, np.stack([*np.divmod(row, self.shape[patch, 1]), z])
 
+    def surface(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return boxes of those of consecutive cells without all neighbours in their own patch."""
+        found = []
+        begin, end = np.searchsorted(self.ends, [first, last - 1], side="right")
+        for patch in range(begin, end + 1):
+            start = self.ends[patch] - self.visible[patch]
+            number = start + np.arange(self.visible[patch])
+            if self.hidden[patch]:
+                slot = self.first_slots[patch]
+                number = self.numbers[slot : slot + self.volumes[patch]]
+            elif not len(number):
+                continue
+            own = ((number >= first) & (number < last)).reshape(self.shape[patch])
+            inner = np.pad(own, 1)
+            for axis in range(3):
+                lines = np.moveaxis(inner, axis, 0)
+                lines[1:-1] &= lines[2:] & lines[:-2]
+            index = np.nonzero(own & ~inner[1:-1, 1:-1, 1:-1])
+            size = self.sizes[self.level[patch]][:, None]
+            low = (np.stack(index) + self.low[patch][:, None]) * size
+            found.append((low, np.broadcast_to(size, low.shape)))
+        low, size = (np.concatenate(each, axis=1) for each in zip(*found, strict=True))
+        return low, size
+
     def seen_cells(self, patch: int) -> np.ndarray:
         """Return the cells that are seen of a patch which is seen partly, in C order."""
         first = self.first_slots[patch]

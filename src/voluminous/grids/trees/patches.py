@@ -181,6 +181,9 @@ class PatchGrid(TreeCells):
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         return self.patches.boxes(first, last)
 
+    def surface(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.patches.surface(first, last)
+
     def parts(self, most: int) -> Parts:
         return parts_of_patches(self, most)
 

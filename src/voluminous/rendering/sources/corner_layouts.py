@@ -21,6 +21,7 @@ from .channel_layout import unit_near
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
+    from ...grids.trees.ghosts import LeavesWithGhosts
 
 # Maximum size of face packets (quads) in bytes. Rays through 100³ cells take 0.75 of the time they
 # take with nodes, through 512³ (where both are limited by memory) 0.92, for 2 GB and 3 s to create
@@ -148,6 +149,21 @@ def tree_lattices(
         scaled = [array / unit for array, unit in zip(many, units, strict=True)]
         data = CornerValues(grid, scaled, backend).compute()
         made += [CornerPackets(d, u, backend.packet(4)) for d, u in zip(data, units, strict=True)]
+    return made
+
+
+def lattices_of_leaves(
+    leaves: LeavesWithGhosts, arrays: Sequence[np.ndarray], units: Sequence[float], backend: Backend
+) -> list[CornerPackets]:
+    """Return the lattices of a part of a tree, from fields divided by units."""
+    from .vertex_values import CornerValues
+
+    scaled = [array / unit for array, unit in zip(arrays, units, strict=True)]
+    made: list[CornerPackets] = []
+    while left := scaled[len(made) :]:
+        data = CornerValues(leaves, left[:1], backend).compute()
+        made.append(CornerPackets(data[0], units[len(made)], backend.packet(4)))
+        dr.flush_malloc_cache()  # memory of slopes, and of all else
     return made
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Hashable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -25,8 +25,17 @@ from ...schemes.path import Path, layer
 from ..cache import Cache
 from .cells import CellEvaluator, along_sight, ray_coordinates
 from .channel_layout import PerChannel, some_channels
-from .corner_layouts import Corners, FieldLattice, get_lattices, make_nodes
+from .corner_layouts import (
+    Corners,
+    FieldLattice,
+    get_lattices,
+    lattices_of_leaves,
+    make_nodes,
+)
 from .empty_space import DUAL, get_blocks, get_exactness, pruned_walk, visible_leaves
+
+if TYPE_CHECKING:
+    from ...grids.trees.ghosts import LeavesWithGhosts
 
 # The smallest fraction of a peak that each precision represents.
 _FAINTEST = {"single": 1e-37, "double": 1e-300}
@@ -179,6 +188,16 @@ class Interpolated:
         }
         return part
 
+    def within_leaves(
+        self, leaves: LeavesWithGhosts, fields: dict[str, np.ndarray]
+    ) -> Interpolated:
+        """Return the source in some leaves of a tree, given their values and those of ghosts."""
+        part, units = copy.copy(self), [lattice.unit for lattice in self.lattices.values()]
+        arrays = [fields[name] for name in self.lattices]
+        made = lattices_of_leaves(leaves, arrays, units, self.backend)
+        part.lattices = dict(zip(self.lattices, made, strict=True))
+        return part
+
     def block(self, channels: slice) -> Interpolated:
         """Return the source of some of the channels; it shares fields and all that is skipped."""
         part = copy.copy(self)
@@ -313,7 +332,8 @@ def interpolated_fields(
         blocks = get_blocks(evaluator, cache, faint, DUAL, coarseness)
         lattices = get_lattices(evaluator, cache)
     source = Interpolated(evaluator, lattices, context, blocks, paths)
-    if whole and grid.can_be_pruned and all(name in volume for name in medium.names):
+    known = all(name in volume for name in medium.names)
+    if whole and known and grid.can_be_pruned and not in_pieces:
 
         def prune() -> Any:
             return pruned_walk(grid, visible_leaves(evaluator, lattices, faint), backend, "dual")
