@@ -8,9 +8,11 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from astropy import units as u
 
 import voluminous as vm
 from test_confined_walk import CAMERAS, UNEVEN, UNIFORM
+from test_observe import CO
 from voluminous.deferred import Deferred, Pieces
 from voluminous.errors import InputError, MemoryNeededError
 
@@ -202,6 +204,67 @@ def test_many_channels_read_every_chunk_once(scheme, volumes, monkeypatch):
     assert len(counted["density"].boxes) == np.prod([-(-n // 4) for n in UNIFORM.shape])
     np.testing.assert_array_equal(other.intensity, one.intensity)
     np.testing.assert_array_equal(other.optical_depth, one.optical_depth)
+
+
+@pytest.fixture
+def cloud(volumes):
+    """Return the same gas in memory and in chunks, and what emits: dust, a line, and both."""
+    whole, parts, counted = volumes(UNIFORM)
+    unit = vm.CartesianGrid(*UNIFORM.edges, unit="pc")
+    found = []
+    for volume in (whole, parts):
+        fields = {n: volume._fields.pieces(n) and counted[n].deferred for n in volume}
+        other = vm.Volume(unit, {n: f or whole.array(n) for n, f in fields.items()})
+        for name, own in whole.units.items():
+            other.set_unit(name, own or None)
+        found.append(other)
+    dust = vm.Dust("density * 1e-20", 15.0, vm.Opacity.power_law(3.5, 870.0, 1.8))
+    gas = vm.Lines(
+        "density / (1 g) * 1e-1",
+        CO,
+        temperature=12,
+        velocity="velocity",
+        turbulence=0.5 * u.km / u.s,
+    )
+    return *found, {"dust": dust, "line": gas, "both": dust + gas}
+
+
+@pytest.mark.parametrize("camera", ["oblique", "from inside"])
+def test_dust_and_lines_are_observed_in_chunks(camera, cloud):
+    whole, parts, media = cloud
+    channels = {"velocities": vm.channels(-4, 4, 7, line="1-0")}
+    for name, options in (("line", {"scheme": "first-order"}), ("both", {}), ("dust", {})):
+        axis = {"wavelengths": [350, 870, 1300]} if name == "dust" else channels
+        one = vm.observe(whole, media[name], CAMERAS[camera], **axis, **options)
+        other = vm.observe(parts, media[name], CAMERAS[camera], **axis, **options, **PIECES)
+        np.testing.assert_array_equal(other.intensity, one.intensity)
+        assert one.intensity.max() > 0
+
+
+def test_spectra_and_many_channels(cloud, monkeypatch):
+    whole, parts, media = cloud
+    given = {"wavelengths": [350, 870], "distance": 140 * u.pc, "tolerance": 1e-2}
+    for more in ({}, {"aperture": 1 * u.pc}):
+        fluxes = (
+            vm.spectrum(v, media["dust"], **given, **more, **o).flux
+            for v, o in ((parts, PIECES), (whole, {}))
+        )
+        np.testing.assert_array_equal(*fluxes)
+    # Channels that do not fit into the memory together are drawn in several passes.
+    axis = {"velocities": vm.channels(-4, 4, 30, line="1-0"), "scheme": "first-order"}
+    camera = OBLIQUE.replace(resolution=64)
+    one = vm.observe(whole, media["line"], camera, **axis)
+    drawn = []
+    for memory in ("1 GiB", "164 MiB"):
+        monkeypatch.setattr(
+            "voluminous.observing.cubes.render",
+            lambda *a, **o: drawn.append(1) or vm.render(*a, **o),
+        )
+        other = vm.observe(parts, media["line"], camera, memory=memory, **axis)
+        np.testing.assert_array_equal(other.intensity, one.intensity)
+        drawn.append(0)
+    assert drawn.index(0) == 1  # once
+    assert len(drawn) > 4
 
 
 def probed(probe):

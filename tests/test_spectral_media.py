@@ -520,18 +520,6 @@ def test_errors_say_what_to_do(attempt, told):
     assert isinstance(caught.value, vm.VoluminousError)
 
 
-def test_dust_is_drawn_chunk_by_chunk():
-    """To the bit as in memory; lines, whose shifts need the rays, are refused by name."""
-    volume, options = random_gas(8), {"wavelengths": WAVES[1:], "scheme": "first-order"}
-    cubes = [
-        vm.observe(volume, vm.Dust("rho", "T", KAPPA), CAMERA, **options, **memory)
-        for memory in ({}, {"memory": "400 MiB"})
-    ]
-    np.testing.assert_array_equal(cubes[0].intensity, cubes[1].intensity)
-    with pytest.raises(vm.VoluminousError, match="lines that velocities shift"):
-        vm.observe(volume, gas_lines(), CAMERA, memory="400 MiB", velocities=channels_around(1, 2))
-
-
 @pytest.mark.exhaustive
 def test_dust_and_a_line_of_a_real_disc():
     """Along a ray where a thin warm layer of gas lies in front of opaque dust.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, MemoryNeededError
 from ..expressions import Expression, IntervalOps
 from ..image import Image
 from ..image.cube import Cube
@@ -23,6 +23,8 @@ from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
 from ..rendering import render
 from ..rendering.cache import Cache
+from ..rendering.options import check_in_pieces
+from ..rendering.pieces import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..units import unit_of
 from ..volume import Volume
@@ -41,6 +43,10 @@ if TYPE_CHECKING:
 
 # More channels are drawn in groups: in one, 1000 of them would take seven times the cube's memory.
 _TOGETHER = 64
+# Groups of so few are not made smaller.
+_FEWEST = 8
+# The name of a field that is computed chunk by chunk for its range.
+_VALUE = "value in a cell"
 # Values between cells, as a part of the largest in a cell.
 _BEYOND = 1.5
 
@@ -58,6 +64,7 @@ def observe(
     objects: Any = None,
     background: Any = None,
     constants: str | Constants = "codata",
+    memory: Any = None,
     progress: Progress = None,
     **options: Any,
 ) -> Cube:
@@ -84,6 +91,9 @@ def observe(
         erg/s/cm²/Hz/sr. Default: the external field of a model of RADMC-3D, else none.
     constants : {"codata", "radmc3d"}
         Physical constants; RADMC-3D's also take its rules of interpolation in tables.
+    memory : str or int, optional
+        As in `render`: of volumes larger than memory. As many channels as it allows are drawn in one
+        pass through the chunks.
     progress : bool or callable, optional
         As in `render`.
     **options
@@ -121,6 +131,10 @@ def observe(
         )
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
     check_distance(distance, volume)
+    if memory is not None:
+        check_in_pieces(volume, medium)
+        volume = Outline.of(volume)
+        options["memory"] = memory
     known = constants_named(constants)
     things = model_stars(volume) if objects is None else objects
     things = [things] if isinstance(things, SceneObject) else list(things)
@@ -134,7 +148,7 @@ def observe(
     bands = with_room_for([*things, behind], replace(bands, once=len(axis) > _TOGETHER))
     tuned, count = at_frequencies(medium, bands), len(axis)
     _warn_of_lines(tuned, bands)
-    groups = [slice(0, count)] if count <= _TOGETHER else list(_groups(count))
+    together = count if memory is not None or count <= _TOGETHER else _group(count)
     report, light = reporter(), intensities(behind, bands)
 
     def draw(part: slice) -> Image:
@@ -146,7 +160,7 @@ def observe(
 
         return render(
             volume,
-            tuned if len(groups) == 1 else tuned.block(part.start, part.stop),
+            tuned if part == slice(0, count) else tuned.block(part.start, part.stop),
             camera,
             objects=tuple(lit(thing, own) for thing in things),
             background=light[..., part] if light.ndim and light.shape[-1] == count else light,
@@ -154,7 +168,15 @@ def observe(
             **options,
         )
 
-    return _cube(draw, groups, bands, axis, medium, distance)
+    while True:
+        firsts = range(0, count, together)
+        groups = [slice(first, min(first + together, count)) for first in firsts]
+        try:
+            return _cube(draw, groups, bands, axis, medium, distance)
+        except MemoryNeededError:  # which is found before anything is drawn
+            if memory is None or together <= _FEWEST:
+                raise
+            together = (together + 1) // 2
 
 
 def _warn_of_lines(medium: Medium, bands: Bands) -> None:
@@ -173,11 +195,9 @@ def _warn_of_lines(medium: Medium, bands: Bands) -> None:
     )
 
 
-def _groups(count: int) -> Iterator[slice]:
-    """Yield groups of channels that take a small part of the memory of all of them."""
-    size = 15 * max(2, round(count / 600))
-    for first in range(0, count, size):
-        yield slice(first, min(first + size, count))
+def _group(count: int) -> int:
+    """Return the size of groups of channels that take a small part of the memory of all of them."""
+    return 15 * max(2, round(count / 600))
 
 
 def _cube(
@@ -299,7 +319,10 @@ def bands_of(
         low, high = float(found.lo), float(found.hi)
         if not (np.isfinite(low + high) and not np.any(found.nan)):
             # Of p/ρ beside a vacuum there is no bound; fields between cells may be beyond these.
-            values = np.asarray(volume.evaluate(expr), dtype=np.float64)
+            if isinstance(volume, Outline):
+                values = volume.computing({_VALUE: expr}).extremes(_VALUE)
+            else:
+                values = np.asarray(volume.evaluate(expr), dtype=np.float64)
             values = values[np.isfinite(values)]
             low, high = values.min(initial=np.inf), _BEYOND * values.max(initial=-np.inf)
         return float(low), float(high)

@@ -87,6 +87,10 @@ class Rings(Orthographic):
         sine, cosine = dr.sincos(u)
         return super().rays(plane, radius * cosine, radius * sine)
 
+    @property
+    def straight(self) -> bool:
+        return False
+
     def key(self) -> Hashable:
         return None  # `rays` has a table of its own
 

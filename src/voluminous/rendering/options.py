@@ -154,11 +154,6 @@ def check_in_pieces(
                 f"memory= draws front to back, one pass for all rays: leave out {name}={value!r}, "
                 "or draw without memory="
             )
-    if medium.sight:
-        raise InputError(
-            "memory= does not draw lines that velocities shift along the rays: draw them without "
-            "memory="
-        )
 
 
 def check_scheme_in_pieces(scheme: Scheme) -> None:

@@ -43,6 +43,8 @@ _TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECA
 _WIDEST = 256
 # Memory of each process, if several draw.
 _USUAL = "2 GiB"
+# Channels that are drawn together at most; see `sources.channel_layout.blocks_of`.
+_TOGETHER = 16
 # Chunks that are read for a sample of cells all over a volume.
 _SAMPLED = 16
 # Blocks of a picture that several processes draw: a task of Dask takes 2 ms.
@@ -554,11 +556,13 @@ class Pieces:
         used = [name for name in medium.names if name in self.outline]
         kinds = [self.outline.dtype(name) for name in used]
         extinctions = 1 if medium.grey else medium.channels
+        # Many channels are drawn in blocks, in each of which rays have a state before and after.
+        part = min(1.0, _TOGETHER / medium.channels)
         # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions
         per_cell: float = sum(2 * k.itemsize for k in kinds)
         per_cell += sum((4 if k.itemsize <= 2 else 8) for k in kinds if k.kind != "f")
-        self.per_table = 6 * max(numbers, len(medium.components()))
+        self.per_table = 6 * max(part * numbers, len(medium.components()))
         path = numbers + extinctions
         self.dual = scheme.coefficients_at == "field"
         if self.dual:
@@ -575,7 +579,7 @@ class Pieces:
             (sum(2 * self.outline.dtype(s).itemsize for s in each) for each in made), default=0
         )
         # Lanes; paths of all rays, of those in a block before and after it, and as results.
-        others = _OTHERS + (96 + 20 * path) * pixels[0] * pixels[1]
+        others = _OTHERS + int(96 + (12 + 8 * part) * path) * pixels[0] * pixels[1]
         self._divide(per_cell, others, pixels)
 
     def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
