@@ -92,8 +92,8 @@ def observe(
     constants : {"codata", "radmc3d"}
         Physical constants; RADMC-3D's also take its rules of interpolation in tables.
     memory : str or int, optional
-        As in `render`: of volumes larger than memory. As many channels as it allows are drawn in one
-        pass through the chunks.
+        As in `render`, for volumes larger than memory. As many channels as it allows are drawn in
+        one pass through the chunks.
     progress : bool or callable, optional
         As in `render`.
     **options
