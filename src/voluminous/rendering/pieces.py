@@ -562,7 +562,7 @@ class Pieces:
         numbers = medium.channels + extinctions
         per_cell: float = sum(2 * k.itemsize for k in kinds)
         per_cell += sum((4 if k.itemsize <= 2 else 8) for k in kinds if k.kind != "f")
-        self.per_table = 6 * max(part * numbers, len(medium.components()))
+        self.per_table = int(6 * max(part * numbers, len(medium.components())))
         path = numbers + extinctions
         self.dual = scheme.coefficients_at == "field"
         if self.dual:
