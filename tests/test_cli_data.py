@@ -321,7 +321,10 @@ def test_convert_computes_and_chooses(snapshot, capsys):
     np.testing.assert_array_equal(again.array("heavy"), snapshot.array("rho") * 2 * 3)
 
 
-def test_convert_resamples(snapshot, capsys):
+@pytest.mark.parametrize("large", [False, True])
+def test_convert_resamples(snapshot, capsys, monkeypatch, large):
+    """What does not fit into memory is made box by box."""
+    monkeypatch.setattr("voluminous.cli.convert.fits", lambda needed: not large)
     x = np.linspace(0, 1, 3)
     tree = vm.OctreeGrid(x, x, x, [1] + 15 * [0], unit="kpc")
     volume = vm.Volume(tree, density=np.arange(15.0) * u.K)

@@ -6,6 +6,7 @@ import functools
 import logging
 import pickle
 import secrets
+from concurrent.futures import ThreadPoolExecutor
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
@@ -15,8 +16,9 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from voluminous.errors import UnreachableError
 from voluminous.io.registry import open_lazily
-from voluminous.io.remote import UnreachableError, file_at
+from voluminous.io.remote import file_at
 
 pytest.importorskip("zarr", "3")
 fsspec = pytest.importorskip("fsspec")
@@ -234,3 +236,18 @@ def test_hdf5_over_http(server, tmp_path, monkeypatch, name):
     server.failures = 1000
     with pytest.raises(UnreachableError, match=rf"{name}: .*cannot be read, tried 3 times"):
         volume.store.read("rho", (3, 1, 2), (9, 8, 6))
+
+
+def test_tasks_are_tried_again(server, monkeypatch):
+    """Where a server fails longer than a reader waits, the task of an executor comes back."""
+    monkeypatch.setattr("voluminous.io.remote.WAITS", ())
+    volume = open_lazily(f"{server.url}/a.zarr")
+    volume.store.extremes("rho")
+    server.failures = 2
+    with ThreadPoolExecutor(1) as pool:
+        image = vm.render(
+            volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB", executor=pool
+        )
+    assert server.failures == 0
+    whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
+    np.testing.assert_array_equal(image.intensity, whole.intensity)

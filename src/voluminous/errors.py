@@ -33,6 +33,10 @@ class FileFormatError(InputError):
     """A file is not what it claims to be; names the file, the place and the expectation."""
 
 
+class UnreachableError(InputError, OSError):
+    """A server that cannot be reached, or does not give what is asked for."""
+
+
 class ImmutableError(InputError, AttributeError):
     """An attribute of something that does not change was assigned or deleted."""
 

@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import InputError, VoluminousError
+from .errors import InputError, UnreachableError, VoluminousError
 
 # Seconds between two reports: cancelling takes effect there.
 _POLL = 0.2
@@ -127,7 +127,8 @@ def _error(future: Future[Any]) -> BaseException | None:
 
 def _is_passing(error: BaseException) -> bool:
     """Return whether the next try may succeed: the file system, not what the user gave."""
-    return isinstance(error, OSError) and not isinstance(error, VoluminousError)
+    told = isinstance(error, VoluminousError)
+    return isinstance(error, UnreachableError) or (isinstance(error, OSError) and not told)
 
 
 def _named(error: BaseException, name: str) -> BaseException:

@@ -130,13 +130,7 @@ class FieldStore:
         self._check(name)
         self.shape(level)
         table = self._fields.piece_extremes(name) if self._trusts else None
-        if table is None:
-            return None
-        for axis, factor in enumerate(self._factors(level)):
-            starts = np.arange(0, table.shape[axis], factor)
-            low = np.minimum.reduceat(table[..., 0], starts, axis)
-            table = np.stack([low, np.maximum.reduceat(table[..., 1], starts, axis)], -1)
-        return table
+        return None if table is None else _reduced(table, self._factors(level))
 
     def spread(
         self, name: str, low: Sequence[int], high: Sequence[int], level: int = 0
@@ -158,9 +152,16 @@ class FieldStore:
         self, name: str, low: Sequence[int], high: Sequence[int], level: int, values: np.ndarray
     ) -> None:
         """Refuse cells that are not what the stored ranges tell: pictures are planned by these."""
-        table, pieces = self.extremes(name, level), self._fields.pieces(name)
+        table = self._fields.piece_extremes(name) if self._trusts else None
+        pieces = self._fields.pieces(name)
         if table is None or pieces is None or pieces.chunks is None:
             return
+        # Of all chunks a table may be large: only those of the box are looked at.
+        factors = self._factors(level)
+        sides = list(zip(low, high, pieces.chunks, factors, strict=True))
+        table = _reduced(
+            table[tuple(slice(a // c * f, -(-b // c) * f) for a, b, c, f in sides)], factors
+        )
         walls = [
             [a, *range((a // c + 1) * c, b, c), b]
             for a, b, c in zip(low, high, pieces.chunks, strict=True)
@@ -169,7 +170,8 @@ class FieldStore:
             ends = [(w[i], w[i + 1]) for w, i in zip(walls, place, strict=True)]
             cells = values[tuple(slice(a - f, b - f) for (a, b), f in zip(ends, low, strict=True))]
             number = tuple(a // c for (a, _), c in zip(ends, pieces.chunks, strict=True))
-            least, largest = table[number]
+            first = (a // c for a, _, c, _ in sides)
+            least, largest = table[tuple(i - k for i, k in zip(number, first, strict=True))]
             # A chunk with a NaN has no range.
             if np.isnan(least) or (least <= cells.min() and cells.max() <= largest):
                 continue
@@ -188,6 +190,16 @@ class FieldStore:
         """Return how many cells, along each axis, a cell of a level covers."""
         factors = level_factors(self._shapes[0], self._shapes[level])
         return factors or (1,) * len(self._shapes[0])
+
+
+def _reduced(table: np.ndarray, factors: Sequence[int]) -> np.ndarray:
+    """Return the ranges of so many chunks along each axis taken together."""
+    for axis, factor in enumerate(factors):
+        if factor > 1:
+            starts = np.arange(0, table.shape[axis], factor)
+            low = np.minimum.reduceat(table[..., 0], starts, axis)
+            table = np.stack([low, np.maximum.reduceat(table[..., 1], starts, axis)], -1)
+    return table
 
 
 def _several(chunk: Sequence[int]) -> list[int]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, VoluminousError
+from ..geometry import CARTESIAN
 from ..memory import fits
 from .common import add_quiet, add_several, assignment, check_directory, say
 from .data import DataFile, add_fields_option, add_reading_options, bytes_of, data_file, in_bytes
@@ -96,7 +97,8 @@ def _resampled(volume: Volume, args: argparse.Namespace) -> Volume:
         )
     grid = volume.grid
     # What does not fit is made chunk by chunk, while it is written.
-    large = not fits(8 * (len(volume.fields) + 4) * math.prod(counts))
+    boxes = grid.cells_are_boxes and tuple(grid.coordinates) == CARTESIAN
+    large = boxes and not fits(8 * (len(volume.fields) + 4) * math.prod(counts))
     target = CartesianGrid.uniform(counts, grid.bounds, unit=grid.unit)
     coarse = volume.resample(target, deferred=large)
     coarse.meta.update(volume.meta)

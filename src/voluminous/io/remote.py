@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ..errors import UnreachableError
 from ..files import url_of
 from ..packages import require
 
@@ -31,10 +31,6 @@ _HOW_TO_SIGN_IN = (
 )
 # Of a file on a server, so many bytes are read at a time, and so often are kept.
 _BLOCK, _BLOCKS = 4 << 20, 8
-
-
-class UnreachableError(InputError, OSError):
-    """A server that cannot be reached, or does not give what is asked for."""
 
 
 def options(url: str) -> dict[str, Any]:

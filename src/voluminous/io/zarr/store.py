@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ...errors import FileFormatError, VoluminousError
+from ...errors import FileFormatError, UnreachableError, VoluminousError
 from ...files import url_of
 from ...memory import check_memory
 from ...packages import require
@@ -22,7 +22,6 @@ from .. import remote
 from ..guard import by_library, placed
 from ..hdf5 import is_hdf5
 from ..payload import ZIP, zip_names
-from ..remote import UnreachableError
 
 if TYPE_CHECKING:
     import zarr
