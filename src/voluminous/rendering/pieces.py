@@ -49,6 +49,8 @@ _TOGETHER = 16
 _SAMPLED = 16
 # Blocks of a picture that several processes draw: a task of Dask takes 2 ms.
 _MOST_BLOCKS = 200
+# As many of them keep some ten processes busy.
+_FEWEST_BLOCKS = 64
 # Temporary arrays of classification, kernels and what Dr.Jit keeps of freed memory.
 _OTHERS = 160 << 20
 # Bytes of a ray's place in a tree: on the host, and before and after a block.
@@ -429,7 +431,13 @@ def _box(low: Sequence[int], high: Sequence[int]) -> CellBox:
 
 
 def largest_side(
-    outline: Outline, memory: Any, per_cell: float, others: int, need: str = "", advice: str = ""
+    outline: Outline,
+    memory: Any,
+    per_cell: float,
+    others: int,
+    need: str = "",
+    advice: str = "",
+    fewest: int = 1,
 ) -> tuple[tuple[int, ...], int]:
     """Return the sides of the blocks of chunks that a memory allows, and the bytes left of it.
 
@@ -441,6 +449,8 @@ def largest_side(
         Bytes for each cell of a block, with a layer around it, and whatever its size.
     need, advice : str
         What the others are for, and how to need less of them.
+    fewest : int
+        Number of blocks that there are to be, if there are as many chunks.
 
     Raises
     ------
@@ -459,7 +469,9 @@ def largest_side(
                 f"bytes ({needed / 2**20:.0f} MiB). Allow that, {advice}or write the volume in "
                 "smaller chunks"
             )
-        if needed > byte_count(memory) or (times > 1 and max(side) > most) or side == widest:
+        count = math.prod(-(-n // s) for n, s in zip(outline.grid.shape, side, strict=True))
+        large = times > 1 and (max(side) > most or count < fewest)
+        if needed > byte_count(memory) or large or side == widest:
             break
         widest, left = side, byte_count(memory) - needed
     assert widest is not None
@@ -586,7 +598,10 @@ class Pieces:
         """Set the blocks, given the bytes that a cell takes, and those besides."""
         self.per_cell, self.others = per_cell, others
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
-        self.side, self.room = largest_side(self.outline, self.memory, per_cell, others, *need)
+        fewest = 1 if self.sweep is None else _FEWEST_BLOCKS
+        self.side, self.room = largest_side(
+            self.outline, self.memory, per_cell, others, *need, fewest=fewest
+        )
         table = self.per_table * math.prod(n + 2 for n in self.side)
         self.tabulates = table <= self.room
         self.room -= table if self.tabulates else 0

@@ -32,6 +32,7 @@ from .levels import at_level
 from .options import check_scheme_in_pieces, check_tolerance
 from .pieces import Outline, Pieces
 from .sources.channel_layout import blocks_of
+from .sweep import Sweep
 
 # Seconds of one core for: a byte of a field, unpacked; a box; a ray through a box, with its state;
 # a cell on a ray. Measured on 512³ and 1024³ cells (`benchmarks/plan.py`); other machines are
@@ -203,6 +204,8 @@ def plan(
     check_scheme_in_pieces(solver)
     medium = _plain(medium, volume)
     frame = camera.frame(volume.grid)
+    if workers > 1:
+        pieces.sweep = Sweep(None, None)  # smaller blocks
     pieces.plan(medium, solver, frame.pixels)
     return _planned(pieces, medium, solver, camera, drawn, workers, samples)
 
