@@ -171,6 +171,7 @@ def in_steps(
     *,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
+    last: bool = True,
     view: str | None = None,
     background: Any = 0.0,
     samples: int = 1,
@@ -196,6 +197,8 @@ def in_steps(
         Duration of a batch; by default there are as few as possible.
     focus : (float, float), optional
         The pixel around which to begin; by default the middle of the picture.
+    last : bool
+        False if a picture of a finer level follows: what the level does is then not estimated.
 
     Yields
     ------
@@ -277,7 +280,7 @@ def in_steps(
     if drawn:
         told, error = options.get("progress"), None
         brightest = float(np.max(np.abs(intensity)))
-        if options.get("tolerance", job.tolerance) is not None:
+        if last and options.get("tolerance", job.tolerance) is not None:
             error = level_error(
                 coarse,
                 medium,

@@ -285,6 +285,7 @@ class Painter:
             shot.camera,
             seconds=_BATCH,
             progress=report if in_pieces else silent,
+            last=parts[1] == 1.0,
             **options,
         )
         while True:
