@@ -189,8 +189,8 @@ def plan(
     check_camera(camera, "plan")
     if not getattr(volume, "grid", None) or volume.grid.kind != "cartesian":
         raise InputError(
-            "plans are made of pictures of Cartesian volumes, got "
-            f"{getattr(volume, 'grid', volume)!r}; others are drawn without"
+            "plan counts the chunks of a vm.Volume on a Cartesian grid, got "
+            f"{getattr(volume, 'grid', volume)!r}: draw it without a plan"
         )
     volume, medium, drawn = at_level(volume, medium, camera, 0 if level is None else level)
     choices = {"order": "front-to-back", "antialias": None, "bounds": False, "objects": ()}
