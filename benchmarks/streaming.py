@@ -3,10 +3,12 @@
     python benchmarks/streaming.py --cells 512 --memory "500 MiB"
     python benchmarks/streaming.py --cells 1024 --memory "512 MiB" --only streamed
 
-Turbulence-like values around a peak, in chunks of 128³ (Zarr, zstd) with their ranges unknown, or
-flat (.npy). Three shells, 800×800 pixels. Each picture is drawn in a process of its own: the time
-of the first picture and of the next one, and the peak of the memory above what the process held
-after a tiny picture of the same kind. Times are of the processor (both cores) and of the wall.
+Turbulence-like values around a peak, in chunks of 128³ (Zarr; packed by zstd, lz4 or not) with
+their ranges unknown, or flat (.npy). What is drawn chunk by chunk is in the file, or was loaded
+before: that tells what reading and unpacking cost. Three shells, 800×800 pixels. Each
+picture is drawn in a process of its own: the time of the first picture and of the next one, and the
+peak of the memory above what the process held after a tiny picture of the same kind. Times are of
+the processor (both cores) and of the wall.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ def write(path: Path, cells: int, kind: str) -> None:
             shape=(cells,) * 3,
             chunks=(CHUNK,) * 3,
             dtype="f4",
-            compressors=BloscCodec(cname="zstd", clevel=5, shuffle="bitshuffle"),
+            compressors=None if kind == "plain" else BloscCodec(cname=kind, shuffle="bitshuffle"),
         )
     square = (2 * place - 1) ** 2
     step = LAYERS if kind == "npy" else CHUNK
@@ -74,9 +76,11 @@ def peak() -> int:
     return int(next(line.split()[1] for line in status if line.startswith("VmHWM"))) << 10
 
 
-def draw(path: Path, options: dict[str, Any]) -> dict[str, float]:
+def draw(path: Path, loaded: bool, options: dict[str, Any]) -> dict[str, float]:
     """Return seconds of two pictures, and the peak of the memory they took."""
     volume = vm.open(path)
+    if loaded:
+        volume.load()
     width = float(np.ptp(volume.grid.bounds[0]))
     shells = [
         vm.Gaussian("a", *shell, path_length=0.05 * width)  # type: ignore[arg-type]
@@ -101,27 +105,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, default=256)
     parser.add_argument("--memory", default="500 MiB")
-    parser.add_argument("--only", choices=("streamed", "whole"))
-    parser.add_argument("--kind", choices=("zarr", "npy"), default="zarr")
+    parser.add_argument("--only", choices=("streamed", "loaded", "whole"))
+    parser.add_argument("--kind", choices=("zstd", "lz4", "plain", "npy"), default="zstd")
     parser.add_argument("--scheme", choices=("first-order", "post-classified"))
     parser.add_argument("--tolerance", type=float, default=1e-3)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--child", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.child:
-        path, options = json.loads(args.child)
-        print(json.dumps(draw(Path(path), options)))
+        path, how, options = json.loads(args.child)
+        print(json.dumps(draw(Path(path), how == "loaded", options)))
         return
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"big.{args.kind}"
+        path = Path(folder) / ("big.npy" if args.kind == "npy" else "big.zarr")
         write(path, args.cells, args.kind)
         for scheme in [args.scheme] if args.scheme else ["first-order", "post-classified"]:
-            for how in [args.only] if args.only else ["streamed", "whole"]:
+            for how in [args.only] if args.only else ["streamed", "loaded", "whole"]:
                 options = {"scheme": scheme, "tolerance": args.tolerance}
-                if how == "streamed":
+                if how != "whole":
                     options["memory"] = args.memory
-                command = [sys.executable, __file__, "--child", json.dumps([str(path), options])]
+                child = json.dumps([str(path), how, options])
+                command = [sys.executable, __file__, "--child", child]
                 told = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
                 rows.append({"scheme": scheme, "how": how, **json.loads(told.stdout)})
                 print({k: v if isinstance(v, str) else round(v, 2) for k, v in rows[-1].items()})

@@ -52,7 +52,9 @@ _MOST_BLOCKS = 200
 # As many of them keep some ten processes busy.
 _FEWEST_BLOCKS = 64
 # Temporary arrays of classification, kernels and what Dr.Jit keeps of freed memory.
-_OTHERS = 160 << 20
+_OTHERS = 96 << 20
+# Layers of chunks that interpolating rays need again, of those between some 2 × 50 blocks of 256³.
+_LAYERS = 64 << 20
 # Bytes of a ray's place in a tree: on the host, and before and after a block.
 _WAITING = 240
 # Where fields are interpolated on trees: cells with those around per cell, bytes of a cell's
@@ -592,6 +594,7 @@ class Pieces:
         )
         # Lanes; paths of all rays, of those in a block before and after it, and as results.
         others = _OTHERS + int(96 + (12 + 8 * part) * path) * pixels[0] * pixels[1]
+        others += _LAYERS if self.dual else 0
         self._divide(per_cell, others, pixels)
 
     def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
@@ -605,6 +608,7 @@ class Pieces:
         table = self.per_table * math.prod(n + 2 for n in self.side)
         self.tabulates = table <= self.room
         self.room -= table if self.tabulates else 0
+        self.room += _LAYERS if self.dual else 0
 
     @property
     def geometry(self) -> tuple[np.ndarray, ...]:
