@@ -13,6 +13,7 @@ from astropy import units as u
 import voluminous as vm
 from test_confined_walk import CAMERAS, UNEVEN, UNIFORM
 from test_observe import CO
+from test_streaming_trees import GRIDS as REFINED
 from voluminous.deferred import Deferred, Pieces
 from voluminous.errors import InputError, MemoryNeededError
 
@@ -30,7 +31,8 @@ def arrays(grid):
         found[f"velocity_{axis}"] = RNG.normal(size=grid.shape).astype(np.float32)
     field = RNG.normal(size=grid.shape)
     field[RNG.uniform(size=grid.shape) < 0.2] = np.nan
-    field[4:8, 4:, 4:] = np.nan  # a whole chunk
+    if len(grid.shape) == 3:
+        field[4:8, 4:, 4:] = np.nan  # a whole chunk
     return {**found, "signed": field}
 
 
@@ -300,6 +302,39 @@ def test_probes_read_the_chunks_along_a_ray(camera, volumes):
             [-(-n // 4) for n in UNEVEN.shape]
         )
     assert one.hidden.any()
+
+
+@pytest.mark.parametrize("name", ["octree", "pinwheel", "holes"])
+def test_refined_grids_are_measured_in_parts(name, monkeypatch):
+    monkeypatch.setattr("voluminous.store.LEAVES", 64)
+    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 4)
+    volume = vm.Volume(REFINED[name], arrays(REFINED[name]))
+    camera = vm.Orthographic(35, 50, resolution=24)
+
+    def agree(function, *args):
+        found = function(volume, *args), function(volume, *args, **PIECES)
+        same(*([one] if isinstance(one, vm.Image) else list(one) for one in found))
+
+    agree(vm.column, "signed", camera)
+    agree(vm.moments, "density", camera)
+    agree(vm.project, "density > 0.9", camera, "first")
+    exact = (vm.column(volume, "signed", camera, method="exact", **o) for o in ({}, PIECES))
+    np.testing.assert_allclose(*(image.intensity for image in exact), **ROUNDING)
+    totals = [
+        vm.measure(volume, ["density", "signed"], "norm(velocity) < 2", camera, **options)
+        for options in ({"region": "sphere((0.5, 0.5, 0.5), 1)"}, {})
+        for options in (options, {**options, **PIECES})
+    ]
+    for one, other in zip(totals[::2], totals[1::2], strict=True):
+        np.testing.assert_allclose(list(other.values()), list(one.values()), **ROUNDING)
+        assert (other.cells, other.missing) == (one.cells, one.missing)
+    medium = vm.Coefficients("density", 0.5)
+    probes = (
+        probed(vm.probe(volume, medium, camera, (12, 12), scheme="first-order", **options))
+        for options in ({}, PIECES)
+    )
+    for one, other in zip(*(found.values() for found in probes), strict=True):
+        np.testing.assert_array_equal(other, one)
 
 
 def test_what_cannot_be_measured_in_chunks_is_refused(volumes):

@@ -24,12 +24,21 @@ class SomeCells(Grid):
         self.whole, self.first = whole, first
         self.size, self.shape = last - first, (last - first,)
         self.unit, self.scale, self.coordinates = whole.unit, whole.scale, whole.coordinates
+        self.cells_are_boxes, self.mirror = whole.cells_are_boxes, whole.mirror
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         return self.whole.cell_centers(*self._numbers(first, last))
 
     def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         return self.whole.native_centers(*self._numbers(first, last))
+
+    def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        return self.whole.cell_sizes(*self._numbers(first, last))
+
+    @property
+    def cell_volumes(self) -> np.ndarray:
+        """Volumes of the cells, of octrees and patches."""
+        return np.asarray(np.prod(self.cell_sizes(), axis=0))
 
     def _numbers(self, first: int, last: int | None) -> tuple[int, int]:
         return self.first + first, self.first + (self.size if last is None else last)

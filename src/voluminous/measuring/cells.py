@@ -17,7 +17,7 @@ from ..progress import reported_range
 from ..regions import Region
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
-from ..rendering.options import check_cartesian
+from ..rendering.options import check_grid_in_pieces
 from ..rendering.pieces import Outline, byte_count
 from ..units import Unit, UnitLike, parse_unit, unit_name
 
@@ -102,12 +102,12 @@ def outlined(volume: Volume, memory: Any) -> Volume:
     Raises
     ------
     InputError
-        If the memory is no number of bytes, or the grid is not Cartesian.
+        If the memory is no number of bytes, or the grid is not read in blocks.
     """
     if memory is None:
         return volume
     byte_count(memory)
-    check_cartesian(volume.grid)
+    check_grid_in_pieces(volume.grid)
     return Outline.of(volume)
 
 
@@ -279,7 +279,7 @@ class CellParts:
 
     def beside(self, grid: Grid, box: CellBox) -> bool:
         """Return whether nothing of a box of cells of a Cartesian grid is measured, for certain."""
-        if self.region is None or not self.region.bounded:
+        if self.region is None or not self.region.bounded or not grid.is_structured:
             return False
         ends = zip(grid.edges, box.low, box.high, strict=True)
         low, high = np.array([(e[a], e[b]) for e, a, b in ends]).T

@@ -352,10 +352,11 @@ def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity
     if isinstance(tracer, StreamingTracer):
         rays, count = tracer.starting(*place), 0
         (own_state,) = rays.states
-        for box in tracer.pieces.boxes(*rays.origins()):
-            tracer.through(rays, [box])
-            count = int(own_state.carried[0][0]) if own_state.carried else 0
-            boxes.append((box, count))
+        while not boxes or rays.wait:  # rays come to some pieces of patches again
+            for box in tracer.pieces.boxes(*rays.origins()):
+                tracer.through(rays, [box])
+                count = int(own_state.carried[0][0]) if own_state.carried else 0
+                boxes.append((box, count))
         found, over = own_state.path, own_state.over
     else:
         state = tracer.march(ray)
@@ -370,7 +371,7 @@ def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity
         own = rows["cell"][first:last]
         shape = [high - low for low, high in zip(box.low, box.high, strict=True)]
         if inner.coefficients_at == "cell":
-            index = np.array(np.unravel_index(own, shape)) + np.reshape(box.low, (3, 1, 1))
+            index = np.array(np.unravel_index(own, shape)) + np.reshape(box.low, (-1, 1, 1))
             own[:] = np.ravel_multi_index(tuple(index), job.volume.grid.shape)
         first = last
     origin, direction = (

@@ -113,12 +113,13 @@ def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
         )
 
 
-def check_cartesian(grid: Grid) -> None:
+def check_grid_in_pieces(grid: Grid) -> None:
     """Refuse grids that are not read chunk by chunk."""
-    if grid.kind != "cartesian":
+    if grid.kind not in ("cartesian", "octree", "patches"):
         raise InputError(
-            f"memory= reads Cartesian grids chunk by chunk, this is a {type(grid).__name__}: leave "
-            "out memory=, or volume.resample(vm.CartesianGrid.uniform(…))"
+            "memory= reads Cartesian grids chunk by chunk, octrees and patches part by part; this "
+            f"is a {type(grid).__name__}: leave out memory=, or "
+            "volume.resample(vm.CartesianGrid.uniform(…))"
         )
 
 
@@ -139,12 +140,7 @@ def check_in_pieces(
             f"medium, camera, memory='2 GiB'); got {type(volume).__name__} and "
             f"{type(medium).__name__}"
         )
-    if grid.kind not in ("cartesian", "octree", "patches"):
-        raise InputError(
-            "memory= draws Cartesian grids chunk by chunk, octrees and patches part by part; this "
-            f"is a {type(grid).__name__}: leave out memory=, or "
-            "volume.resample(vm.CartesianGrid.uniform(…))"
-        )
+    check_grid_in_pieces(grid)
     choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
     usual = {"order": ORDERS[0], "antialias": None, "bounds": False, "objects": ()}
     for name, value in choices.items():
