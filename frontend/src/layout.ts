@@ -153,7 +153,8 @@ export function build(app: App) {
 export function badgeOf(head: FrameHead): { words: string; state: string } {
   const part = head.error === null || head.error === undefined ? "" : `, error ≤ ${pretty(100 * head.error, 2)} %`;
   // A coarser level of the file: what it does to the picture is a part of the error, if that is known.
-  const cells = head.level > 0 ? `level ${head.level} of the file${part || ", error unknown"}` : `exact${part}`;
+  const usual = part && head.usual !== null ? `, error ≈ ${pretty(100 * head.usual, 2)} %${part.replace("error ", "")}` : ", error unknown";
+  const cells = head.level > 0 ? `level ${head.level} of the file${usual}` : `exact${part}`;
   if (head.exact) return { words: cells, state: head.level > 0 ? "level" : "exact" };
   if (head.scale < 1) {
     const named: Record<number, string> = { 2: "½", 3: "⅓", 4: "¼" };

@@ -52,6 +52,7 @@ export interface FrameHead extends Message {
   done: number;
   exact: boolean;
   error: number | null;
+  usual: number | null;
   level: number;
   ms: number;
   exposure: number;

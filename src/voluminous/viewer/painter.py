@@ -32,6 +32,8 @@ from .session import QUIET, Session
 _BATCH = 0.03
 # Seconds between two pictures of a refinement.
 _UPDATE = 0.25
+# Pixels that are fainter than this part of the brightest say nothing of the usual error.
+_DARK = 0.01
 # Cells of a volume that may be in memory as a whole: 256³. Files with levels that have more are
 # drawn chunk by chunk, and from a level while something moves.
 _AT_HAND = 1 << 24
@@ -341,11 +343,15 @@ class Painter:
         self, page: Page, shot: Shot, image: Image, start: float, **options: Any
     ) -> None:
         """Send a picture of which the error is known."""
-        top, error = float(np.nanmax(np.abs(image.intensity), initial=0.0)), image.error
-        worst = None if error is None or not top > 0 else float(np.nanmax(error)) / top
+        error, brightness = image.error, np.abs(np.nan_to_num(image.intensity)).max(axis=-1)
+        top = float(np.max(brightness, initial=0.0))
+        worst = usual = None
+        if error is not None and top > 0:
+            worst = float(np.nanmax(error)) / top
+            usual = float(np.median(error[brightness > _DARK * top])) / top
         level = (image.provenance or {}).get("level", 0)
-        took = time.monotonic() - start
-        self._send(page, shot, image.intensity, took, error=worst, level=level, **options)
+        took, options = time.monotonic() - start, {**options, "error": worst, "usual": usual}
+        self._send(page, shot, image.intensity, took, level=level, **options)
 
     def _send(
         self,
@@ -359,6 +365,7 @@ class Painter:
         preview: bool = False,
         exact: bool = False,
         error: float | None = None,
+        usual: float | None = None,
         level: int = 0,
     ) -> None:
         self._frame += 1
@@ -377,6 +384,7 @@ class Painter:
             "done": done,
             "exact": exact,
             "error": error,
+            "usual": usual,
             "level": level,
             "ms": 1000.0 * took,
             "exposure": self._exposures[look],
