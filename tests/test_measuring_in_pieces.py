@@ -257,7 +257,7 @@ def test_spectra_and_many_channels(cloud, monkeypatch):
     camera = OBLIQUE.replace(resolution=64)
     one = vm.observe(whole, media["line"], camera, **axis)
     drawn = []
-    for memory in ("1 GiB", "164 MiB"):
+    for memory in ("1 GiB", "100 MiB"):
         monkeypatch.setattr(
             "voluminous.observing.cubes.render",
             lambda *a, **o: drawn.append(1) or vm.render(*a, **o),
