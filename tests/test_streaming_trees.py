@@ -157,8 +157,6 @@ def test_media_fields_and_samples(chunks):
         volume[f"v_{axis}"] = np.random.default_rng(ord(axis)).normal(size=volume.grid.size)
     towards = vm.Gaussian("los(v) + norm(v)", 1, 0.5, "red", 0.5, path_length=1)
     assert_same_bits(*both(volume, towards, camera, **FIRST))
-    with pytest.raises(InputError, match="reads Cartesian grids"):
-        vm.probe(volume, MEDIUM, camera, (10, 10), memory="1 GiB")
     gone = vm.Volume(volume.grid, a=np.where(volume["n"] % 9 == 4, np.nan, volume["a"]))
     assert_same_bits(*both(gone, MEDIUM, camera, **FIRST))
     whole, parts = both(volume, MEDIUM, camera, samples=2, background=0.1, **FIRST)
@@ -207,8 +205,6 @@ def test_what_cannot_be_drawn_in_parts_is_refused():
     with pytest.raises(MemoryNeededError, match="chunks of 873 cells"):
         vm.render(volume, MEDIUM, camera, memory="20 MB", **FIRST)
     refined = vm.SphericalGrid([0, 1], [0, np.pi], [0, 3, 6], refined=2 * [1, *[0] * 4])
-    with pytest.raises(InputError, match="reads Cartesian grids"):
-        vm.probe(volume, MEDIUM, camera, (10, 10), memory="1 GiB")
     gone = vm.Volume(volume.grid, a=np.where(np.arange(volume.grid.size) == 5, np.nan, 1.0))
     with pytest.raises(InputError, match="missing values, which memory= cannot interpolate"):
         vm.render(gone, MEDIUM, camera, memory="1 GiB")

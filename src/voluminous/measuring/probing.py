@@ -17,7 +17,7 @@ from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
-from ..rendering.options import background_array, check_cartesian
+from ..rendering.options import background_array
 from ..rendering.pieces import Pieces
 from ..rendering.run import run
 from ..rendering.sources.channel_layout import before as before_background
@@ -104,8 +104,6 @@ def probe(
     """
     pieces = None
     if memory is not None:
-        if hasattr(volume, "grid"):
-            check_cartesian(volume.grid)
         pieces = Pieces(volume, medium, memory, order=order)
         volume = pieces.outline
     job, _ = prepare(
