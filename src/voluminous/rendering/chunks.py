@@ -96,7 +96,7 @@ class Chunks:
             cells = self._kept(part, first, last)
             if cells is None:
                 coming = self._coming.pop(part)
-                cells = _cells(part, self._keep(part, coming.result()), first, last)
+                cells = _cells(part, self._keep(part, coming.result(), low, high), first, last)
             own[...] = cells
         for axis in range(len(shape) if rim else 0):
             lines = np.moveaxis(values, axis, 0)
@@ -137,8 +137,10 @@ class Chunks:
                 return _cells((part[0], low, part[2]), self._layers[key], first, last)
         return None
 
-    def _keep(self, part: Part, whole: np.ndarray) -> np.ndarray:
-        """Keep a chunk if there is room, else its outer layers; the oldest of these go."""
+    def _keep(
+        self, part: Part, whole: np.ndarray, low: Sequence[int], high: Sequence[int]
+    ) -> np.ndarray:
+        """Keep a chunk if there is room, else its layers at the ends of a box; the oldest go."""
         if not self.outline.is_packed(part[0]):
             return whole
         if self.again and self._held + whole.nbytes <= self.room - self.room // _LAYERS:
@@ -146,7 +148,9 @@ class Chunks:
             self._held += whole.nbytes
         elif self.layers:
             for axis, (start, end) in enumerate(zip(*part[1:], strict=True)):
-                for index in {start, end - 1}:
+                # Of a box with a layer of others the outer one of its own is the second.
+                near = {low[axis], low[axis] + 1, high[axis] - 2, high[axis] - 1}
+                for index in {start, end - 1} & near:
                     layer = whole.take([index - start], axis)
                     self._layers[part, axis, index] = layer
                     self._held += layer.nbytes
