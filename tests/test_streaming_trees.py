@@ -196,6 +196,17 @@ def test_only_parts_that_show_something_and_are_not_hidden_are_read(tmp_path, re
     assert done == sorted(done)
 
 
+def test_a_pixel_is_probed_part_by_part(chunks):
+    chunks(4)
+    volume = noise(GRIDS["uneven octree"])
+    camera = cameras(volume.grid)["oblique"]
+    whole, parts = (
+        vm.probe(volume, MEDIUM, camera, (10, 10), memory=memory) for memory in (None, "1 GiB")
+    )
+    np.testing.assert_array_equal(parts.intensity, whole.intensity)
+    np.testing.assert_array_equal(parts.cell, whole.cell)
+
+
 def test_what_cannot_be_drawn_in_parts_is_refused():
     volume = noise(GRIDS["octree"])
     camera = cameras(volume.grid)["oblique"]

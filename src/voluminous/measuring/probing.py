@@ -18,7 +18,7 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
 from ..rendering.options import background_array
-from ..rendering.pieces import Pieces
+from ..rendering.pieces import Pieces, pieces_of
 from ..rendering.run import run
 from ..rendering.sources.channel_layout import before as before_background
 from ..rendering.streaming import StreamingTracer
@@ -104,7 +104,7 @@ def probe(
     """
     pieces = None
     if memory is not None:
-        pieces = Pieces(volume, medium, memory, order=order)
+        pieces = pieces_of(volume, medium, memory, order=order)
         volume = pieces.outline
     job, _ = prepare(
         volume,
