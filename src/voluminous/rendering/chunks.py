@@ -95,8 +95,10 @@ class Chunks:
                 continue
             cells = self._kept(part, first, last)
             if cells is None:
-                coming = self._coming.pop(part)
-                cells = _cells(part, self._keep(part, coming.result(), low, high), first, last)
+                # A layer that was kept when the box was asked for may have gone since.
+                coming = self._coming.pop(part, None)
+                whole = self.store.read(*part) if coming is None else coming.result()
+                cells = _cells(part, self._keep(part, whole, low, high), first, last)
             own[...] = cells
         for axis in range(len(shape) if rim else 0):
             lines = np.moveaxis(values, axis, 0)
