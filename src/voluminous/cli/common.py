@@ -19,6 +19,7 @@ _RENDER = {
     "precision": "single (default) or double",
     "device": "auto (default), cpu, cuda or metal",
     "memory": "what drawing may take, such as 2GiB: the data are read and drawn chunk by chunk",
+    "level": "a coarser level of a file that has some: 1, 2 …, or auto: as fine as the pixels",
 }
 
 
@@ -48,9 +49,10 @@ def add_render_options(parser: argparse.ArgumentParser) -> None:
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the keyword arguments of `render` that the options give."""
     from ..scene.sections import render_options
+    from ..scene.settings import value
 
     given = {name: getattr(args, name) for name in _RENDER}
-    return render_options({name: value for name, value in given.items() if value is not None})
+    return render_options({name: value(text) for name, text in given.items() if text is not None})
 
 
 def assignment(text: str, option: str, example: str) -> tuple[str, str]:

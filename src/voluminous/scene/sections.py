@@ -155,6 +155,10 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     return options
 
 
+# Arguments of `render` that are no plain values, or of one machine.
+_OF_PYTHON = ("objects", "progress", "executor", "checkpoint")
+
+
 def _render_parameters() -> dict[str, inspect.Parameter]:
     """Return the parameters of `render` that ``[render]`` may contain."""
     from ..rendering import render
@@ -162,7 +166,7 @@ def _render_parameters() -> dict[str, inspect.Parameter]:
     return {
         name: parameter
         for name, parameter in inspect.signature(render).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name not in ("objects", "progress")
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in _OF_PYTHON
     }
 
 

@@ -137,7 +137,8 @@ class NativeZarrReader(ContentsReader):
         if levels and not grid.is_structured:
             raise InputError(
                 "coarser levels are means over 2 x 2 x 2 cells, and these are refined: leave out "
-                "levels, or make a Cartesian grid by volume.resample"
+                "levels, or make a Cartesian grid: volume.resample(vm.CartesianGrid.uniform(…)), "
+                "convert --resample 512x512x512"
             )
         sides = _sides(chunks, len(grid.shape), bool(levels))
         if keep_bits is not None and (type(keep_bits) is not int or not 1 <= keep_bits <= 52):
