@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, VoluminousError
-from ..geometry import CARTESIAN
 from ..memory import fits
 from .common import add_quiet, add_several, assignment, check_directory, say
 from .data import DataFile, add_fields_option, add_reading_options, bytes_of, data_file, in_bytes
@@ -87,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _resampled(volume: Volume, args: argparse.Namespace) -> Volume:
+    from ..geometry import CARTESIAN
     from ..grids import CartesianGrid
 
     match = re.fullmatch(r"\s*(\d+)\s*[x×,]\s*(\d+)\s*[x×,]\s*(\d+)\s*", args.resample)
