@@ -283,6 +283,11 @@ class Outline(Volume):
         pieces = [self._fields.pieces(n) for n in self.stored([name]) if n in self._whole.waiting]
         return any(part is not None and part.chunks is not None for part in pieces)
 
+    def is_mapped(self, name: str) -> bool:
+        """Return whether a field stays in a file whose pages are brought into memory."""
+        names = self.stored([name])
+        return not self.is_packed(name) and any(self.in_memory(n) is None for n in names)
+
     @property
     def bytes_in_memory(self) -> int:
         """Bytes of the fields that are not read from files."""
@@ -574,7 +579,10 @@ class Pieces:
         part = min(1.0, _TOGETHER / medium.channels)
         # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions
-        per_cell: float = sum(2 * k.itemsize for k in kinds)
+        # Pages of mapped files are wider than a box, and are let go of some time after it.
+        copies = [6 if self.outline.is_mapped(name) else 2 for name in used]
+        sizes = [c * k.itemsize for c, k in zip(copies, kinds, strict=True)]
+        per_cell: float = sum(sizes)
         per_cell += sum((4 if k.itemsize <= 2 else 8) for k in kinds if k.kind != "f")
         self.per_table = int(6 * max(part * numbers, len(medium.components())))
         path = numbers + extinctions
@@ -584,7 +592,7 @@ class Pieces:
             self.walls = tuple(
                 np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.grid.edges
             )
-            per_cell = sum(2 * k.itemsize + 4 for k in kinds)
+            per_cell = sum(size + 4 for size in sizes)
             self.per_table = 0
             path += 3 + extinctions + 2 * len(medium.scalars())
         # While a field is computed, those that it is made of are there.
