@@ -445,6 +445,7 @@ def largest_side(
     need: str = "",
     advice: str = "",
     fewest: int = 1,
+    pages: float = 0,
 ) -> tuple[tuple[int, ...], int]:
     """Return the sides of the blocks of chunks that a memory allows, and the bytes left of it.
 
@@ -458,6 +459,9 @@ def largest_side(
         What the others are for, and how to need less of them.
     fewest : int
         Number of blocks that there are to be, if there are as many chunks.
+    pages : float
+        Bytes of mapped files for each cell of a block of several chunks. The system can take them
+        back, so that single chunks do without.
 
     Raises
     ------
@@ -468,7 +472,8 @@ def largest_side(
     most = _WIDEST if len(chunks) == 3 else _WIDEST**3
     for times in itertools.chain([1], itertools.count(2, 2)):
         side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
-        needed = int(others + per_cell * math.prod(n + 2 for n in side))
+        each = per_cell if times == 1 else per_cell + pages
+        needed = int(others + each * math.prod(n + 2 for n in side))
         if times == 1 and needed > byte_count(memory):
             cells = " x ".join(map(str, chunks))
             raise MemoryNeededError(
@@ -579,10 +584,11 @@ class Pieces:
         part = min(1.0, _TOGETHER / medium.channels)
         # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions
-        # Pages of mapped files are wider than a box, and are let go of some time after it.
-        copies = [6 if self.outline.is_mapped(name) else 2 for name in used]
-        sizes = [c * k.itemsize for c, k in zip(copies, kinds, strict=True)]
-        per_cell: float = sum(sizes)
+        per_cell: float = sum(2 * k.itemsize for k in kinds)
+        # They are wider than a box, and are let go of some time after it.
+        self.pages = sum(
+            4 * k.itemsize for n, k in zip(used, kinds, strict=True) if self.outline.is_mapped(n)
+        )
         per_cell += sum((4 if k.itemsize <= 2 else 8) for k in kinds if k.kind != "f")
         self.per_table = int(6 * max(part * numbers, len(medium.components())))
         path = numbers + extinctions
@@ -592,7 +598,7 @@ class Pieces:
             self.walls = tuple(
                 np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.grid.edges
             )
-            per_cell = sum(size + 4 for size in sizes)
+            per_cell = sum(2 * k.itemsize + 4 for k in kinds)
             self.per_table = 0
             path += 3 + extinctions + 2 * len(medium.scalars())
         # While a field is computed, those that it is made of are there.
@@ -611,7 +617,7 @@ class Pieces:
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
         fewest = 1 if self.sweep is None else _FEWEST_BLOCKS
         self.side, self.room = largest_side(
-            self.outline, self.memory, per_cell, others, *need, fewest=fewest
+            self.outline, self.memory, per_cell, others, *need, fewest=fewest, pages=self.pages
         )
         table = self.per_table * math.prod(n + 2 for n in self.side)
         self.tabulates = table <= self.room
