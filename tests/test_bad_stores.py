@@ -109,7 +109,7 @@ WRITERS = {
 def test_any_chunks_are_right(tmp_path, monkeypatch, name, chunks, dtype):
     """Chunks of three widths, of whole layers, larger than the volume, and rests of one cell."""
     monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
-    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 4)
+    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
     options = WRITERS[name](tmp_path / name, RHO.astype(dtype), chunks)
     volume = open_lazily(tmp_path / name, **options)
     assert volume.waiting == ("rho",)

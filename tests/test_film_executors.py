@@ -90,6 +90,8 @@ def test_large_arrays_are_refused_and_large_files_are_not(pool, file, tmp_path, 
     with pytest.raises(vm.InputError, match=r"volume\.save"):
         vm.movie(VOLUME, SHELL, CAMERAS, tmp_path / "frames", executor=pool)
     vm.movie(placed(file), SHELL, CAMERAS[:2], tmp_path / "lazy", executor=pool)
+    # What was read is read again there.
+    vm.movie(vm.open(file), SHELL, CAMERAS[:2], tmp_path / "read", executor=pool)
     with ThreadPoolExecutor(2) as threads:  # they share memory
         vm.movie(VOLUME, SHELL, CAMERAS[:2], tmp_path / "threads", executor=threads)
 

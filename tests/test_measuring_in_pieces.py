@@ -13,6 +13,7 @@ from astropy import units as u
 import voluminous as vm
 from test_confined_walk import CAMERAS, UNEVEN, UNIFORM
 from test_observe import CO
+from test_streaming import large_file
 from test_streaming_trees import GRIDS as REFINED
 from voluminous.deferred import Deferred, Pieces
 from voluminous.errors import InputError, MemoryNeededError
@@ -56,7 +57,7 @@ class Counted:
 def volumes(monkeypatch):
     """Return a function of a grid: the volume in memory, that in chunks of 4³, and its fields."""
     monkeypatch.setattr("voluminous.store.SIDE", 4)
-    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 4)
+    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
 
     def make(grid):
         whole = vm.Volume(grid, arrays(grid))
@@ -307,7 +308,7 @@ def test_probes_read_the_chunks_along_a_ray(camera, volumes):
 @pytest.mark.parametrize("name", ["octree", "pinwheel", "holes"])
 def test_refined_grids_are_measured_in_parts(name, monkeypatch):
     monkeypatch.setattr("voluminous.store.LEAVES", 64)
-    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 4)
+    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
     volume = vm.Volume(REFINED[name], arrays(REFINED[name]))
     camera = vm.Orthographic(35, 50, resolution=24)
 
@@ -387,12 +388,7 @@ print(peak() - before)
 @pytest.mark.parametrize("what", ["measure", "exact", "rays", "max"])
 def test_memory_does_not_depend_on_the_volume(tmp_path, what):
     # 512 MiB, of which less is in memory at any time than is allowed.
-    path = tmp_path / "a.npy"
-    array = np.lib.format.open_memmap(path, "w+", np.float32, (512, 512, 512))
-    plane = np.random.default_rng(1).uniform(0, 1, (512, 512))
-    for k in range(len(array)):
-        array[k] = np.roll(plane, k, axis=0)
-    del array
+    path = large_file(tmp_path, 512)
     command = [sys.executable, "-c", MEASURED, str(path), what]
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=500)
     assert int(told.stdout) < 300 << 20

@@ -41,7 +41,7 @@ def chunks(monkeypatch):
 
     def make(side):
         monkeypatch.setattr("voluminous.store.SIDE", side)
-        monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", side)
+        monkeypatch.setattr("voluminous.rendering.outline._WIDEST", side)
 
     return make
 
@@ -330,6 +330,16 @@ def limited(path, scheme, pixels, mebibytes, *how):
     return subprocess.run(command, capture_output=True, text=True, timeout=2000)
 
 
+def large_file(folder, layers):
+    """Return the path of a file that is mapped, of so many MiB: a plane that moves on in each."""
+    path = folder / "a.npy"
+    array = np.lib.format.open_memmap(path, "w+", np.float32, (layers, 512, 512))
+    plane = np.random.default_rng(1).uniform(0, 1, (512, 512))
+    for k in range(len(array)):
+        array[k] = np.roll(plane, k, axis=0)
+    return path
+
+
 def tiled(folder, times):
     """Return the path of a store of 256³ numbers, repeated along each axis by links to files."""
     zarr = pytest.importorskip("zarr")
@@ -361,12 +371,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="memory is limited
 @on_linux
 def test_memory_is_what_was_asked_for(tmp_path):
     # 256 MiB of numbers, in no more memory than 200 MiB, which is enforced; whole they need more.
-    path = tmp_path / "a.npy"
-    array = np.lib.format.open_memmap(path, "w+", np.float32, (256, 512, 512))
-    plane = np.random.default_rng(1).uniform(0, 1, (512, 512))
-    for k in range(len(array)):
-        array[k] = np.roll(plane, k, axis=0)
-    del array
+    path = large_file(tmp_path, 256)
     for scheme in ("first-order", "post-classified"):
         ended = limited(path, scheme, 100, 200)
         assert ended.returncode == 0, ended.stderr

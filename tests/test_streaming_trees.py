@@ -32,7 +32,7 @@ def chunks(monkeypatch):
 
     def make(side):
         monkeypatch.setattr("voluminous.store.LEAVES", side**3)
-        monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", side)
+        monkeypatch.setattr("voluminous.rendering.outline._WIDEST", side)
 
     return make
 
@@ -176,7 +176,7 @@ def test_only_parts_that_show_something_and_are_not_hidden_are_read(tmp_path, re
 
     def drawn(medium, **options):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("voluminous.rendering.pieces._WIDEST", 2)
+            patch.setattr("voluminous.rendering.outline._WIDEST", 2)
             del reads[:]
             return vm.render(volume, medium, camera, memory="1 GiB", **FIRST, **options)
 
@@ -282,7 +282,7 @@ def test_shells_of_chunks_have_keys_that_increase_along_rays(seed):
 @pytest.mark.parametrize("name", ["uneven octree", "pinwheel"])
 def test_parts_are_drawn_by_others(name, tmp_path, monkeypatch):
     """Blocks wait for those in front; rays that come to one again are drawn in another sweep."""
-    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 4)
+    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
     monkeypatch.setattr("voluminous.rendering.pieces._MOST_BLOCKS", 8)
     noise(GRIDS[name]).save(tmp_path / "a.zarr", stats=True, chunks=64)
     camera = cameras(GRIDS[name])["oblique"]

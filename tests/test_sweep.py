@@ -67,7 +67,7 @@ def stored(tmp_path_factory):
 @pytest.fixture
 def narrow(monkeypatch):
     """Make boxes of one chunk, and blocks of two along each axis."""
-    monkeypatch.setattr("voluminous.rendering.pieces._WIDEST", 8)
+    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 8)
     monkeypatch.setattr("voluminous.rendering.pieces._MOST_BLOCKS", 12)
 
 
@@ -227,9 +227,10 @@ def test_a_pool_whose_process_dies_is_named(stored, narrow, tmp_path, monkeypatc
 SCRIPT = """
 import sys
 import voluminous as vm
+import voluminous.rendering.outline as outline
 import voluminous.rendering.pieces as pieces
 from concurrent.futures import ThreadPoolExecutor
-pieces._WIDEST, pieces._MOST_BLOCKS = 8, 12
+outline._WIDEST, pieces._MOST_BLOCKS = 8, 12
 medium = vm.Gaussian("a", 0.5, 0.2, (1, 0.5, 0.2), opacity=0.4, path_length=0.5)
 image = vm.render(
     vm.open(sys.argv[1]), medium, vm.Orthographic(35, 50, width=4, resolution=60),

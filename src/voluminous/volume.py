@@ -371,6 +371,15 @@ class Volume(Evaluation):
         coarse: Volume = level_of_volume(self, level)
         return coarse
 
+    def unread(self) -> Volume:
+        """Return this volume without what is read again where it is used: for other processes.
+
+        Fields in memory stay, unless they are those of a file that is read in pieces.
+        """
+        other = self.with_arrays({})
+        other._fields.unread()
+        return other
+
     def explain_reading(
         self,
         reading: Callable[[], AbstractContextManager[None]],

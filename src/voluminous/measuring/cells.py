@@ -18,7 +18,7 @@ from ..regions import Region
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
 from ..rendering.options import check_grid_in_pieces
-from ..rendering.pieces import Outline, byte_count
+from ..rendering.outline import Outline, byte_count
 from ..units import Unit, UnitLike, parse_unit, unit_name
 
 if TYPE_CHECKING:

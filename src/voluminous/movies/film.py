@@ -360,6 +360,7 @@ def _sent(given: Any, executor: Any) -> Any:
         return Sent.of(functools.partial(open_volume, place), "the path")
     if isinstance(executor, ThreadPoolExecutor):
         return given
+    given = given.unread()
     size = sum(given.array(n).nbytes for n in given.fields if n not in given.waiting)
     if size <= _MOST_SENT:
         return Sent.of(functools.partial(_itself, given), "the volume")

@@ -24,7 +24,7 @@ from ..progress import reporter, with_progress
 from ..rendering import render
 from ..rendering.cache import Cache
 from ..rendering.options import check_in_pieces
-from ..rendering.pieces import Outline
+from ..rendering.outline import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..units import unit_of
 from ..volume import Volume

@@ -15,7 +15,7 @@ import numpy as np
 from ..fields import held_dtype
 
 if TYPE_CHECKING:
-    from .pieces import Outline
+    from .outline import Outline
 
 # Chunks that are unpacked at the same time: more threads do not unpack faster, but wait together.
 _MOST_THREADS = 8

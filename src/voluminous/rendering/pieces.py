@@ -1,52 +1,35 @@
-"""A volume that is drawn in pieces: its outline, the blocks of cells, their order and ranges."""
+"""The blocks of cells of which a picture is drawn in pieces: their order, ranges and contents."""
 
 from __future__ import annotations
 
-import copy
-import functools
-import itertools
 import math
-import mmap
-import re
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import deferred
-from ..derivatives import LinesOfSight, is_component
-from ..errors import InputError, MemoryNeededError
-from ..expressions import Expression, required_names
+from ..errors import InputError
+from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..fields import coordinate_extremes, held_dtype
 from ..grids import CartesianGrid
-from ..grids.contract import CellBox, Grid
-from ..grids.some_cells import SomeCells
+from ..grids.contract import CellBox
 from ..grids.trees.ghosts import LeavesWithGhosts
-from ..progress import Report, reporter, silent
-from ..store import FieldStore
+from ..progress import Report, silent
 from ..volume import Volume
-from .options import check_in_pieces
+from .options import MOST_TOGETHER, check_in_pieces
+from .outline import Outline, byte_count, largest_side
 
 if TYPE_CHECKING:
     from ..grids.trees.parts import Parts
     from ..media.contract import Medium
     from ..schemes.base import Scheme
-    from ..store import FieldStore
     from .chunks import Chunks
 
-_SIZES = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
-_TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECASE)
-# Sides of a block do not exceed this: larger ones save no time, and cut less empty space off.
-_WIDEST = 256
 # Memory of each process, if several draw.
 _USUAL = "2 GiB"
-# Channels that are drawn together at most; see `sources.channel_layout.blocks_of`.
-_TOGETHER = 16
-# Chunks that are read for a sample of cells all over a volume.
-_SAMPLED = 16
 # Blocks of a picture that several processes draw: a task of Dask takes 2 ms.
 _MOST_BLOCKS = 200
 # As many of them keep some ten processes busy.
@@ -62,23 +45,6 @@ _WAITING = 240
 _GHOSTS, _CORNERS, _STENCILS = 1.3, 150, 300 << 20
 
 
-def byte_count(memory: Any) -> int:
-    """Return a number of bytes from text such as ``"2 GiB"`` or ``"500 MB"``, or a number."""
-    if isinstance(memory, (int, float)) and memory is not True and 0 < memory < math.inf:
-        return int(memory)
-    found = _TEXT.fullmatch(memory) if isinstance(memory, str) else None
-    try:
-        count = float(found[1]) if found else 0.0
-    except ValueError:
-        count = 0.0
-    if not found or not 0.0 < count < math.inf:
-        raise InputError(
-            "memory is the number of bytes that drawing may take, as in memory='2 GiB', '500 MB' "
-            f"or 2_000_000_000, got {memory!r}"
-        )
-    return int(count * (1024 if found[3] else 1000) ** _SIZES[found[2].upper()])
-
-
 @dataclass(frozen=True)
 class Block:
     """Boxes of cells that one process draws one after another; together they are a box."""
@@ -86,408 +52,6 @@ class Block:
     boxes: tuple[CellBox, ...]
     # Coordinates of its corners, shape (3, 2).
     extent: np.ndarray
-
-
-class FlatField:
-    """A field of a store, of which planning a picture looks at some cells, by flat numbers.
-
-    It stands for the array, which may be larger than memory.
-    """
-
-    def __init__(self, outline: Outline, name: str) -> None:
-        self._outline, self._name = outline, name
-        self.shape, self.size = outline.grid.shape, outline.grid.size
-        self.dtype = outline.dtype(name)
-
-    def reshape(self, shape: int) -> FlatField:
-        """Return itself, for -1: it is flat already."""
-        return self
-
-    def min(self) -> Any:
-        """Return the least value; NaN if there is one."""
-        return self._outline.extremes(self._name)[..., 0].min()
-
-    def max(self) -> Any:
-        """Return the largest value; NaN if there is one."""
-        return self._outline.extremes(self._name)[..., 1].max()
-
-    def __getitem__(self, index: Any) -> np.ndarray:
-        """Return consecutive cells, or a sample of cells.
-
-        Of a large sample from a file some are in the chunks of others: it would all be read.
-        """
-        whole = self._outline.in_memory(self._name)
-        if whole is not None:
-            return np.asarray(whole.reshape(-1)[index])
-        if isinstance(index, slice):
-            first, last, _ = index.indices(self.size)
-            plane = math.prod(self.shape[1:])
-            low, others = first // plane, self.shape[1:]
-            begin, end = (low, *(0 for _ in others)), (-(-last // plane), *others)
-            layers = self._read(begin, end).reshape(-1)
-            return layers[first - low * plane : last - low * plane]
-        cell = np.stack(np.unravel_index(index, self.shape))
-        chunks = np.array(self._outline.store.chunks)[:, None]
-        # One chunk after another, evenly among those that there are cells of.
-        kinds, which = np.unique(cell // chunks, axis=1, return_inverse=True)
-        taken = np.unique(np.linspace(0, kinds.shape[1] - 1, _SAMPLED).astype(int))
-        values = []
-        for k in taken.tolist():
-            low = kinds[:, k] * chunks[:, 0]
-            high = np.minimum(low + chunks[:, 0], self.shape)
-            own = cell[:, which.reshape(-1) == k] - low[:, None]
-            values.append(self._read(low.tolist(), high.tolist())[tuple(own)])
-        return np.resize(np.concatenate(values), len(index))
-
-    def _read(self, low: Any, high: Any) -> np.ndarray:
-        return self._outline.store.read(self._name, low, high)
-
-
-class Outline(Volume):
-    """A volume as planning a picture sees it: grid, names, units, ranges and some cells.
-
-    It may have fields that are computed box by box; see `computing`.
-    """
-
-    _whole: Volume
-    # Per chunk and field: ranges of the values, and how many are missing (None: none are).
-    _tables: dict[str, tuple[np.ndarray, np.ndarray | None]]
-    # Of the fields that are computed: text, and the stored fields that they are made of.
-    _made: dict[str, tuple[str, list[str]]]
-
-    @classmethod
-    def of(cls, volume: Volume) -> Outline:
-        """Return the outline of a volume; nothing is read yet."""
-        if isinstance(volume, cls):
-            return volume
-        outline = object.__new__(cls)
-        vars(outline).update(vars(volume))
-        if len(volume.waiting) < len(volume.fields):  # some may be changed in place
-            outline.tables = OrderedDict()
-        outline._whole, outline._tables, outline._made = volume, {}, {}
-        return outline
-
-    @property
-    def store(self) -> FieldStore:
-        """Where boxes of fields are read from."""
-        return FieldStore(self.grid.shape, self._fields)
-
-    def stored(self, names: Iterable[str]) -> list[str]:
-        """Return the stored fields that some names are made of, cell by cell.
-
-        Raises
-        ------
-        InputError
-            For derivatives, which need neighbours in other chunks.
-        """
-        found: dict[str, None] = {}
-        for name in names:
-            if name in self._made:
-                found |= dict.fromkeys(self._made[name][1])
-            elif (derived := self._derived(name)) is None:
-                if name not in self.coordinates or name in self._fields:
-                    self._check_field(name)
-                    found[name] = None
-            elif is_component(derived):
-                for argument in derived.arguments:
-                    found |= dict.fromkeys(self.stored(required_names(argument)))
-            else:
-                raise InputError(
-                    f"{name!r} is computed from a whole field, which memory= does not read; make "
-                    "it a field of the file, or leave out memory="
-                )
-        return list(found)
-
-    def computing(self, expressions: Mapping[str, Expression]) -> Outline:
-        """Return the outline with fields that are computed box by box.
-
-        A component such as ``los(velocity)`` has the type of the vector; others are computed in
-        double precision, as sums need it.
-        """
-        other = copy.copy(self)
-        other._fields, other._units = copy.copy(self._fields), dict(self._units)
-        other._tables, other._made = dict(self._tables), dict(self._made)
-        for name, expression in expressions.items():
-            stored = self.stored(expression.names)
-            kind: np.dtype[Any] = np.dtype(np.float64)
-            if component := expression.names == (name,):
-                single = all(self.dtype(own) == np.float32 for own in stored)
-                kind = np.dtype(np.float32 if single else np.float64)
-            pieces = deferred.Pieces(functools.partial(_computed, self, expression, not component))
-            what = deferred.Deferred(no_array, kind, pieces=pieces)
-            other._fields.defer(name, no_array, what, self.grid.shape)
-            other._made[name] = expression.text, stored
-            other._units[name] = self.field_unit(name) if component else None
-        return other
-
-    def part(self, box: CellBox, names: Iterable[str]) -> Volume:
-        """Return a block as a volume with some fields, or those that they are made of."""
-        there = [name for name in names if name in self._fields]
-        others = [name for name in names if name not in there]
-        fields = {
-            name: self.store.read(name, box.low, box.high)
-            for name in dict.fromkeys([*there, *self.stored(others)])
-        }
-        return self.volume(box, fields)
-
-    def with_cells(
-        self, cells: np.ndarray, names: Iterable[str], side: Sequence[int]
-    ) -> Iterator[tuple[Volume, np.ndarray, np.ndarray]]:
-        """Yield blocks that hold some cells, their numbers in the grid, and those in the block."""
-        shape, sides = self.grid.shape, np.asarray(side)
-        index = np.stack(np.unravel_index(cells, shape))
-        places, which = np.unique(index // sides[:, None], axis=1, return_inverse=True)
-        for k, place in enumerate(places.T):
-            low = place * sides
-            box = _box(low.tolist(), np.minimum(low + sides, shape).tolist())
-            own, part = np.flatnonzero(which.reshape(-1) == k), self.part(box, names)
-            local = np.ravel_multi_index(tuple(index[:, own] - low[:, None]), part.grid.shape)
-            yield part, cells[own], local
-
-    def volume(self, box: CellBox, fields: Mapping[str, np.ndarray]) -> Volume:
-        """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
-        grid: Grid
-        if self.grid.is_structured:
-            ends = zip(self.grid.edges, box.low, box.high, strict=True)
-            grid = CartesianGrid(*(e[a : b + 1] for e, a, b in ends), unit=self.grid.unit)
-            grid.__dict__["scale"] = self.grid.scale
-        else:
-            grid = SomeCells(self.grid, box.low[0], box.high[0])
-        part = Volume(grid)
-        part._fields.update(fields)
-        part._units.update(self._units)
-        part.sight = LinesOfSight(grid, self.sight.camera)
-        return part
-
-    def boxes(
-        self, names: Sequence[str], memory: Any, per_cell: int, others: int
-    ) -> Iterator[CellBox]:
-        """Yield blocks one after another, as large as the memory allows to read some fields.
-
-        Parameters
-        ----------
-        per_cell : int
-            Bytes that are needed besides those of fields.
-        others : int
-            Bytes whatever the size of a block.
-        """
-        per_cell += 2 * sum(self.dtype(name).itemsize for name in self.stored(names))
-        side, _ = largest_side(self, memory, per_cell, others)
-        ways = (range(0, n, s) for n, s in zip(self.grid.shape, side, strict=True))
-        for low in itertools.product(*ways):
-            ends = zip(low, side, self.grid.shape, strict=True)
-            yield _box(low, [min(a + s, n) for a, s, n in ends])
-
-    def is_packed(self, name: str) -> bool:
-        """Return whether a file stores a field in chunks, of which it reads the whole."""
-        pieces = [self._fields.pieces(n) for n in self.stored([name]) if n in self._whole.waiting]
-        return any(part is not None and part.chunks is not None for part in pieces)
-
-    def is_mapped(self, name: str) -> bool:
-        """Return whether a field stays in a file whose pages are brought into memory."""
-        names = self.stored([name])
-        return not self.is_packed(name) and any(self.in_memory(n) is None for n in names)
-
-    @property
-    def bytes_in_memory(self) -> int:
-        """Bytes of the fields that are not read from files."""
-        arrays = [self.in_memory(name) for name in self.fields]
-        return sum(array.nbytes for array in arrays if array is not None)
-
-    def dtype(self, name: str) -> np.dtype[Any]:
-        """Return the type of a field without reading it."""
-        kind: np.dtype[Any] = self._fields.dtype(name)
-        return kind
-
-    def in_memory(self, name: str) -> np.ndarray | None:
-        """Return the array of a field, if it is in memory; pages of mapped files are not yet."""
-        if name in self.waiting:
-            return None
-        array = root = self._whole.array(name)
-        while isinstance(root.base, np.ndarray):
-            root = root.base
-        return None if isinstance(root.base, mmap.mmap) else array
-
-    def array(self, name: str) -> Any:
-        self.stored([name])
-        self._check_field(name)
-        return FlatField(self, name)
-
-    def digest(self, name: str) -> bytes:
-        return repr(self._key(name) or name).encode()
-
-    def extremes(self, name: str) -> np.ndarray:
-        """Return the least and the largest value in each chunk, shape (kx, ky, kz, 2) or (k, 2).
-
-        They are measured once, unless the file tells; of fields in memory for every picture.
-        Missing values do not count; a chunk without any other has the least value of the field.
-        """
-        return self._ranges(name)[0]
-
-    def missing(self, name: str) -> int:
-        """Return how many values of a field are missing (NaN)."""
-        counts = self._ranges(name)[1]
-        return 0 if counts is None else int(counts.sum())
-
-    def lacks(self, box: CellBox, name: str) -> bool:
-        """Return whether values of a field may be missing in a block."""
-        counts = self._ranges(name)[1]
-        return counts is not None and bool(counts[self.chunks_of(box)].any())
-
-    def chunks_of(self, box: CellBox) -> tuple[slice, ...]:
-        """Return the numbers of the chunks that a block is in, along each axis."""
-        ends = zip(box.low, box.high, self.store.chunks, strict=True)
-        return tuple(slice(a // c, -(-b // c)) for a, b, c in ends)
-
-    def _ranges(self, name: str) -> tuple[np.ndarray, np.ndarray | None]:
-        if name not in self._tables:
-            key = self._key(name)
-            if key is not None and key in self._whole.tables:
-                found = self._whole.tables[key][0]
-            else:
-                table = self.store.extremes(name)
-                if table is not None and table.shape[:-1] != self.chunk_counts:
-                    table = None  # of other chunks than those of the other fields
-                found = self._measured(name, table)
-                if key is not None:
-                    self._whole.tables[key] = found, found[0].nbytes
-            self._tables[name] = found
-        return self._tables[name]
-
-    def _key(self, name: str) -> Any:
-        """Return the key under which ranges are kept; None of fields that may change in place."""
-        if not set(self.stored([name])) <= set(self._whole.waiting):
-            return None
-        made = self._made.get(name)
-        return ("extremes of chunks", name, *(() if made is None else (made[0], self.sight.key())))
-
-    @property
-    def chunk_counts(self) -> tuple[int, ...]:
-        """Return the number of chunks along each axis."""
-        return tuple(-(-n // c) for n, c in zip(self.grid.shape, self.store.chunks, strict=True))
-
-    def _measured(self, name: str, told: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return ranges of chunks, and the numbers of missing values; of those that are not told.
-
-        Raises
-        ------
-        InputError
-            If a value is infinite, or none is there.
-        """
-        found = (
-            np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
-        )
-        missing = np.zeros(found.shape[:-1], np.int64)
-        for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):
-            reporter()(0, self.grid.size)
-            pairs = zip(place.tolist(), self.store.chunks, self.grid.shape, strict=True)
-            low, high = zip(*((i * c, min(i * c + c, n)) for i, c, n in pairs), strict=True)
-            values = self.store.read(name, low, high)
-            ends = values.min(), values.max()
-            if not np.all(np.isfinite(ends)):
-                gone = np.isnan(values)
-                missing[tuple(place)] = np.count_nonzero(gone)
-                if infinite := np.argwhere(np.isinf(values)).tolist():
-                    cell = tuple(a + i for a, i in zip(low, infinite[0], strict=True))
-                    text = self._made[name][0] if name in self._made else name
-                    raise InputError(
-                        f"{text!r} has infinite values; the first that was met is "
-                        f"{values[tuple(infinite[0])]} in cell {cell}. Missing values are NaN "
-                        "(transparent): replace them, or clip the field"
-                    )
-                some = values[~gone]
-                ends = some.min(initial=np.inf), some.max(initial=-np.inf)
-            found[tuple(place)] = ends
-        empty = found[..., 0] > found[..., 1]
-        if empty.all():
-            raise InputError(f"field {name!r} has no value at all: every cell is NaN")
-        found[empty] = found[~empty][:, 0].min()
-        return found, missing if missing.any() else None
-
-
-def no_array() -> np.ndarray:
-    """Refuse to make the array of a field that is computed box by box."""
-    raise AssertionError("a field of an outline is read in boxes")
-
-
-# Cells computed at once: temporary arrays stay small beside those of a block.
-_SLAB = 1 << 18
-
-
-def _computed(
-    outline: Outline,
-    expression: Expression,
-    double: bool,
-    low: Sequence[int],
-    high: Sequence[int],
-    level: int,
-) -> np.ndarray:
-    """Return an expression in a box of cells."""
-    part = outline.part(_box(low, high), expression.names)
-    values, size = [], part.grid.size
-    with np.errstate(all="ignore"):  # what is undefined is missing
-        for first in range(0, size, _SLAB):
-            last = min(first + _SLAB, size)
-            values.append(part.evaluate_cells(expression, first, last, double=double))
-    return np.asarray(np.concatenate(values).reshape(part.grid.shape))
-
-
-def _box(low: Sequence[int], high: Sequence[int]) -> CellBox:
-    """Return the box of the cells ``low <= i < high``."""
-    return CellBox(tuple(low), tuple(high))
-
-
-def largest_side(
-    outline: Outline,
-    memory: Any,
-    per_cell: float,
-    others: int,
-    need: str = "",
-    advice: str = "",
-    fewest: int = 1,
-    pages: float = 0,
-) -> tuple[tuple[int, ...], int]:
-    """Return the sides of the blocks of chunks that a memory allows, and the bytes left of it.
-
-    Parameters
-    ----------
-    memory : str or int
-        As the user gave it.
-    per_cell, others : int
-        Bytes for each cell of a block, with a layer around it, and whatever its size.
-    need, advice : str
-        What the others are for, and how to need less of them.
-    fewest : int
-        Number of blocks that there are to be, if there are as many chunks.
-    pages : float
-        Bytes of mapped files for each cell of a block of several chunks. The system can take them
-        back, so that single chunks do without.
-
-    Raises
-    ------
-    MemoryNeededError
-        If it does not allow even single chunks.
-    """
-    chunks, widest, left = outline.store.chunks, None, 0
-    most = _WIDEST if len(chunks) == 3 else _WIDEST**3
-    for times in itertools.chain([1], itertools.count(2, 2)):
-        side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
-        each = per_cell if times == 1 else per_cell + pages
-        needed = int(others + each * math.prod(n + 2 for n in side))
-        if times == 1 and needed > byte_count(memory):
-            cells = " x ".join(map(str, chunks))
-            raise MemoryNeededError(
-                f"memory={memory!r} is too little: chunks of {cells} cells{need} need {needed} "
-                f"bytes ({needed / 2**20:.0f} MiB). Allow that, {advice}or write the volume in "
-                "smaller chunks"
-            )
-        count = math.prod(-(-n // s) for n, s in zip(outline.grid.shape, side, strict=True))
-        large = times > 1 and (max(side) > most or count < fewest)
-        if needed > byte_count(memory) or large or side == widest:
-            break
-        widest, left = side, byte_count(memory) - needed
-    assert widest is not None
-    return tuple(widest), left
 
 
 class Pieces:
@@ -503,6 +67,8 @@ class Pieces:
         Bytes that may be taken besides.
     tabulates : bool
         There is also room for a table of a block's coefficients.
+    used : list of str
+        Fields of the medium.
     per_cell, others : float
         Bytes that drawing takes for each cell of a block, and besides; see `plan`.
     sweep : Sweep or None
@@ -577,11 +143,11 @@ class Pieces:
         MemoryNeededError
             If it does not allow even single chunks.
         """
-        used = [name for name in medium.names if name in self.outline]
+        used = self.used = [name for name in medium.names if name in self.outline]
         kinds = [self.outline.dtype(name) for name in used]
         extinctions = 1 if medium.grey else medium.channels
         # Many channels are drawn in blocks, in each of which rays have a state before and after.
-        part = min(1.0, _TOGETHER / medium.channels)
+        part = min(1.0, MOST_TOGETHER / medium.channels)
         # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions
         per_cell: float = sum(2 * k.itemsize for k in kinds)
@@ -686,16 +252,19 @@ class Pieces:
         return found
 
     def blocks(self, boxes: Sequence[CellBox]) -> list[Block]:
-        """Return boxes in blocks of k × k × k: few, that several processes draw."""
+        """Return boxes in blocks: few, that several processes draw."""
+        groups: dict[Any, list[CellBox]] = {}
+        for box, group in zip(boxes, self._groups(boxes), strict=True):
+            groups.setdefault(group, []).append(box)
+        return [Block(tuple(group), self.around(group)) for group in groups.values()]
+
+    def _groups(self, boxes: Sequence[CellBox]) -> list[Any]:
+        """Return the blocks of k × k × k that boxes belong to."""
         counts = [-(-n // side) for n, side in zip(self.grid.shape, self.side, strict=True)]
         k = 1
         while math.prod(-(-n // k) for n in counts) > _MOST_BLOCKS:
             k += 1
-        groups: dict[tuple[int, ...], list[CellBox]] = {}
-        for box in boxes:
-            place = tuple(low // (k * side) for low, side in zip(box.low, self.side, strict=True))
-            groups.setdefault(place, []).append(box)
-        return [Block(tuple(group), self.around(group)) for group in groups.values()]
+        return [tuple(place // k for place in self.place(box)) for box in boxes]
 
     def around(self, boxes: Sequence[CellBox]) -> np.ndarray:
         """Return the coordinates between which rays meet boxes, shape (3, 2)."""
@@ -779,13 +348,11 @@ class TreePieces(Pieces):
     parts: Parts
     # Parts that a process draws one after another.
     groups: Parts
-    used: list[str]
     # By the first cell of a part: it with others around, and the chunks that all these are in.
     _leaves: OrderedDict[int, LeavesWithGhosts]
     _touched: dict[int, np.ndarray]
 
     def plan(self, medium: Medium, scheme: Scheme, pixels: tuple[int, int]) -> None:
-        self.used = [name for name in medium.names if name in self.outline]
         self._leaves, self._touched = OrderedDict(), {}
         super().plan(medium, scheme, pixels)
 
@@ -815,11 +382,8 @@ class TreePieces(Pieces):
         for k in order[np.argsort(rank[self._group(self.parts.ends[order])], kind="stable")]:
             yield CellBox((int(self.parts.ends[k]),), (int(self.parts.ends[k + 1]),))
 
-    def blocks(self, boxes: Sequence[CellBox]) -> list[Block]:
-        groups: dict[int, list[CellBox]] = {}
-        for box in boxes:
-            groups.setdefault(int(self._group(box.low[0])), []).append(box)
-        return [Block(tuple(group), self.around(group)) for group in groups.values()]
+    def _groups(self, boxes: Sequence[CellBox]) -> list[Any]:
+        return [int(self._group(box.low[0])) for box in boxes]
 
     def _group(self, cell: Any) -> Any:
         return np.searchsorted(self.groups.ends, cell, "right") - 1
@@ -895,8 +459,7 @@ def pieces_of(volume: Any, medium: Any, memory: Any, sweep: Any = None, **option
 
 def _with(volume: Volume, names: Any) -> Volume:
     """Return a volume without other fields in memory: other processes read what is in files."""
-    lean = volume.with_arrays({})
-    lean._fields.unread()
+    lean = volume.unread()
     for name in lean.fields:
         if name not in names and name not in lean.waiting:
             del lean[name]

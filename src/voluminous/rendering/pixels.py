@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..backend import Backend, Float, Int, Mask, dr, from_host
+from ..grids.contract import Ray
 
 # Side of a block of pixels. Within a block lanes follow the Morton curve, so that the lanes of a
 # vector (16) and consecutive vectors cross the same cells.
@@ -132,3 +134,25 @@ def subpixel_offsets(count: int) -> list[tuple[float, float]]:
     """Return the centres of count × count equal parts of a pixel, in pixels from its centre."""
     steps = [(k + 0.5) / count - 0.5 for k in range(count)]
     return [(a, b) for b in steps for a in steps]
+
+
+def between_walls(ray: Ray, walls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances at which rays enter and leave boxes; the wrong way round if never.
+
+    Parameters
+    ----------
+    ray : Ray
+        Of which NumPy makes plain numbers.
+    walls : array, shape (3, 2, …)
+        Coordinates along each axis; further axes broadcast with the rays.
+    """
+    enters: Any = -np.inf
+    leaves: Any = np.inf
+    for origin, direction, (low, high) in zip(ray.origin, ray.direction, walls, strict=True):
+        o, d = np.asarray(origin), np.asarray(direction)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, other = (low - o) / d, (high - o) / d
+        # Along a ray that is parallel to the walls both are infinite, or NaN on one of them.
+        enters = np.fmax(enters, np.fmin(one, other))
+        leaves = np.fmin(leaves, np.fmax(one, other))
+    return enters, leaves

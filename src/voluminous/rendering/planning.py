@@ -30,7 +30,9 @@ from .api import render
 from .cache import Cache
 from .levels import at_level
 from .options import check_scheme_in_pieces, check_tolerance
-from .pieces import Outline, Pieces
+from .outline import Outline
+from .pieces import Pieces
+from .pixels import between_walls
 from .sources.channel_layout import blocks_of
 from .sweep import Sweep
 
@@ -366,16 +368,15 @@ def _followed(
     ]
     u, v = (from_host(backend.Wide, places.ravel()) for places in np.meshgrid(*some))
     ray = camera.rays(frame.traced_vectors(backend), u, v)
-    first, last, across = 0.0, np.inf, 0.0
-    for origin, direction, (near, far), count in zip(
-        ray.origin, ray.direction, ends[..., None], cells.T[..., None], strict=True
-    ):
-        o, d = np.asarray(origin), np.asarray(direction)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one, two = (near - o) / d, (far - o) / d
-        first, last = np.fmax(first, np.fmin(one, two)), np.fmin(last, np.fmax(one, two))
-        across = across + np.abs(d) * count / (far - near)
-    length = np.maximum(last - first, 0.0)
+    walls = ends[..., None]
+    enters, leaves = between_walls(ray, walls)
+    length = np.maximum(leaves - np.maximum(enters, 0.0), 0.0)
+    across = sum(
+        np.abs(np.asarray(direction)) * count / (far - near)
+        for direction, (near, far), count in zip(
+            ray.direction, walls, cells.T[..., None], strict=True
+        )
+    )
     each = np.prod(frame.pixels) / _SAMPLE**2
     # What is far away in a panorama may be between the rays of the sample.
     met = np.maximum((length > 0).sum(axis=1), not camera.straight)

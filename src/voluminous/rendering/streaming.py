@@ -29,7 +29,7 @@ from .chunks import Chunks
 from .march import RayState, hand_on, march
 from .missing import HiddenCells
 from .pieces import TreePieces
-from .pixels import Lanes
+from .pixels import Lanes, between_walls
 from .sources.cells import CellEvaluator
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
 
@@ -108,7 +108,7 @@ class StreamingTracer(RayTracer):
     def through(self, rays: Rays, boxes: Iterable[CellBox]) -> None:
         """Let rays go through boxes of cells, one after another; the next one is read meanwhile."""
         left, following = self._divided(rays, boxes), deque[tuple[CellBox, np.ndarray, bool]]()
-        names = [n for n in self.job.medium.names if n in self.pieces.outline]
+        names = self.pieces.used
         parts, waiting = [part for _, part in self.parts()], rays.states[0].cursor is not None
 
         def look_ahead() -> None:
@@ -194,11 +194,11 @@ class StreamingTracer(RayTracer):
     def name(self) -> str:
         """A hash of what is drawn: pictures of the same name are equal."""
         job, pieces = self.job, self.pieces
-        tables = [pieces.outline.extremes(n) for n in job.medium.names if n in pieces.outline]
         told = job.provenance(), repr(job.camera), job.frame.pixels, pieces.side, job.samples
         also = job.cutoff, job.tolerance, self.background, self.faintest, job.scheme.controlled
-        digest = hashlib.sha256(json.dumps([*told, *also], default=repr).encode())
-        for numbers in (*pieces.geometry, *tables, *job.frame.vectors):
+        every = [*told, *also, pieces.outline.fingerprint()]
+        digest = hashlib.sha256(json.dumps(every, default=repr).encode())
+        for numbers in (*pieces.geometry, *job.frame.vectors):
             digest.update(np.ascontiguousarray(numbers).tobytes())
         return digest.hexdigest()[:24]
 
@@ -293,8 +293,7 @@ class StreamingTracer(RayTracer):
             return (within.block if several else lambda block: within), None
         values = {
             name: self.chunks.box(name, *pieces.cells(box), self.shown, int(pieces.dual))
-            for name in self.job.medium.names
-            if name in pieces.outline
+            for name in pieces.used
         }
         sides = [b - a for a, b in zip(box.low, box.high, strict=True)]
         cells = math.prod(sides)
@@ -469,16 +468,11 @@ class Rays:
         ray, bounds = self.ray(chosen), self.tracer.job.volume.grid.bounds
         double = np.dtype(self.tracer.backend.Wide.__name__.lower()) == np.float64
         margin = (1e-9 if double else 1e-4) * np.max(np.abs(bounds))
+        enters, leaves = between_walls(ray, extent + np.array([-margin, margin]))
         first = -np.inf if ray.first is None else np.asarray(ray.first) - margin
         last = np.inf if ray.last is None else np.asarray(ray.last) + margin
-        for origin, direction, ends in zip(ray.origin, ray.direction, extent, strict=True):
-            o, d = np.asarray(origin), np.asarray(direction)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                near, far = (ends[0] - margin - o) / d, (ends[1] + margin - o) / d
-            # Along a ray that is parallel to the walls both are infinite, or NaN on one of them.
-            first = np.fmax(first, np.fmin(near, far))
-            last = np.fmin(last, np.fmax(near, far))
-        return np.broadcast_to(first <= last, chosen.shape)
+        inside = np.maximum(enters, first) <= np.minimum(leaves, last)
+        return np.broadcast_to(inside, chosen.shape)
 
     def ray(self, chosen: np.ndarray) -> Any:
         """Return some rays as kernels have them."""

@@ -134,7 +134,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``[render]`` as keyword arguments of `render`."""
     from ..backend.device import DEVICES, PRECISIONS
     from ..rendering.options import ORDERS, check_cutoff, check_tolerance
-    from ..rendering.pieces import byte_count
+    from ..rendering.outline import byte_count
     from ..schemes import SCHEMES
 
     with placed("[render]"):

@@ -23,6 +23,7 @@ from ...media.panel import Panel
 from ...media.ranges import RangeContext
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, most
+from ..options import MOST_TOGETHER
 
 # A maximum below this fraction of a channel's unit may be due to rounding.
 _LEAST_PEAK = 2.0**-60
@@ -74,10 +75,9 @@ def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
     return result
 
 
-# Maximum number of channels in a kernel; fewer with error control, because compiling takes longer,
-# and where there is a table in memory. Drawing all 100 of a spectrum at once took as long, with ten
-# times the memory, and up to 15 times as long to compile.
-_TOGETHER, _FEW_TOGETHER = 16, 5
+# Maximum number of channels in a kernel with error control, because compiling takes longer, and
+# where there is a table in memory.
+_FEW_TOGETHER = 5
 
 
 def blocks_of(channels: int, scheme: Scheme | None = None) -> list[slice]:
@@ -86,7 +86,7 @@ def blocks_of(channels: int, scheme: Scheme | None = None) -> list[slice]:
     The last ones may overlap.
     """
     few = scheme is not None and (scheme.controlled or scheme.coefficients_at == "vertex")
-    count = math.ceil(channels / (_FEW_TOGETHER if few else _TOGETHER))
+    count = math.ceil(channels / (_FEW_TOGETHER if few else MOST_TOGETHER))
     size = math.ceil(channels / count)
     firsts = (min(k * size, channels - size) for k in range(count))
     return [slice(first, first + size) for first in firsts]
