@@ -278,7 +278,8 @@ class Fields(MutableMapping[str, np.ndarray]):
     def unread(self) -> None:
         """Forget the arrays that can be read again in pieces, and that cannot have been changed."""
         for field in self._fields.values():
-            if field.pieces is not None and field.load is not None and field.sealed is not None:
+            fixed = field.owned and field.array is not None and not field.array.flags.writeable
+            if field.pieces is not None and field.load is not None and fixed:
                 field.array = field.sealed = None
 
     def own(self, *names: str) -> None:
