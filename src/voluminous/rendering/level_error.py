@@ -23,7 +23,7 @@ from ..deferred import Deferred, Pieces
 from ..expressions.interval import Interval
 from ..media.context import Context, MediumSample
 from ..media.contract import Medium
-from .pieces import pieces_of
+from .pieces import pieces_of, widen_to_neighbours
 from .prepare import prepare
 from .run import run
 
@@ -219,12 +219,7 @@ def _chunk_ends(store: FieldStore, name: str, which: int) -> np.ndarray:
     more = _MORE * (table[..., 1] - table[..., 0])
     table[..., 0] -= more
     table[..., 1] += more
-    for axis, combine in itertools.product(range(3), (0, 1)):
-        lines = np.moveaxis(table[..., combine], axis, 0)
-        before = lines.copy()
-        ends = (np.minimum, np.maximum)[combine]
-        ends(lines[1:], before[:-1], out=lines[1:])
-        ends(lines[:-1], before[1:], out=lines[:-1])
+    widen_to_neighbours(table[..., 0], table[..., 1])
     if which == 2:
         table[..., 1] = _OUTERMOST * (table[..., 1] - table[..., 0])
         table[..., 0] = 0.0

@@ -323,12 +323,8 @@ class Pieces:
 
     def _with_neighbours(self, low: np.ndarray, high: np.ndarray) -> Interval:
         """Return ranges in chunks; if rays interpolate, in those that share an edge, too."""
-        for axis in range(3 if self.dual else 0):
-            for ends, furthest in ((low, np.minimum), (high, np.maximum)):
-                lines = np.moveaxis(ends, axis, 0)
-                own = lines.copy()
-                furthest(lines[1:], own[:-1], out=lines[1:])
-                furthest(lines[:-1], own[1:], out=lines[:-1])
+        if self.dual:
+            widen_to_neighbours(low, high)
         return Interval(low, high)
 
     def cells(self, box: CellBox) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -455,6 +451,16 @@ def pieces_of(volume: Any, medium: Any, memory: Any, sweep: Any = None, **option
     grid = getattr(volume, "grid", None)
     kind = Pieces if grid is None or grid.is_structured else TreePieces
     return kind(volume, medium, memory, sweep, **options)
+
+
+def widen_to_neighbours(low: np.ndarray, high: np.ndarray) -> None:
+    """Widen ranges in chunks, arrays of three axes, to those in chunks that share an edge, too."""
+    for axis in range(3):
+        for ends, furthest in ((low, np.minimum), (high, np.maximum)):
+            lines = np.moveaxis(ends, axis, 0)
+            own = lines.copy()
+            furthest(lines[1:], own[:-1], out=lines[1:])
+            furthest(lines[:-1], own[1:], out=lines[:-1])
 
 
 def _with(volume: Volume, names: Any) -> Volume:
