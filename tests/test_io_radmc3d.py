@@ -80,6 +80,18 @@ def test_spherical(tmp_path, encoding):
         same(in_file_order(volume.array(f"gas_velocity_{axis}")), expected)
 
 
+def test_a_byte_order_mark_is_no_number(tmp_path):
+    """Editors on Windows put one before a text."""
+    regular(tmp_path, "text")
+    expected = {name: vm.open(tmp_path).array(name) for name in vm.open(tmp_path).fields}
+    for path in tmp_path.glob("*.inp"):
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    volume = vm.open(tmp_path / "amr_grid.inp")
+    assert set(volume.fields) == set(expected)
+    for name, values_of in expected.items():
+        np.testing.assert_array_equal(volume.array(name), values_of)
+
+
 def test_single_precision_and_the_other_byte_order(tmp_path):
     regular(tmp_path, "binary", single=True)
     density = vm.open(tmp_path).array("gas_density")

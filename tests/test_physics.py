@@ -365,3 +365,38 @@ def test_tabulated_spectra():
     assert np.all(np.isfinite(with_zero.intensity(at([1.0, 2.0, 3.0, 50.0]))))
     with pytest.raises(InputError, match="3 intensities"):
         TabulatedSpectrum(waves, [1.0, 2.0])
+
+
+def test_columns_of_catalogues_that_touch(tmp_path):
+    """Weights of 1000 and more begin with a letter; energies, weights and tags may touch."""
+    path = tmp_path / "c104501.cat"
+    card = "  115271.2018   .0005 -5.0105 212345.6789{}{:>7} 101 1           0\n"
+    for weight, tag, expected in (
+        ("A05", -104501, 1005.0),
+        ("B12", 104501, 1112.0),
+        ("999", -104501, 999.0),
+        (" 21", 28501, 21.0),
+    ):
+        path.write_text(card.format(weight, tag))
+        molecule = Molecule.open(path, partition=CO_PARTITION)
+        assert (molecule.weight, molecule.weights.max()) == (abs(tag) // 1000, expected)
+        np.testing.assert_allclose(molecule.energies[1], 12345.6789)
+
+
+def test_tags_of_astroquery(tmp_path):
+    """In tables of CDMS the tag is without the weight; in those of JPL with it."""
+    columns = {"FREQ": [115271.2018], "LGINT": [-5.0105], "ELO": [0.0], "GUP": [3]}
+    for more, weight in (
+        ({"MOLWT": [28], "TAG": [503]}, 28.0),
+        ({"MOLWT": [-46], "TAG": [-1]}, 46.0),
+        ({"MOLWT": [29]}, 29.0),
+        ({"TAG": [-28001]}, 28.0),
+    ):
+        table = Table({**columns, **more, "QN'": ["1"], 'QN"': ["0"]})
+        table.write(tmp_path / "co.ecsv", overwrite=True)
+        assert Molecule.open(tmp_path / "co.ecsv", partition=CO_PARTITION).weight == weight
+    Table({**columns, "TAG": [503], "QN'": ["1"], 'QN"': ["0"]}).write(
+        tmp_path / "co.ecsv", overwrite=True
+    )
+    with pytest.raises(InputError, match="MOLWT"):
+        Molecule.open(tmp_path / "co.ecsv", partition=CO_PARTITION)

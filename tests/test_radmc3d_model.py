@@ -78,11 +78,19 @@ def test_dust(folder):
         "# lambda kabs ksca g\n1 30 3 0.1\n\n# more\n100 0.3 0.03 0.2",
         "3\n2\n1 30 3 0.1\n100 0.3 0.03 0.2\n",
         "3\n2\n100 0.3 0.03 0.2\n1 30 3 0.1\n",
+        # Fortran reads as many numbers as it needs from each line
+        "3\n2\n1 30 3 0.1 9 9\n100 0.3 0.03 0.2 9\n",
+        "3 # format\n2 ! wavelengths\n1 30 3 0.1 # a\n100 0.3 0.03 0.2 ! 7 b\n",
+        "3   Format number\n2   Nr of wavelengths\n1 30 3 0.1 a\n100 0.3 0.03 0.2\n",
+        "3\n2\n1 30\n3 0.1\n100 0.3 0.03 0.2\n",
+        "1 30 3 0.1 # a\n; b\n100 0.3 0.03 0.2 ; c\n",
+        "\ufeff3\n2\n1 30 3 0.1\n100 0.3 0.03 0.2\n",
+        "\ufeff# wavelengths\r\n1 30 3 0.1\r\n100 0.3 0.03 0.2\r\n",
     ],
 )
 def test_opacities_in_files(tmp_path, text):
     path = tmp_path / "dustkappa_grains.inp"
-    path.write_text(text)
+    path.write_text(text, "utf-8")
     dust = vm.Opacity.open(path)
     assert dust.name == "grains"
     np.testing.assert_allclose(dust.extinction(hertz(1e-4, 10e-4)), [33.0, 3.3])
@@ -95,7 +103,7 @@ def test_opacities_in_files(tmp_path, text):
         ("7\n2\n1 2\n", "format 1, 2 or 3"),
         ("1\n3\n1 2\n3 4\n", "expected 3 wavelengths with 2 columns"),
         ("1 2\n3\n", "found 3 numbers"),
-        ("1 x\n", "expected a number, got 'x'"),
+        ("1 2\n3 x\n", "expected a number, got 'x'"),
         ("1 2\n1 3\n", "rise, or fall"),
         ("# nothing\n", "a table of opacities, but the file ends"),
     ],
@@ -130,6 +138,47 @@ def test_molecules(folder):
     assert vm.Molecule.open(folder / "molecule_co.inp").name == "CO"  # as the file says
     given = vm.Molecule.open(folder / "molecule_co.inp", partition={10: 4.0, 20: 8.0})
     assert given.partition_function(15.0) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "labels"),
+    [
+        ({"!MOLECULE (LAMDA)": "", "!MOLECULAR WEIGHT": "", "!LEVEL +": "\n!LEVEL +"}, "012"),
+        ({"!NUMBER OF RADIATIVE TRANSITIONS": " ", "!TRANS": "\n\n!TRANS"}, "012"),
+        (
+            {"3.0     1": "3.0     1 ! J = 1", "!MOLECULE (LAMDA)": "comment", "28.0": "28.0 u"},
+            "012",
+        ),
+        ({"5.0     2": "5.0     v=0 J=2 !no 3"}, ["0", "1", "v=0 J=2"]),
+        ({"5.0     2": "5.0 ! J = 2"}, ["0", "1", "3"]),
+        ({"!MOLECULE": "\ufeff!MOLECULE"}, "012"),
+    ],
+)
+def test_molecules_with_comments_of_other_kinds(tmp_path, changes, labels):
+    """A comment is a line, which may be empty; a label ends before an exclamation mark."""
+    text = CO
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "co.dat"
+    path.write_text(text, "utf-8")
+    co = vm.Molecule.open(path)
+    assert (co.name, co.weight, co.labels) == ("CO", 28.0, tuple(labels))
+    np.testing.assert_array_equal(co.einstein_a, [7.203e-8, 6.91e-7])
+
+
+def test_comments_behind_numbers(folder):
+    """RADMC-3D reads as many numbers as it needs from a line, and knows no byte-order mark."""
+    put(
+        folder,
+        wavelength_micron="\ufeff3 ! wavelengths\n1.0 # first\n10.0 ! second\n100.0 ; last\n",
+        stars="2 ! format\n1 3 ! one star\n\n7e10 2e33 0 0 0 # of the sun\n1\n10\n100\n-5000 ! K\n",
+    )
+    (folder / "radmc3d.inp").write_text("\ufeffincl_dust = 1\nlines_mode = -1 ; LTE\n", "utf-8")
+    model = read_model(folder)
+    assert model.wavelengths.tolist() == [1.0, 10.0, 100.0]
+    assert model.stars[0].radius == 7e10
+    assert (model.settings["incl_dust"], model.line_mode) == (1, -1)
 
 
 @pytest.mark.parametrize(

@@ -407,6 +407,23 @@ def test_a_column_is_the_mass_of_the_dust(folder):
     assert np.sum(image.intensity) * np.prod(image.pixel_size) == pytest.approx(mass, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("channels", "waves"), [("", [1.0]), ("lambdarange 10 1000 nlam 3", [10, 100, 1000])]
+)
+def test_a_column_is_written_as_an_image(folder, tmp_path, channels, waves):
+    """It is the same at all wavelengths; without one the file has 1 micron."""
+    path, _, _ = folder("dust_cart", "first_obl")
+    words = f"image tracecolumn npix 10 {channels}".split()
+    output = tmp_path / "image.out"
+    assert main(["radmc3d", "--model", str(path), "-q", "-o", str(output), *words]) == 0
+    image = vm.Image.load(output)
+    assert image.spectral.wavelengths == pytest.approx(waves)
+    expected = drawn(path, "image tracecolumn npix 10").intensity
+    assert expected.max() > 0.0
+    for k in range(len(waves)):
+        np.testing.assert_allclose(image.intensity[:, :, k], expected[:, :, 0], rtol=1e-12)
+
+
 def test_free_free_by_a_word(folder):
     """RADMC-3D knows the setting, but not the word."""
     path, expected, case = folder("freefree", "first_ff")

@@ -93,3 +93,35 @@ def test_spectra_that_cannot_be():
         vm.Spectrum([1, 2], [1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="positive length"):
         sed(distance=-1)
+
+
+def test_spectra_of_radmc3d(tmp_path):
+    """The file has fluxes at 1 pc; Fortran leaves out the E of exponents with three digits."""
+    path = tmp_path / "spectrum.out"
+    path.write_text("    1\n   3\n \n 1.0E+01 2.0E-20\n 1.0E+02 4.0D-21\n 1.0E+03 6.0-105\n")
+    found = vm.Spectrum.load(path)
+    assert found.spectral.wavelengths.tolist() == [10.0, 100.0, 1000.0]
+    assert found.flux.tolist() == [2e-20, 4e-21, 6e-105]
+    parsec = 3.08572e18  # RADMC-3D's own
+    assert (found.unit, found.distance) == ("erg / (Hz s cm2)", parsec)
+    luminosity = 4 * np.pi * parsec**2 * found.flux
+    assert found.to("erg / (s Hz)").flux == pytest.approx(luminosity, rel=1e-12)
+    far = sed(distance=2 * parsec)
+    far.save(tmp_path / "far.out")
+    again = vm.Spectrum.load(tmp_path / "far.out")
+    assert again.flux == pytest.approx(4e-23 * far.flux, rel=1e-12)
+    assert again.spectral.wavelengths == pytest.approx(far.spectral.wavelengths, rel=1e-12)
+    with pytest.raises(UnitsError, match=r"replace\(distance"):
+        sed().save(path)
+    assert vm.Spectrum.load(path) == found
+    for damaged in (
+        "1\n2\n1 2\n3 4",
+        "1\n2\n1 2\n3\n",
+        "2\n1\n1 2\n",
+        "1\nx\n1 2\n",
+        "",
+        "hello\n",
+    ):
+        path.write_text(damaged)
+        with pytest.raises(FileFormatError, match=r"spectrum\.out"):
+            vm.Spectrum.load(path)

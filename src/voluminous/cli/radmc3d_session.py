@@ -101,8 +101,7 @@ class Session:
         volume, model = open_volume(folder, format="radmc3d"), read_model(folder)
         session = cls(request, volume, model, np.zeros(0))
         session._refuse()
-        found = np.zeros(1) if session.quantity == "column" else session._frequencies()
-        return cls(request, volume, model, found)
+        return cls(request, volume, model, session._frequencies())
 
     def setting(self, name: str, default: float = 0.0) -> float:
         """Return a number in ``radmc3d.inp``."""
@@ -197,7 +196,7 @@ class Session:
         request, model = self.request, self.model
         match request.channels:
             case "lambda":
-                waves: Any = [request.wavelength]
+                waves: Any = [request.wavelength or 1.0]  # a column needs none, its file one
             case "lambdarange":
                 assert request.wavelength_range is not None
                 first, last = request.wavelength_range
@@ -453,11 +452,12 @@ class Session:
         return surface.depth.replace(intensity=np.where(np.isnan(towards), _NOT_REACHED, towards))
 
     def _column(self, **options: Any) -> Image:
-        """Return the column density of dust in g/cm²."""
+        """Return the column density of dust in g/cm², the same at all wavelengths."""
         from ..measuring import column
 
         names = [name for name in self.volume.fields if name.startswith("dust_density")]
-        return column(self.volume, " + ".join(names), self.camera(), unit="g / cm2", **options)
+        found = column(self.volume, " + ".join(names), self.camera(), unit="g / cm2", **options)
+        return found.replace(intensity=np.repeat(found.intensity, len(self.frequencies), axis=-1))
 
     # --- spectra ------------------------------------------------------------------------------
 

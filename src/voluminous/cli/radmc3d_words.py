@@ -106,6 +106,8 @@ class Request:
             raise InputError(
                 f"{' and '.join(chosen)} choose channels in {len(chosen)} ways; give one of them"
             )
+        if not chosen and self.quantity == "column":
+            return "lambda"  # the column is the same at any wavelength
         if not chosen:
             raise InputError(
                 "no word chooses channels; give lambda, lambdarange, ilambda, iline, loadlambda, "
@@ -383,5 +385,4 @@ def _check(request: Request) -> None:
         raise InputError("give circ or useapert: a circular spectrum has no aperture")
     if request.command == "spectrum" and request.quantity in ("tau", "column"):
         raise InputError("tracetau and tracecolumn are for images")
-    if request.quantity != "column":
-        assert request.channels
+    assert request.channels

@@ -17,6 +17,7 @@ from ..units import as_quantity, is_quantity, parse_unit, plain
 from ..value import Value
 from .arguments import distance as distance_of
 from .arguments import json_value
+from .formats import radmc3d
 from .lengths import labelled, pretty_unit
 from .metadata import KEY, fits_text
 from .spectral_axis import SpectralAxis, as_spectral
@@ -28,7 +29,11 @@ if TYPE_CHECKING:
     from .arguments import Axis
 
 # Suffix of a file: astropy's name of its format, and its first bytes.
-_FORMATS = {".fits": ("fits", b"SIMPLE  ="), ".ecsv": ("ascii.ecsv", b"# %ECSV")}
+_FORMATS: dict[str, tuple[str, tuple[bytes, ...]]] = {
+    ".fits": ("fits", (b"SIMPLE  =",)),
+    ".ecsv": ("ascii.ecsv", (b"# %ECSV",)),
+    ".out": ("RADMC-3D's", (b" ", b"\n", b"1")),
+}
 # Entry of a table's head with all that is not in its columns, as JSON.
 _TEXT = "VOLMETA"
 # Wavelengths or frequencies that reach over this factor are drawn on logarithmic axes, and fluxes
@@ -205,21 +210,37 @@ class Spectrum(Value):
         """Write a table: ``.fits``, or ``.ecsv`` (text); `load` reads both unchanged.
 
         The columns are the channels as they were given, their frequencies if these are known, the
-        flux, and the error if there is one.
+        flux, and the error if there is one. ``.out`` is RADMC-3D's ``spectrum.out``: fluxes at
+        1 pc, and nothing else.
 
         Raises
         ------
         UnknownNameError
             If the suffix is another.
+        UnitsError
+            If RADMC-3D's file is asked for, and the spectrum is no flux at a `distance`.
         """
         place = as_path(path)
-        check_name("format of a spectrum", place.suffix.lower(), _FORMATS)
+        suffix = place.suffix.lower()
+        check_name("format of a spectrum", suffix, _FORMATS)
+        if suffix == ".out":
+            if self.distance is None:
+                raise UnitsError(
+                    "RADMC-3D's spectra are fluxes at 1 pc: say at what distance these are, "
+                    "spectrum.replace(distance='140 pc')"
+                )
+            flux = self.to(radmc3d.FLUX).flux * (self.distance / radmc3d.PARSEC) ** 2
+            with replacing(place) as temporary:
+                radmc3d.write_spectrum(temporary, self.spectral.wavelengths, flux)
+            return
         with replacing(place) as temporary:
-            self.table().write(temporary, format=_FORMATS[place.suffix.lower()][0])
+            self.table().write(temporary, format=_FORMATS[suffix][0])
 
     @classmethod
     def load(cls, path: str | Path) -> Spectrum:
         """Read a table that `save` wrote, or one of another program with the same columns.
+
+        RADMC-3D's ``spectrum.out`` has fluxes at a distance of 1 pc.
 
         Raises
         ------
@@ -233,8 +254,11 @@ class Spectrum(Value):
         place = as_path(path)
         check_name("format of a spectrum", place.suffix.lower(), _FORMATS)
         form, start = _FORMATS[place.suffix.lower()]
-        check_start(place, (start,), "a table of a spectrum")
+        check_start(place, start, "a table of a spectrum")
         with expecting(place, "a table of a spectrum"):
+            if place.suffix.lower() == ".out":
+                waves, flux = radmc3d.read_spectrum(place)
+                return cls(waves, flux, radmc3d.FLUX, radmc3d.PARSEC)
             table = Table.read(place, format=form)
             known = json.loads(table.meta.get(_TEXT, "{}"))
             axis = known.pop("spectral", {})

@@ -16,11 +16,15 @@ from ..files import as_path, missing
 from ..physics.constants import CODATA
 from ..physics.molecule import Molecule
 from .guard import reading
-from .radmc3d.encodings import TextFile, fortran_numbers
+from .radmc3d.encodings import TextFile, before_comment, fortran_numbers
 
 # FREQ, ERR, LGINT, DR, ELO, GUP, TAG, QNFMT, QN', QN" (Pickett et al. 1998, JQSRT 60, 883).
 _ENDS = np.cumsum([0, 13, 8, 8, 2, 10, 3, 7, 4, 12, 12])
-_CARD = re.compile(r"\s*\d*\.\d+\s*-?\d*\.\d+\s*-?\d*\.\d+[ -]?\d\s*-?\d*\.\d+\s")
+# Columns may touch: of a weight of three signs and an energy, for example.
+_CARD = re.compile(
+    "".join(rf"(?= *-?\d*\.\d)[- \d.]{{{n}}}" for n in (13, 8, 8))
+    + r"[- ]\d(?= *-?\d*\.\d)[- \d.]{10}[ \w][ \d]\d[- \d]{6}\d"
+)
 _REFERENCE = 300.0  # K, of the intensities
 _TO_RATE = 2.7964e-16  # 1/s per nm² MHz³
 # Temperatures in K at which the partition function of a catalogue is tabulated, dense enough for
@@ -57,17 +61,17 @@ def read(
 
 
 def _of_leiden(source: TextFile, name: str | None) -> Molecule:
-    source.tokens("a comment")
+    source.comment()
     named = source.tokens("the molecule's name")[0].decode("ascii", "replace")
-    source.tokens("a comment")
+    source.comment()
     (weight,) = _numbers(source, 1, "the molecular weight")[0]
-    source.tokens("a comment")
+    source.comment()
     (count,) = source.integers(1, "the number of levels")
-    source.tokens("a comment")
+    source.comment()
     levels, labels = _rows(source, count, 3, "level")
-    source.tokens("a comment")
+    source.comment()
     (lines,) = source.integers(1, "the number of lines")
-    source.tokens("a comment")
+    source.comment()
     rows, _ = _rows(source, lines, 5, "line")
     if not np.all((rows[:, 1:3] >= 1) & (rows[:, 1:3] <= count)):
         raise FileFormatError(f"lines must go between levels 1 to {count}")
@@ -98,7 +102,7 @@ def _numbers(source: TextFile, count: int, what: str) -> tuple[np.ndarray, list[
 def _rows(source: TextFile, count: int, width: int, what: str) -> tuple[np.ndarray, list[str]]:
     rows = [_numbers(source, width, f"{what} {k + 1} of {count}") for k in range(count)]
     labels = [
-        b" ".join(words).decode("ascii", "replace") or str(k + 1)
+        b" ".join(before_comment(words)).decode("ascii", "replace") or str(k + 1)
         for k, (_, words) in enumerate(rows)
     ]
     return np.array([row for row, _ in rows]).reshape(count, width), labels
@@ -106,7 +110,7 @@ def _rows(source: TextFile, count: int, width: int, what: str) -> tuple[np.ndarr
 
 def _cards(path: Path) -> dict[str, Any] | None:
     """Return the columns of a catalogue of fixed width; None of another file."""
-    text = path.read_text("ascii", "replace").splitlines()
+    text = path.read_text("utf-8-sig", "replace").splitlines()
     cards = [line.ljust(int(_ENDS[-1])) for line in text if _CARD.match(line)]
     if not cards or not any(_CARD.match(line) for line in text[:3]):
         return None
@@ -138,11 +142,13 @@ def _columns(table: Any) -> dict[str, Any]:
         )
     columns: dict[str, Any] = {n: np.asarray(table[n], float) for n in needed if n != "GUP"}
     columns["GUP"] = np.array([_weight(str(g)) for g in table["GUP"]])
-    if "TAG" in table.colnames:
-        columns["TAG"] = np.asarray(table["TAG"], float)
-    elif "MOLWT" in table.colnames:
-        columns["TAG"] = 1000.0 * np.asarray(table["MOLWT"], float)
-    else:
+    # Of CDMS astroquery's TAG has no weight: 503 of 28503. A sign tells of measured lines.
+    tag, weight = (
+        np.abs(np.asarray(table[n], float)) if n in table.colnames else 0.0
+        for n in ("TAG", "MOLWT")
+    )
+    columns["TAG"] = np.where(tag < 1000.0, tag + 1000.0 * weight, tag)
+    if not np.all(columns["TAG"] >= 1000.0):
         raise FileFormatError("it has no column TAG or MOLWT; expected a table of astroquery")
     for label, kinds in (("up", ("QN'", "Ju", "Ku", "vu")), ("low", ('QN"', "Jl", "Kl", "vl"))):
         names = [n for n in table.colnames if n in kinds or re.fullmatch(f"{kinds[0]}\\d", n)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from os import PathLike
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from ..errors import FileFormatError
 from ..files import as_path, missing
 from ..physics.opacity import Opacity
 from .guard import reading
-from .radmc3d.encodings import TextFile, fortran_numbers
+from .radmc3d.encodings import TextFile, before_comment, fortran_numbers
 
-_COMMENTS = (b"#", b"!", b";")
+_WHAT = "a table of opacities"
+_REAL = re.compile(rb"[-+]?[\d.].*")
 _STEMS = ("dustkappa_", "dustkapscatmat_")
 _MATRIX = "dustkapscatmat"
 
@@ -23,7 +25,7 @@ def read(path: str | PathLike[str], name: str | None = None) -> Opacity:
     path = as_path(path)
     if not path.is_file():
         raise missing(path)
-    with reading(path, "a table of opacities"), TextFile(path) as source:
+    with reading(path, _WHAT), TextFile(path) as source:
         return _table(source, _name(path) if name is None else name)
 
 
@@ -32,12 +34,12 @@ def _name(path: Path) -> str:
 
 
 def _table(source: TextFile, name: str) -> Opacity:
-    tokens = source.tokens("a table of opacities")
-    while tokens[0].startswith(_COMMENTS):
-        tokens = source.tokens("a table of opacities")
-    head, columns, rows = b"", len(tokens), 0
-    if columns == 1:  # RADMC-3D's formats
-        (number,) = fortran_numbers(tokens[0], source.line).tolist()
+    row = before_comment(source.tokens(_WHAT))
+    while not row:
+        row = before_comment(source.tokens(_WHAT))
+    columns, rows, found = len(row), 0, []
+    if columns == 1 or (row[0].isdigit() and not _REAL.fullmatch(row[1])):  # RADMC-3D's formats
+        (number,) = fortran_numbers(row[0], source.line).tolist()
         matrix = source.path.name.startswith(_MATRIX)
         if number not in ((1,) if matrix else (1, 2, 3)):
             raise FileFormatError(f"line {source.line}: expected format 1, 2 or 3, got {number:g}")
@@ -46,17 +48,22 @@ def _table(source: TextFile, name: str) -> Opacity:
         if matrix:
             source.integers(1, "the number of angles")
     else:
-        head = b" ".join(tokens) + b"\n"
-    rest = [line for line in source.file.readlines() if not line.lstrip().startswith(_COMMENTS)]
-    if rows:  # what follows them, such as a scattering matrix, is not read
-        rest = [line for line in rest if line.strip()][:rows]
-    values = fortran_numbers(head + b"".join(rest), source.line)
-    rows = rows or len(values) // columns
-    if not 2 <= columns <= 4 or rows < 1 or len(values) != rows * columns:
+        found.append(fortran_numbers(b" ".join(row), source.line))
+    row = []
+    for line, text in enumerate(source.file, start=source.line + 1):
+        row += before_comment(text.split())
+        if len(row) >= columns:  # with a format, further columns are not read, as in Fortran
+            found.append(fortran_numbers(b" ".join(row[: columns if rows else None]), line))
+            row = []
+        if len(found) == rows:  # what follows, such as a scattering matrix, is not read
+            break
+    count = sum(map(len, found)) + len(row)
+    rows = rows or count // columns
+    if not 2 <= columns <= 4 or rows < 1 or count != rows * columns:
         raise FileFormatError(
             f"expected {rows} wavelengths with {columns} columns (2 to 4: wavelength in micron, "
-            f"absorption, scattering, asymmetry), found {len(values)} numbers"
+            f"absorption, scattering, asymmetry), found {count} numbers"
         )
-    waves, *others = np.reshape(values, (rows, columns)).T
+    waves, *others = np.concatenate(found).reshape(rows, columns).T
     given = dict(zip(("absorption", "scattering", "asymmetry"), others, strict=False))
     return Opacity(waves, **given, name=name)

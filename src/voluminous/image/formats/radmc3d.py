@@ -21,6 +21,10 @@ from ..spectral_axis import SpectralAxis
 if TYPE_CHECKING:
     from ..image import Image
 
+PARSEC = 3.08572e18
+"""RADMC-3D's parsec in cm, at which its spectra are."""
+FLUX = "erg / (s cm2 Hz)"
+"""The unit of its spectra."""
 _BINARY, _STOKES = ".bout", "IQUV"
 # Format number → unit of pixels, number of Stokes parameters.
 _KINDS = {1: ("cm", 1), 2: ("rad", 1), 3: ("cm", 4), 4: ("rad", 4)}
@@ -42,9 +46,7 @@ def read(path: Path) -> dict[str, Any]:
         head = np.frombuffer(content, "<i8", _HEAD).tolist()
         numbers = np.frombuffer(content, "<f8", offset=8 * _HEAD)
     else:
-        if not content[-1:].isspace():
-            raise FileFormatError("it is cut short: its last line does not end")
-        tokens = _LETTERLESS.sub(rb"E\1", content.replace(b"D", b"E")).split()
+        tokens = _tokens(content)
         head = [int(token) for token in tokens[:_HEAD]]
         numbers = np.array(tokens[_HEAD:], dtype=np.float64)
     number, nx, ny, waves = head
@@ -82,6 +84,12 @@ def read(path: Path) -> dict[str, Any]:
             "channels": [f"{s} {w:g} micron" for s in stokes for w in wavelengths],
         },
     }
+
+
+def _tokens(content: bytes) -> list[bytes]:
+    if not content[-1:].isspace():
+        raise FileFormatError("it is cut short: its last line does not end")
+    return _LETTERLESS.sub(rb"E\1", content.replace(b"D", b"E")).split()
 
 
 def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
@@ -130,6 +138,18 @@ def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
 
 
 def write_spectrum(path: Path, wavelengths: np.ndarray, fluxes: np.ndarray) -> None:
-    """Write ``spectrum.out``: wavelengths in micron, and fluxes at 1 pc in erg/s/cm²/Hz."""
+    """Write ``spectrum.out``: wavelengths in micron, and fluxes at 1 pc."""
     rows = [f"{wave:21.13e}{flux:22.13e}" for wave, flux in zip(wavelengths, fluxes, strict=True)]
     path.write_text("\n".join(["1", str(len(rows)), "", *rows]) + "\n")
+
+
+def read_spectrum(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return wavelengths in micron and fluxes at 1 pc of ``spectrum.out``."""
+    number, count, *numbers = _tokens(path.read_bytes()) or [b"0", b"0"]
+    if number != b"1" or len(numbers) != 2 * int(count):
+        raise FileFormatError(
+            f"expected format 1 and {int(count)} wavelengths with a flux each, got format "
+            f"{number.decode('ascii', 'replace')} and {len(numbers)} numbers"
+        )
+    wavelengths, fluxes = np.array(numbers, dtype=np.float64).reshape(-1, 2).T
+    return wavelengths, fluxes

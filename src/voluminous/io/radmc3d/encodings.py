@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import re
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, NamedTuple
 
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 Reals = NDArray[np.float64]
 Flags = NDArray[np.uint8]
 CUT = "it is cut short: "
+# What begins a comment, in a line of its own or behind numbers.
+COMMENTS = (b"#", b"!", b";")
 # The byte order is the one in which the format number is small.
 _LARGEST_FORMAT = 1 << 16
 
@@ -213,6 +217,8 @@ class TextFile(BinaryFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.line = 0
+        if self.file.peek(len(BOM_UTF8)).startswith(BOM_UTF8):
+            self.file.seek(len(BOM_UTF8))
 
     def format(self, precision: bool) -> int:
         return self.integers(1, "the format number")[0]
@@ -232,7 +238,8 @@ class TextFile(BinaryFile):
         values = np.empty(0)
         while len(values) < count:
             tokens = self.tokens(f"{what}: expected {count} numbers, after {len(values)}")
-            values = np.append(values, fortran_numbers(b" ".join(tokens), self.line))
+            row = b" ".join(before_comment(tokens))
+            values = np.append(values, fortran_numbers(row, self.line))
         if len(values) > count:
             raise FileFormatError(
                 f"line {self.line}: {what}: expected {count} numbers, found {len(values)}"
@@ -245,6 +252,16 @@ class TextFile(BinaryFile):
             if tokens := line.split():
                 return tokens
         raise FileFormatError(f"line {self.line}: {expected}, but the file ends")
+
+    def comment(self) -> None:
+        """Skip a line of comment, which may be empty, or a marked one behind empty lines."""
+        self.line += 1
+        if self.file.readline(_LONGEST_LINE).strip():
+            return
+        place, line = self.file.tell(), self.line
+        if not self.tokens("what follows a comment")[0].startswith((*COMMENTS, b"--")):
+            self.file.seek(place)
+            self.line = line
 
     def flags(self, what: str) -> Flags:
         text = np.frombuffer(self.file.read(), np.uint8)
@@ -298,6 +315,11 @@ def _values(path: Path, offset: int, line: int, size: int) -> Reals:
         short = CUT if count < size else ""
         raise FileFormatError(f"{short}expected {size} numbers, found {count}")
     return values
+
+
+def before_comment(tokens: list[bytes]) -> list[bytes]:
+    """Return the words of a line before a comment: Fortran reads as many as it needs."""
+    return list(takewhile(lambda token: not token.startswith(COMMENTS), tokens))
 
 
 def fortran_numbers(text: bytes, line: int) -> Reals:

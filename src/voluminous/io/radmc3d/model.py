@@ -19,7 +19,7 @@ from ...physics.molecule import Molecule
 from ...physics.opacity import MICRON, Opacity
 from ...physics.spectra import Blackbody, TabulatedSpectrum
 from ..guard import reading
-from .encodings import TextFile, fortran_numbers
+from .encodings import TextFile, before_comment, fortran_numbers
 
 Spectrum = Blackbody | TabulatedSpectrum
 # pc²/π in cm²: from the flux at 1 pc to the intensity on a star of that radius, with its parsec.
@@ -78,7 +78,7 @@ class ModelFolder:
         with self._open("dustopac.inp", "the species of dust") as source:
             _expect(source, (2,))
             (count,) = source.integers(1, "the number of species")
-            source.tokens("a line of dashes")
+            source.comment()
             for _ in range(count):
                 (style,) = source.integers(1, "the kind of input")
                 source.tokens("whether the grains are thermal")
@@ -89,7 +89,7 @@ class ModelFolder:
                         f"dustkappa_{name}.inp or dustkapscatmat_{name}.inp"
                     )
                 names.append((name, _OPACITY_FILES[style].format(name)))
-                source.tokens("a line of dashes")
+                source.comment()
         return tuple(
             Opacity.open(self._path(file, f"the opacity of {name}"), name).replace(
                 grid=self.frequencies
@@ -148,7 +148,7 @@ class ModelFolder:
 
     def _spectrum(self, source: TextFile, count: int, radius: float) -> Spectrum:
         tokens = source.tokens("the spectrum of a star")
-        flux = fortran_numbers(b" ".join(tokens), source.line)
+        flux = fortran_numbers(b" ".join(before_comment(tokens)), source.line)
         if flux[0] < 0.0:
             return Blackbody(float(-flux[0]), grid=self.frequencies)
         if len(flux) < count:
@@ -188,7 +188,7 @@ class ModelFolder:
     def settings(self) -> dict[str, int | float | str]:
         """What ``radmc3d.inp`` sets, by name; nothing without it."""
         path = self.path / "radmc3d.inp"
-        text = path.read_text("utf-8", "replace") if path.is_file() else ""
+        text = path.read_text("utf-8-sig", "replace") if path.is_file() else ""
         found = (_SETTING.match(line) for line in text.splitlines())
         return {match[1]: _value(match[2]) for match in found if match}
 

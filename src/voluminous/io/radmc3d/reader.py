@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from codecs import BOM_UTF8
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -143,7 +144,7 @@ def _cells(name: str, grid: GridFile, unit: UnitLike) -> ArrangedGrid:
 
 def _begins(suffix: str, head: bytes) -> bool:
     if suffix[1] not in "ub":
-        return head.split(maxsplit=1)[:1] in ([b"1"], [b"2"])
+        return head.removeprefix(BOM_UTF8).split(maxsplit=1)[:1] in ([b"1"], [b"2"])
     numbers, kind = ((4, 8, 16), "i4") if suffix[1] == "u" else ((1, 2), "i8")
     starts = [np.array(n, order + kind).tobytes() for n in numbers for order in "<>"]
     return any(head.startswith(start) for start in starts)
