@@ -155,8 +155,6 @@ class Walk:
         There is space in the domain that belongs to no cell; `cross` leads beyond it.
     in_cells : bool
         Segments lie in one cell of the grid each; in a walk through dual cells they do not.
-    approximate : bool
-        Fields along a segment are no polynomials, and `kept_to` says how near to one.
     scale : array
         The grid's scale.
     """
@@ -164,7 +162,6 @@ class Walk:
     leaps: bool = False
     has_gaps: bool = False
     in_cells: bool = True
-    approximate: bool = False
     scale: Float
     backend: Backend
 
@@ -198,10 +195,6 @@ class Walk:
     def chord(self, track: Any, segment: Segment) -> Any:
         """Return where a segment runs through its dual cell; of dual walks."""
         raise NotImplementedError
-
-    def kept_to(self, tolerance: float) -> Walk:
-        """Return the walk whose polynomials are off by no more than that part of a field."""
-        return self
 
 
 class Grid:

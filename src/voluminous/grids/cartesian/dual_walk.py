@@ -163,11 +163,6 @@ class DualWalk(CartesianWalk):
         return Chord(self, track, segment)
 
 
-def padded_count(cells: int) -> int:
-    """Return how many dual cells there are along an axis of so many cells, with those added."""
-    return -(-(cells + 1) >> WIDEST) << WIDEST
-
-
 @dataclass
 class CoarseCursor:
     """Where a ray is: mirrored indices of the first of so many cells, and the distance.

@@ -10,7 +10,6 @@ both are not cut, those that come near are cut into ever smaller segments.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,12 +26,9 @@ if TYPE_CHECKING:
     from ...backend.device import Backend
     from ..contract import Grid
 
-# The longest segment, as a part of its distance, where nothing is asked: √(q² + u²) is then off by
-# 6e-6 q at most, and a field of white noise by 4e-4 of its range.
+# The longest segment, as a part of its distance from the axis or the centre: √(q² + u²) is then
+# off by 6e-6 q at most, and a field of white noise by 4e-4 of its range.
 _PART = 0.25
-# The fourth root of an error times this: white noise is then off by a tenth of the error.
-_PER_ROOT = 1.0
-_SHORTEST = 0.01
 # In ε of the domain: rays count as passing no nearer than that, since places are not known better.
 _NEAREST = 64.0
 # Slower than this, a ray runs parallel to the axis.
@@ -111,8 +107,6 @@ class SmoothWalk(CurvilinearWalk):
     least such distance that counts; `length`: the grid's scale.
     """
 
-    approximate = True
-
     def __init__(self, grid: SurfaceGrid, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
         super().__init__(grid, edges, backend, True)
         self.centre = grid.kind == "spherical"
@@ -129,12 +123,6 @@ class SmoothWalk(CurvilinearWalk):
         """
         segment, there = super().next(track, cursor)
         return replace(segment, active=segment.active & (segment.length > 0.0)), there
-
-    def kept_to(self, tolerance: float) -> SmoothWalk:
-        kept = copy.copy(self)
-        part = np.clip(_PER_ROOT * tolerance**0.25, _SHORTEST, _PART)
-        kept.part = self.backend.opaque(float(part))
-        return kept
 
     def chord(self, track: SurfaceTrack, segment: Segment) -> CurvilinearChord:
         """Return a segment through its dual cell or leaf."""
