@@ -36,7 +36,11 @@ PAGES = sorted(
     if "_build" not in path.parts
 )
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"\]\(([^)#\s]+)[^)]*\)|^```\{(?:include|figure|image)\} (\S+)", re.MULTILINE)
+LINK = re.compile(
+    r"\]\(([^)#\s]+)[^)]*\)|^```\{(?:include|figure|image)\} (\S+)"
+    r"|^\[[^\]]+\]: (\S+)|<img src=\"([^\"]+)\"",
+    re.MULTILINE,
+)
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -103,7 +107,7 @@ def test_code_in_the_documentation_runs(page, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_to_files_lead_somewhere(page):
-    targets = [a or b for a, b in LINK.findall((ROOT / page).read_text(encoding="utf-8"))]
+    targets = ["".join(each) for each in LINK.findall((ROOT / page).read_text(encoding="utf-8"))]
     files = [t for t in targets if not re.match(r"https?:|mailto:", t)]
     missing = [t for t in files if not ((ROOT / page).parent / t).exists()]
     assert not missing
