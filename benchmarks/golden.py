@@ -133,7 +133,6 @@ def scenes() -> Iterator[tuple[str, Callable[[], tuple[Any, Any, Any, dict[str, 
             camera,
             {"objects": [vm.Stars(np.eye(3) * 0.5, "white", radii=0.05), vm.Boxes()]},
         ),
-        "back to front": (MEDIA["coefficients"], camera, {"order": "back-to-front"}),
     }
     for name, (medium, view, options) in more.items():
         yield (

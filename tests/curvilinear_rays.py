@@ -10,6 +10,7 @@ import pytest
 import voluminous as vm
 from contracts import GridContract
 from contracts.grid import make_ray, walk_along
+from contracts.scheme import both_ways
 from twin.curvilinear import Frame, chord, way_inside
 from voluminous.backend import dr
 
@@ -239,10 +240,10 @@ def check_ends_inside_cells(grid, precision):
     """Run towards an observer in a cell, a ray gathers what one that starts there does."""
     volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.shape))
     camera = vm.Perspective([3.1, 1.7, -1.3], [9, 4, 0], fov=70, resolution=12)
-    medium, options = vm.Coefficients(0, "a"), {"scheme": "second-order", "precision": precision}
+    medium, options = vm.Coefficients(0, "a"), {"precision": precision}
     depths = [
-        vm.render(volume, medium, camera, order=order, **options).optical_depth
-        for order in ("front-to-back", "back-to-front")
+        vm.render(volume, medium, camera, scheme=scheme, **options).optical_depth
+        for scheme in both_ways("second-order")
     ]
     tolerance = 1e-12 if precision == "double" else 1e-5
     np.testing.assert_allclose(*depths, rtol=0, atol=tolerance * depths[0].max())

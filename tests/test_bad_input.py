@@ -81,7 +81,7 @@ def test_arguments_are_taken_or_refused_by_name(name, argument):
             make(**{**given, argument: strange})
 
 
-OPTIONS = ("scheme", "tolerance", "background", "device", "order", "cutoff", "samples")
+OPTIONS = ("scheme", "tolerance", "background", "device", "cutoff", "samples")
 OPTIONS += ("antialias", "bounds", "max_panels")
 
 

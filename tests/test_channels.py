@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from contracts.scheme import both_ways
 from reference import data_directory
 from voluminous.media.contract import MediumSample
 from voluminous.rendering.api import in_steps
@@ -141,9 +142,8 @@ def test_directions_and_cutoffs_agree(volume):
     """The default cut-off costs less than 1e-4 of the intensity gathered, of each channel."""
     medium = dust(20)
     whole = vm.render(volume, medium, CAMERA, scheme="second-order", cutoff=0.0)
-    back, short = (
-        vm.render(volume, medium, CAMERA, scheme="second-order", **options)
-        for options in ({"order": "back-to-front"}, {})
+    short, back = (
+        vm.render(volume, medium, CAMERA, scheme=one) for one in both_ways("second-order")
     )
     peaks = whole.intensity.max(axis=(0, 1))
     assert np.all(np.abs(back.intensity - whole.intensity) <= 1e-6 * peaks)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from contracts.scheme import both_ways
 from voluminous.backend import dr, functions, get_backend
 from voluminous.errors import InputError
 from voluminous.expressions import DrjitOps
@@ -159,9 +160,8 @@ def test_gradients_by_places_of_jumps_are_refused():
 
 def test_gradients_along_rays_towards_the_observer_are_refused():
     """What is in front of a segment is then unknown."""
-    job = job_of(ball(GRIDS["uniform"]()), MEDIUM, "first-order")
-    job.backward = True
-    with pytest.raises(InputError, match="front-to-back"):
+    job = job_of(ball(GRIDS["uniform"]()), MEDIUM, both_ways("first-order")[1])
+    with pytest.raises(InputError, match="run to the observer"):
         gradient(job, WEIGHTS)
 
 

@@ -12,7 +12,6 @@ from voluminous.errors import InputError
 from voluminous.scene.settings import loads
 
 RAYS = 256
-WAYS = [("single", "front-to-back"), ("double", "back-to-front")]
 # A crossing within this of a turning point of the field may be seen as none, in float32.
 GRAZING = {"single": 1e-4, "double": 1e-6}
 
@@ -36,8 +35,8 @@ def crossings(values, origin, direction, level):
     return np.count_nonzero(np.diff(at > 0)), np.abs(at[[0, -1, *turns]]).min()
 
 
-@pytest.mark.parametrize(("precision", "order"), WAYS)
-def test_crossings_are_the_roots_of_the_cubic(precision, order):
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_crossings_are_the_roots_of_the_cubic(precision):
     rng = np.random.default_rng(8)
     counted = []
     for number in range(12):
@@ -53,7 +52,7 @@ def test_crossings_are_the_roots_of_the_cubic(precision, order):
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         camera = Bundle(origins, directions)
         medium = vm.Isosurface("a - 0.0", level, [1.0], opacity)
-        image = vm.render(volume, medium, camera, precision=precision, order=order, cutoff=0.0)
+        image = vm.render(volume, medium, camera, precision=precision, cutoff=0.0)
         found = camera.flat(image.optical_depth) / -np.log1p(-opacity)
         exact = [crossings(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
         count, near = (np.array(column) for column in zip(*exact, strict=True))
@@ -81,12 +80,12 @@ def seen(volume, medium, direction=(1.0, 0, 0), through=(2.5, 2.0, 2.0), **optio
     return image.intensity[0, 0], float(image.transparency[0, 0, 0])
 
 
-@pytest.mark.parametrize(("precision", "order"), WAYS)
+@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("width", [0.0, 1e-3, 0.4])
-def test_levels_are_seen_one_behind_the_other(width, precision, order):
+def test_levels_are_seen_one_behind_the_other(width, precision):
     colors = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
     medium = vm.Isosurface("a", level=[0.7, 1.6, 3.1], color=colors, opacity=0.4, width=width)
-    options = {"precision": precision, "order": order}
+    options = {"precision": precision}
     there, left = seen(slope(), medium, **options)
     back, _ = seen(slope(), medium, (-1.0, 0, 0), **options)
     shown = 0.4 * 0.6 ** np.arange(3)
@@ -95,17 +94,15 @@ def test_levels_are_seen_one_behind_the_other(width, precision, order):
     np.testing.assert_allclose(left, 0.6**3, rtol=2e-5)
 
 
-@pytest.mark.parametrize(("precision", "order"), WAYS)
+@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("gradient", [1e-3, 1.0, 1e4])
-def test_a_crossing_is_as_dense_at_every_angle_and_gradient(gradient, precision, order):
+def test_a_crossing_is_as_dense_at_every_angle_and_gradient(gradient, precision):
     for width in (0.0, 0.3 * gradient):
         medium = vm.Isosurface("a", 1.93 * gradient, [0.8, 0.1], 0.3, width)
         for angle in (0, 30, 60, 80):
             way = (np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0)
             through = (2.43, 2.0, 2.0)
-            color, left = seen(
-                slope(gradient=gradient), medium, way, through, precision=precision, order=order
-            )
+            color, left = seen(slope(gradient=gradient), medium, way, through, precision=precision)
             np.testing.assert_allclose(color, [0.24, 0.03], rtol=2e-5)
             np.testing.assert_allclose(left, 0.7, rtol=2e-5)
 
@@ -122,13 +119,13 @@ def test_density_by_gradient_is_that_of_a_sheet(angle, width):
     np.testing.assert_allclose(color, 1 - np.exp(-depth), rtol=1e-4)
 
 
-@pytest.mark.parametrize(("precision", "order"), WAYS)
+@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("angle", [90.0, 89.999])
-def test_a_sheet_of_some_thickness_is_seen_edge_on(angle, precision, order):
+def test_a_sheet_of_some_thickness_is_seen_edge_on(angle, precision):
     """A ray along it is in it all the way, though it crosses nothing: 4 long, a slope of 1."""
     medium = vm.Isosurface("a", 1.93, [1.0], 0.05, 0.3, density="gradient")
     way = (np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0)
-    color, left = seen(slope(), medium, way, (2.43, 2.0, 2.0), precision=precision, order=order)
+    color, left = seen(slope(), medium, way, (2.43, 2.0, 2.0), precision=precision)
     depth = -np.log(0.95) * 4 / 0.3
     np.testing.assert_allclose(left, np.exp(-depth), rtol=1e-5)  # rounding of single precision
     np.testing.assert_allclose(color, 1 - np.exp(-depth), rtol=1e-5)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import voluminous as vm
+from contracts.scheme import both_ways
 from voluminous.backend import get_backend
 from voluminous.objects.contract import View
 from voluminous.rendering.layers import Pairs, fold
@@ -38,14 +39,12 @@ def front_of(z):
     return np.clip(THICK - z, 0.0, THICK)
 
 
-@pytest.mark.parametrize(
-    ("precision", "order"), [("single", "front-to-back"), ("double", "back-to-front")]
-)
+@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("z", [-5.0, 0.31, 5.0])
-def test_a_disc_behind_inside_and_in_front_of_a_slab(z, order, scheme, precision):
+def test_a_disc_behind_inside_and_in_front_of_a_slab(z, scheme, precision):
     star = vm.Stars([(0, 0, z)], 5.0, radii=0.05)
-    options = {"scheme": scheme, "precision": precision, "order": order}
+    options = {"scheme": scheme, "precision": precision}
     image = vm.render(SLAB, MEDIUM, CAMERA, objects=star, **options)
     seen = behind(front_of(z + 0.05), 5.0)
     assert image.intensity[10, 10, 0] == pytest.approx(seen, rel=EXACT[precision])
@@ -247,8 +246,8 @@ def test_layers_that_show_nothing_change_nothing(grid, view, missing):
         values[::7] = np.nan
     volume = vm.Volume(grid, a=values.reshape(grid.shape))
     balls = vm.Spheres(rng.uniform(-1, 1, (9, 3)), rng.uniform(0.1, 0.5, 9), 0.0, opacity=0.0)
-    for precision, order in (("double", "front-to-back"), ("single", "back-to-front")):
-        options = {"scheme": "first-order", "precision": precision, "order": order}
+    for precision, scheme in zip(("double", "single"), both_ways("first-order"), strict=True):
+        options = {"scheme": scheme, "precision": precision}
         medium = vm.Coefficients("a", "2 * a")
         plain = vm.render(volume, medium, VIEWS[view], **options)
         image = vm.render(volume, medium, VIEWS[view], objects=balls, **options)

@@ -8,6 +8,7 @@ from astropy import units as u
 from astropy.table import QTable
 
 import voluminous as vm
+from contracts.scheme import both_ways
 from voluminous.cli import main
 
 SCHEMES = [
@@ -179,8 +180,8 @@ def test_what_a_picture_remembers_is_what_a_probe_would_draw(resolution, monkeyp
 def test_both_directions_tell_the_same(scheme):
     volume = volume_on(GRIDS["cartesian"])
     one, other = (
-        vm.probe(volume, MEDIUM, SIDE, (4, 2), scheme=scheme, precision="double", order=order)
-        for order in ("front-to-back", "back-to-front")
+        vm.probe(volume, MEDIUM, SIDE, (4, 2), scheme=one, precision="double")
+        for one in both_ways(scheme)
     )
     np.testing.assert_array_equal(one.cell, other.cell)
     for name in ("begin", "end", "position", "j", "alpha", "tau", "b", "gathered", "arriving"):

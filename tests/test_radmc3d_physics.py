@@ -151,10 +151,13 @@ class AsRadmc3d(Session):
     """A session that copies RADMC-3D's branch for small optical depths, and its lost lines."""
 
     def scheme(self):
-        if not self.request.second:
-            return SmallDepths()
         scheme = super().scheme()
-        return scheme if scheme == "olson-kunasz" else LinesLostAtEntry(scheme.resolution)
+        if not self.request.second:
+            scheme = SmallDepths()
+        elif scheme.resolution is not None:
+            scheme = LinesLostAtEntry(scheme.resolution)
+        scheme.backward = True
+        return scheme
 
 
 @pytest.fixture(scope="module")
@@ -395,6 +398,12 @@ def test_a_thermal_boundary_shines_through(words, wall, folder):
     within = np.where(depth > 0.0, RADMC3D.planck(2.99792458e11, 30.0) * np.exp(-depth), 0.0)
     assert np.any(within == 0.0)
     np.testing.assert_allclose(lit, dark + within, rtol=1e-12)
+    # Whether a face is in front of the image plane, or behind it, is nothing to parallel rays.
+    side = float(np.ptp(vm.open(path).grid.bounds[0]))
+    for away in (-3.0 * side, 3.0 * side):
+        point = {"zl": (0, 0, away), "zr": (0, 0, away), "xr": (away, 0, 0)}[wall]
+        far = drawn(path, f"{common} pointau " + " ".join(str(p / 1.496e13) for p in point))
+        np.testing.assert_allclose(far.intensity, lit, rtol=1e-9)  # places of rays are rounded
 
 
 def test_a_column_is_the_mass_of_the_dust(folder):

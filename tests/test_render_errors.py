@@ -40,7 +40,6 @@ REFUSED = [
     ({"scheme": "second"}, "unknown scheme 'second'.*did you mean 'second-order'"),
     ({"device": "cup"}, "unknown device 'cup'.*did you mean 'cpu'"),
     ({"precision": "duble"}, "unknown precision 'duble'.*did you mean 'double'"),
-    ({"order": "front to back"}, "unknown order.*did you mean 'front-to-back'"),
     ({"antialias": "flux"}, "unknown antialias 'flux'"),
     ({"background": [1.0, 2.0]}, r"1 numbers .* got shape \(2,\)"),
     ({"background": np.ones((8, 7))}, r"shape \(8, 8\) or \(8, 8, 1\); got shape \(8, 7\)"),

@@ -277,7 +277,6 @@ def test_what_cannot_be_drawn_in_chunks_is_refused():
         refused("memory is the number of bytes", memory=memory)
     for scheme in ("second-order", "olson-kunasz"):
         refused("post-classified.*pre-integrated.*first-order", scheme=scheme)
-    refused("order", order="back-to-front")
     refused("antialias", antialias="adaptive")
     refused("bounds", bounds=True)
     refused("objects", objects=[vm.Axes()])

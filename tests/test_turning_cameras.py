@@ -69,7 +69,7 @@ OPTIONS = {
     "second order": {"scheme": "second-order", "samples": 2},
     "one panel": {"tolerance": None, "background": 0.3},
     "default": {"antialias": "adaptive", "tolerance": 1e-2},
-    "double": {"precision": "double", "order": "back-to-front", "tolerance": None},
+    "double": {"precision": "double", "tolerance": None},
 }
 SCENES = [
     *(("cartesian", "shell", options) for options in OPTIONS),
@@ -109,7 +109,6 @@ CHANGES = [
     {"cutoff": 0.0},
     {"background": 7.0},
     {"precision": "double"},
-    {"order": "back-to-front"},
     {"scheme": "first-order"},
 ]
 

@@ -83,7 +83,7 @@ def bracket(
     backend = job.backend.with_precision("double")
     source = Bracketed(job.volume, job.medium, backend, job.tolerance)
     scheme = Bracket(budget, source.signed)
-    job = replace(job, scheme=scheme, backend=backend, backward=False, cutoff=0.0, done=0)
+    job = replace(job, scheme=scheme, backend=backend, cutoff=0.0, done=0)
     brightest = float(np.max(np.abs(intensity)))
     paths = _narrowed(job, source, brightest, float(np.max(np.abs(background))))
     return _intensities(job, paths, source, background)

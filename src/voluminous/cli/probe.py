@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 # Options in a scene's [render] that apply to a single ray.
-_OPTIONS = ("scheme", "tolerance", "background", "precision", "device", "order", "cutoff", "memory")
+_OPTIONS = ("scheme", "tolerance", "background", "precision", "device", "cutoff", "memory")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

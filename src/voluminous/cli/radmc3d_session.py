@@ -282,7 +282,6 @@ class Session:
             "constants": "radmc3d",
             "scheme": self.scheme(),
             "cutoff": 0.0,
-            "order": "back-to-front",  # which tells where rays along edges of cells are
             "objects": self.stars(),
             "antialias": antialias,
             **behind,
@@ -319,15 +318,18 @@ class Session:
 
     def scheme(self) -> Any:
         """Return the scheme: of first or second order, or Doppler catching."""
-        if not self.request.second:
-            return "first-order"
-        if not (self.request.catching and self.lines):
-            return "olson-kunasz"
+        from ..schemes.first_order import FirstOrder
         from ..schemes.olson_kunasz import OlsonKunasz
 
-        resolution = self.setting("catch_doppler_resolution", 0.2)
-        resolution = 1.0 / resolution if resolution > 1.0 else resolution
-        return OlsonKunasz(catch_doppler_resolution=resolution)
+        scheme: Any = FirstOrder()
+        if self.request.second:
+            resolution = None
+            if self.request.catching and self.lines:
+                resolution = self.setting("catch_doppler_resolution", 0.2)
+                resolution = 1.0 / resolution if resolution > 1.0 else resolution
+            scheme = OlsonKunasz(catch_doppler_resolution=resolution)
+        scheme.backward = True  # which tells where rays along edges of cells are
+        return scheme
 
     def stars(self) -> list[Any]:
         """Return the stars: points, or spheres with ``istar_sphere = 1``."""
@@ -373,7 +375,9 @@ class Session:
             reached = (grid.bounds - origin) / away  # of the low and the high face of each axis
         far = reached.max(axis=-1)
         axis = far.argmin(axis=-1)
-        seen = (far.min(axis=-1) > reached.min(axis=-1).max(axis=-1)) & (far.min(axis=-1) > 0.0)
+        # An observer at infinity also sees what lies before the plane that distances count from.
+        least = 0.0 if self.request.local else -np.inf
+        seen = far.min(axis=-1) > np.maximum(reached.min(axis=-1).max(axis=-1), least)
         upper = np.take_along_axis(away[..., 0], axis[..., None], axis=-1)[..., 0] > 0.0
         warm = np.where(seen, np.array(self._boundaries())[2 * axis + upper], 0.0)[..., None]
         return np.where(warm > 0.0, RADMC3D.planck(self.frequencies, warm), field)

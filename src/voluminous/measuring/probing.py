@@ -58,7 +58,6 @@ def probe(
     background: Any = 0.0,
     precision: str = "single",
     device: str = "auto",
-    order: str = "front-to-back",
     cutoff: float | None = None,
     memory: Any = None,
     progress: Progress = None,
@@ -80,7 +79,7 @@ def probe(
         A point of the image plane instead, in the unit of its coordinates.
     also : str, Expression or sequence of them
         Further fields or expressions to return, with their values in the cells.
-    scheme, tolerance, background, precision, device, order, cutoff
+    scheme, tolerance, background, precision, device, cutoff
         As for `render`. With a tolerance the whole picture is drawn, unless that has just been
         done: the tolerance of a pixel depends on the brightest one. With ``tolerance=None`` steps
         are as wide as those of the picture: up to eight cells, and none in empty space.
@@ -104,7 +103,7 @@ def probe(
     """
     pieces = None
     if memory is not None:
-        pieces = pieces_of(volume, medium, memory, order=order)
+        pieces = pieces_of(volume, medium, memory)
         volume = pieces.outline
     job, _ = prepare(
         volume,
@@ -114,7 +113,6 @@ def probe(
         tolerance=tolerance,
         precision=precision,
         device=device,
-        order=order,
         cutoff=cutoff,
         progress=progress,
         pieces=pieces,

@@ -49,7 +49,6 @@ def render(
     background: Any = 0.0,
     precision: str = "single",
     device: str = "auto",
-    order: str = "front-to-back",
     cutoff: float | None = None,
     samples: int = 1,
     antialias: str | None = None,
@@ -95,8 +94,6 @@ def render(
         tolerance is below 1e-5.
     device : {"auto", "cpu", "cuda", "metal"}
         Where to compute.
-    order : {"front-to-back", "back-to-front"}
-        The direction in which rays are integrated; the results agree to rounding.
     cutoff : float, optional
         Transparency at which a ray stops; 0 turns it off. By default a ray stops where the rest
         can add less than 1e-4 of the intensity gathered so far, so the error is below 1e-4 of
@@ -157,7 +154,7 @@ def render(
     InputError
         For anything that cannot be rendered; a ValueError.
     UnknownNameError
-        For a field, scheme, order, … that does not exist; a KeyError.
+        For a field, scheme, … that does not exist; a KeyError.
     MemoryNeededError
         If it does not fit into memory; raised before any is allocated.
     """
@@ -176,7 +173,6 @@ def in_steps(
     background: Any = 0.0,
     samples: int = 1,
     antialias: str | None = None,
-    order: str = "front-to-back",
     precision: str = "single",
     bounds: bool = False,
     max_panels: int = 1024,
@@ -232,7 +228,7 @@ def in_steps(
     if executor is not None or checkpoint is not None:
         sweep = Sweep(executor, checkpoint)
     if memory is not None or sweep is not None:
-        choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
+        choices = {"antialias": antialias, "bounds": bounds, "objects": objects}
         pieces = pieces_of(volume, medium, memory, sweep, **choices)
         volume = pieces.outline
     if medium is None and isinstance(volume, Volume):
@@ -244,7 +240,6 @@ def in_steps(
         volume,
         medium,
         camera,
-        order=order,
         precision=precision,
         samples=samples,
         antialias=antialias,
@@ -263,7 +258,7 @@ def in_steps(
     if planes.nothing and not things:
         warn_of_nothing(job)
     rays = samples if antialias is None else antialias
-    provenance: dict[str, Any] = {"samples": rays, "order": order}
+    provenance: dict[str, Any] = {"samples": rays}
     if things:
         channels = channel_count(things, job)
         behind = wide_background(behind, job.medium.channels, channels)

@@ -51,7 +51,6 @@ class RenderJob:
     frame: Frame
     scheme: Scheme
     backend: Backend
-    backward: bool
     cutoff: float | None
     tolerance: float
     progress: Callable[[int, int], None]
@@ -64,10 +63,6 @@ class RenderJob:
     done: int = 0
     pieces: Pieces | None = None
 
-    def __post_init__(self) -> None:
-        """Reverse the loop with RADMC-3D's steps: its rays run towards the observer."""
-        self.backward |= self.radmc3d_steps
-
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process needs: it has its own cache."""
         return {**vars(self), "cache": None, "progress": silent}
@@ -75,6 +70,11 @@ class RenderJob:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self.cache = Cache(self.volume)
+
+    @property
+    def backward(self) -> bool:
+        """Whether rays run towards the observer: as in RADMC-3D, with its sub-steps always."""
+        return self.scheme.backward or self.radmc3d_steps
 
     @property
     def radmc3d_steps(self) -> bool:

@@ -23,7 +23,6 @@ from ..schemes.base import Scheme
 from ..units import as_quantity, is_quantity
 
 ANTIALIAS = ("adaptive", "radmc3d")
-ORDERS = ("front-to-back", "back-to-front")
 # Error of the default cut-off, as a fraction of the intensity that the ray has gathered.
 DEFAULT_ERROR = 1e-4
 # The finest tolerance that single precision reaches: rounding is 3e-6 of the sum of all colours.
@@ -49,12 +48,6 @@ def check_pixels(pixels: tuple[int, int], channels: int, backend: Backend) -> No
     # Emission, transparency and depth of every channel, on the device and in the image.
     needed = count * backend.dtype.itemsize * (6 * channels + _OTHER_PLANES)
     check_memory(needed, size, "lower the resolution, or draw it in parts")
-
-
-def check_order(order: Any) -> bool:
-    """Return True for back to front."""
-    check_name("order", order, ORDERS)
-    return bool(order == ORDERS[1])
 
 
 def check_cutoff(cutoff: Any) -> float | None:
@@ -130,7 +123,6 @@ def check_in_pieces(
     volume: Any,
     medium: Any,
     *,
-    order: Any = ORDERS[0],
     antialias: Any = None,
     bounds: Any = False,
     objects: Any = (),
@@ -144,13 +136,13 @@ def check_in_pieces(
             f"{type(medium).__name__}"
         )
     check_grid_in_pieces(grid)
-    choices = {"order": order, "antialias": antialias, "bounds": bounds, "objects": objects}
-    usual = {"order": ORDERS[0], "antialias": None, "bounds": False, "objects": ()}
+    choices = {"antialias": antialias, "bounds": bounds, "objects": objects}
+    usual = {"antialias": None, "bounds": False, "objects": ()}
     for name, value in choices.items():
         nothing = name == "objects" and isinstance(value, (list, tuple)) and not value
         if not nothing and value is not usual[name] and value != usual[name]:
             raise InputError(
-                f"memory= draws front to back, one pass for all rays: leave out {name}={value!r}, "
+                f"memory= draws one pass for all rays: leave out {name}={value!r}, "
                 "or draw without memory="
             )
 

@@ -195,7 +195,7 @@ def plan(
             f"{getattr(volume, 'grid', volume)!r}: draw it without a plan"
         )
     volume, medium, drawn = at_level(volume, medium, camera, 0 if level is None else level)
-    choices = {"order": "front-to-back", "antialias": None, "bounds": False, "objects": ()}
+    choices = {"antialias": None, "bounds": False, "objects": ()}
     choices |= {name: options[name] for name in choices if name in options}
     pieces = Pieces(_Sketch.of(volume), medium, memory, **choices)
     pieces.seen_by(camera, medium.names)

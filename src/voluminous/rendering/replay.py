@@ -145,7 +145,9 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         If rays run towards the observer, or the scheme ends panels at the medium's jumps.
     """
     if job.backward:
-        raise InputError("gradients need rays that run from front to back: order='front-to-back'")
+        raise InputError(
+            f"scheme {job.scheme.name!r} has no gradient: its rays run to the observer"
+        )
     lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         drawn = run(job, 0.0).tracer.source if job.scheme.controlled else None

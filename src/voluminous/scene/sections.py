@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _OF_ALL: dict[Kind, str] = {
     kinds.EXPRESSIONS: "expr emissivity extinction",
     kinds.EXPRESSION: "where",
-    kinds.TEXT: "cmap norm density projection stereo scheme precision device order antialias gamut "
+    kinds.TEXT: "cmap norm density projection stereo scheme precision device antialias gamut "
     "colormap",
     kinds.NUMBERS: "opacity opacities up view_direction limb_darkening mix",
     kinds.NUMBER: "shading cutoff softening",
@@ -133,7 +133,7 @@ def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``[render]`` as keyword arguments of `render`."""
     from ..backend.device import DEVICES, PRECISIONS
-    from ..rendering.options import ORDERS, check_cutoff, check_tolerance
+    from ..rendering.options import check_cutoff, check_tolerance
     from ..rendering.outline import byte_count
     from ..schemes import SCHEMES
 
@@ -144,7 +144,6 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
             ("scheme", SCHEMES),
             ("precision", PRECISIONS),
             ("device", ("auto", *DEVICES)),
-            ("order", ORDERS),
         ):
             if key in options:
                 check_name(key, options[key], names)

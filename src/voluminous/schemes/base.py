@@ -58,6 +58,9 @@ class Scheme:
         The emission is linear in the emissivity, whatever the extinction.
     controlled : bool
         It keeps to a tolerance and estimates its error (`Path.error`).
+    backward : bool
+        Rays run towards the observer, as in RADMC-3D: rays along edges of cells are in the same
+        cells then. Of schemes without an error.
     radmc3d_steps : bool
         Positions are rounded, and segments divided, as in RADMC-3D.
     complete : bool
@@ -73,6 +76,7 @@ class Scheme:
     coefficients_at: str = "cell"
     linear: bool = True
     controlled: bool = False
+    backward: bool = False
     radmc3d_steps: bool = False
     complete: bool = False
     everywhere: bool = False

@@ -29,6 +29,8 @@ _SERIES_BELOW = 1e-6
 _THIN_BELOW = float(np.float32(1e-9))
 # Where seven terms of the front weight's series suffice in single precision.
 _SERIES_ENDS = 0.35
+# Of coefficients that are differences of numbers some thousand (in single: ten) times as large.
+_ROUNDING = {"single": 1e-6, "double": 1e-10}
 
 
 class OlsonKunasz(VertexScheme):
@@ -62,11 +64,16 @@ class OlsonKunasz(VertexScheme):
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
-        if self.resolution is None:
-            return super().solve(segment, source, carried)
         corners = segment.walk.exit_corners(segment.track, segment)
         reached = list(source.interpolate(corners, segment.active))
-        return self.caught(segment, source.numbers, carried, reached), reached
+        if self.resolution is not None:
+            return self.caught(segment, source.numbers, carried, reached), reached
+        ends = list(zip(carried, reached, strict=True))
+        if not source.numbers.medium.sight:  # wings of lines may differ by as much within a cell
+            ends = [_without_rounding(*pair) for pair in ends]
+        first, last = (source.numbers.split(list(values)) for values in zip(*ends, strict=True))
+        front, back = (last, first) if segment.backward else (first, last)
+        return self.between(front, back, segment.length, segment.walk.scale), reached
 
     def caught(
         self, segment: Segment, numbers: Any, first: list[Float], last: list[Float]
@@ -169,3 +176,12 @@ def _emission(
     q = w_back * (j_back / (a_back + tiny)) + w_front * (j_front / (a_front + tiny))
     cap = 0.5 * (j_front + j_back) * s
     return dr.minimum(dr.select(tau > _THIN_BELOW, q, cap), cap)
+
+
+def _without_rounding(first: Float, last: Float) -> tuple[Float, Float]:
+    """Return a coefficient at both ends, zero where it is but a rounding error of the other's.
+
+    Where a medium ends S = j/α is 0; it must not depend on whether 0 or 1e-17 is left there.
+    """
+    least = _ROUNDING[precision_of(type(first))] * dr.maximum(first, last)
+    return dr.select(first > least, first, 0.0), dr.select(last > least, last, 0.0)

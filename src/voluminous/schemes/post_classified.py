@@ -97,8 +97,7 @@ class PostClassified(Scheme):
             true_fn=functools.partial(_segment, ray),
             false_fn=last_argument,
         )
-        if not segment.backward:
-            through = [a * b for a, b in zip(through, path.transparency, strict=True)]
+        through = [a * b for a, b in zip(through, path.transparency, strict=True)]
         after = [
             dr.select(segment.active, value, before)
             for value, before in zip(values[-1], scalars, strict=True)
@@ -114,11 +113,10 @@ class _Ray:
     segment: Segment
     fields: Any
     length: Float
-    backward: bool
 
     @classmethod
     def along(cls, segment: Segment, source: Any) -> _Ray:
-        return cls(source, segment, source.along(segment), segment.length, segment.backward)
+        return cls(source, segment, source.along(segment), segment.length)
 
     def scalars(self, s: Float) -> list[Float]:
         found: list[Float] = self.source.evaluated(self.fields.own(s))
@@ -150,8 +148,7 @@ class _Ray:
         panel = self.panel(begin, width, places)
         panel.edgeless = bool(self.source.edges)
         _, doubtful = self.source.medium.visible(panel, self.source.context)
-        weights = [] if self.backward else limits.seen(front)
-        return solve_with_error(self.source, panel, self.backward, weights), doubtful
+        return solve_with_error(self.source, panel, limits.seen(front)), doubtful
 
 
 def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path) -> Path:
@@ -209,8 +206,7 @@ def _in_panels(
             here = _Ray.along(own[0], source) if own else ray
             solved, good, last, width = _tried(here, state, values[-1], limits, nothing)
         source.accept(state.path, solved, good)
-        front, back = (solved, state.path) if ray.backward else (state.path, solved)
-        path = dr.select(good, over(front, back), state.path)
+        path = dr.select(good, over(state.path, solved), state.path)
         begin, width = next_panel(good, state.begin, width, state.width)
         return _State(begin, width, dr.select(good, last, state.place), path), *own
 
@@ -296,7 +292,7 @@ def _with_layer(ray: _Ray, panel: Panel, passed: Mask, solved: Path) -> Path:
         layer: Path = source.layer(panel, place)
         zero = 0.0 * panel.length
         layer.error = [zero, zero, source.numbers.brightness(layer.emission)]
-        return over(layer, solved) if ray.backward else over(solved, layer)
+        return over(solved, layer)
 
     result: Path = branch((solved,), passed, layered, last_argument)
     return result

@@ -67,15 +67,14 @@ class Limits:
         return good & ((dim <= self.transparency) | (dim <= rounding))
 
 
-def solve_with_error(source: Any, panel: Panel, backward: bool, seen: list[Float]) -> Path:
-    """Return a panel solved as two halves, which are in the order of the walk, and its error.
+def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
+    """Return a panel solved as two halves, and its error.
 
     `seen` are factors on errors, one per extinction; none if they are one.
     """
     numbers = source.numbers.seen(seen) if seen else source.numbers
     *means, off = source.integrate(panel)
-    solved = [_solved(numbers, own, 0.5 * panel.length) for own in means]
-    front, back = solved[::-1] if backward else solved
+    solved = front, back = [_solved(numbers, own, 0.5 * panel.length) for own in means]
     found = over(front, back)
     dims = [t * a * panel.length for t, a in zip(found.transparency, off[1], strict=True)]
     wrong = []

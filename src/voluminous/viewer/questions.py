@@ -36,7 +36,7 @@ _MOST_CELLS = 1 << 24
 # Pixels of a preset's picture, and of one that shows where values are.
 _SMALL, _COARSE = 96, 300
 _QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
-_RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "order", "cutoff")
+_RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "cutoff")
 
 
 def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:

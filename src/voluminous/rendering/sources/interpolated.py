@@ -55,7 +55,7 @@ class FieldsAlong:
         ray = segment.ray
         self.sight: list[Float] = []  # away from the observer
         if source.medium.sight and ray is not None:
-            self.sight = [-d if segment.backward else d for d in ray.direction]
+            self.sight = list(ray.direction)
         # In a cube of cells each place has its own corners.
         self.one_cell = not isinstance(chord, CoarseChord)
         self.corners = self._corners(chord) if self.one_cell else {}
