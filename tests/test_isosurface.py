@@ -163,7 +163,6 @@ def test_without_a_width_other_schemes_say_what_to_do():
 
 BAD = {
     "level": [{}, {"level": []}, {"level": float("nan")}],
-    "is now level": [{"levels": [1.0]}],
     "width": [{"level": 1.0, "width": -1.0}],
     "opacity": [{"level": 1.0, "opacity": wrong} for wrong in (1.5, -0.1, [0.1, 0.2])],
     "shading": [{"level": 1.0, "shading": 2}],

@@ -76,30 +76,21 @@ _PUBLIC = {
     "tau_surface": "measuring",
     "view": "viewer",
 }
-# Names of earlier versions, and what to write in their place.
-_RENAMED = {
-    "DeviceError": "vm.errors.DeviceError",
-    "ExpressionError": "vm.errors.ExpressionError",
-    "Measurement": "vm.measuring.Measurement",
-    "Moments": "vm.measuring.Moments",
-    "Probe": "vm.measuring.Probe",
-    "Star": "vm.Stars([position], color, radii=… or luminosities=…)",
-    "MemoryNeededError": "vm.errors.MemoryNeededError",
-    "MissingPackageError": "vm.errors.MissingPackageError",
-    "TauSurface": "vm.measuring.TauSurface",
-    "UnknownNameError": "vm.errors.UnknownNameError",
-    "auto": "vm.suggest_medium",
-    "axes": "vm.Axes",
-    "boxes": "vm.Boxes",
-    "calibrate": "medium.calibrated(volume)",
-    "framed": "vm.Orthographic.framing",
-    "extreme": "vm.project(..., how='max') or how='min'",
-    "Extreme": "vm.project(..., how='max', depth=True), which returns two images",
-    "first_hit": "vm.project(..., how='first')",
-    "from_particles": "vm.Volume.from_particles",
-    "from_pyvista": "vm.Volume.from_pyvista",
-    "from_xarray": "vm.Volume.from_xarray",
-    "from_yt": "vm.Volume.from_yt",
+# Words of other tools, and what does that here.
+_ELSEWHERE = {
+    "clip": "a medium shows a part of a volume with where='x > 0'; vm.regions are for measuring",
+    "contour": "vm.Isosurface draws surfaces of one value",
+    "crop": "volume.resample(vm.CartesianGrid.uniform(n, bounds)) is a smaller volume",
+    "imshow": "image.plot() draws a picture with axes, vm.view(volume) opens the explorer",
+    "integrate": "vm.column integrates along rays, vm.measure over cells",
+    "load": "vm.open(path) reads a volume, vm.Image.load(path) a picture",
+    "mip": "vm.project(volume, 'density', camera, how='max') is the maximum along each ray",
+    "plot": "image.plot() draws a picture with axes, vm.view(volume) opens the explorer",
+    "read": "vm.open(path) reads a volume, vm.Image.load(path) a picture",
+    "save": "volume.save(path) and image.save(path) write files",
+    "show": "image.plot() draws a picture with axes, vm.view(volume) opens the explorer",
+    "slice": "volume.slice('density', 'z') is a slice",
+    "transfer_function": "a medium is one: vm.Gaussian, vm.Table, vm.Colormap …",
 }
 _MODULES = ("errors", "io", "math", "measuring", "models", "movies", "regions")
 
@@ -229,10 +220,15 @@ def __getattr__(name: str) -> Any:
         return value
     if name in _MODULES:
         return importlib.import_module(f".{name}", __name__)
-    if name in _RENAMED:
-        raise AttributeError(f"voluminous.{name} is now {_RENAMED[name]}")
+    if name in _ELSEWHERE:
+        raise AttributeError(f"voluminous has no {name}: {_ELSEWHERE[name]}")
     from .errors import unknown_name
 
+    if not name.startswith("_"):
+        for module in _MODULES:
+            found = getattr(importlib.import_module(f".{module}", __name__), name, None)
+            if getattr(found, "__module__", "").startswith(__name__):
+                raise AttributeError(f"voluminous has no {name}: it is vm.{module}.{name}")
     raise AttributeError(f"voluminous: {unknown_name('name', name, __all__)}")
 
 

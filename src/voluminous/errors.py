@@ -13,8 +13,48 @@ _NOUN = re.compile(r"(.*?)((?: (?:of|that|for) .*)?)", re.DOTALL)
 _PLURALS = ((r"axis$", "axes"), (r"s$", "s"), (r"(x|ch)$", r"\1es"), (r"([^aeiou])y$", r"\1ies"))
 
 
+# Where a message may quote what was given: a text, a list, a long number.
+_OPENS = re.compile(r"(?<!\w)(?:['\"\[{<]|\((?=[\d'\"\[(.+-]))|\d{201}")
+_CLOSES = {"[": "]", "{": "}", "(": ")"}
+_LONGEST = 200
+
+
 class VoluminousError(Exception):
-    """Base class of all errors raised on purpose by voluminous."""
+    """Base class of all errors raised on purpose by voluminous.
+
+    Of what was given a message shows no more than 200 characters.
+    """
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
+
+
+def shortened(message: str) -> str:
+    """Return a message without what is beyond 200 characters of each of its quotations."""
+    pieces, place = [], 0
+    while match := _OPENS.search(message, place):
+        first, end = match.start(), _end(message, match.start())
+        pieces.append(message[place : min(end, first + _LONGEST)])
+        if end > first + _LONGEST:
+            pieces.append(f"…{message[end - 1]}")
+        place = end
+    return "".join([*pieces, message[place:]])
+
+
+def _end(message: str, first: int) -> int:
+    """Return where a quotation that begins there ends; the next place if it is none."""
+    opens = message[first]
+    if opens.isdigit():
+        return re.compile(r"\d+").match(message, first).end()  # type: ignore[union-attr]
+    if opens not in _CLOSES:
+        ends = re.compile(r">" if opens == "<" else rf"{opens}(?!\w)").search(message, first + 1)
+        return ends.end() if ends else first + 1
+    closes, depth = _CLOSES[opens], 0
+    for match in re.compile(f"[{re.escape(opens + closes)}]").finditer(message, first):
+        depth += 1 if match[0] == opens else -1
+        if not depth:
+            return match.end()
+    return first + 1
 
 
 class InputError(VoluminousError, ValueError):
@@ -46,7 +86,7 @@ class UnknownNameError(VoluminousError, KeyError):
 
     def __str__(self) -> str:
         # KeyError would print the repr of the message, quotes and escapes included.
-        return str(self.args[0]) if self.args else ""
+        return shortened(str(self.args[0])) if self.args else ""
 
 
 class MemoryNeededError(VoluminousError, MemoryError):
@@ -104,7 +144,7 @@ def unknown_name(
     listed = ", ".join(names) or "(none)"
     if len(names) > _MANY:
         like = difflib.get_close_matches(name, names, n=_SHOWN, cutoff=0.0)
-        listed = f"{', '.join(like)} … ({len(names)} in all)"
+        listed = f"{', '.join(sorted(like))} … ({len(names)} in all)"
     return UnknownNameError(f"unknown {kind} {name!r}{hint} known {_plural(kind)}: {listed}")
 
 

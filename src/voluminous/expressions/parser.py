@@ -24,7 +24,8 @@ import numpy as np
 
 from ..errors import ExpressionError, InputError, UnitsError, unknown_name
 from ..units import Unit, parse_unit
-from .tree import Call, Constant, Derivative, Field, Node, NumberWithUnit, text
+from .ops import NumpyOps
+from .tree import Call, Constant, Derivative, Field, Node, NumberWithUnit, nodes, text
 
 CONSTANTS = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}
 
@@ -387,6 +388,10 @@ class _Builder:
         self._depth += 1
         built = self._built(node)
         self._depth -= 1
+        if isinstance(built, Call) and all(isinstance(n, (Call, Constant)) for n in nodes(built)):
+            with np.errstate(all="ignore"):
+                if np.any(np.isinf(built.number(NumpyOps(), {}))):
+                    self._fail(node, "this overflows: double precision cannot hold it")
         return built
 
     def _built(self, node: ast.expr) -> Node:

@@ -122,12 +122,7 @@ class Isosurface(Medium):
         shading: float = 0.0,
         lights: Any = None,
         where: Any = None,
-        **options: Any,
     ) -> None:
-        for name in options:
-            if name == "levels":
-                raise InputError("levels=[…] is now level=[…], which takes one value or several")
-            raise TypeError(f"Isosurface() has no argument {name!r}")
         self.expr = Expression(expr)
         self.levels = given_levels(level)
         self.colors, self.modulation = modulated_colors(color, where, len(self.levels))

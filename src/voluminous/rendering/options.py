@@ -88,9 +88,6 @@ def check_tolerance(tolerance: Any) -> float:
 
 def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
     """Refuse an invalid number of rays or antialiasing method."""
-    renamed = {"adaptive": "adaptive", "flux-conserving": "radmc3d"}
-    if isinstance(samples, str) and samples in renamed:
-        raise InputError(f"samples={samples!r} is now antialias={renamed[samples]!r}")
     whole = isinstance(samples, numbers.Integral) and not isinstance(samples, bool)
     if not whole or not 1 <= samples <= _MOST_SAMPLES:
         raise InputError(

@@ -132,9 +132,12 @@ def value(text: str) -> Any:
 
     Examples
     --------
-    >>> value("40"), value("[1, 2]"), value("0.1 pc")
-    (40, [1, 2], '0.1 pc')
+    >>> value("40"), value("[1, 2]"), value("(1, 2)"), value("0.1 pc")
+    (40, [1, 2], [1, 2], '0.1 pc')
     """
+    if text.startswith("(") and text.endswith(")"):  # as in Python
+        listed = value(f"[{text[1:-1]}]")
+        return listed if isinstance(listed, list) else text
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
