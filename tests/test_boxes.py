@@ -211,7 +211,7 @@ def test_boxes_describe_themselves():
     [
         ({"levels": -1}, "whole number from 0"),
         ({"levels": [0, 1.5]}, "whole number from 0"),
-        ({"merged": "yes"}, "merged must be true or false"),
+        ({"merged": "yes"}, "merged must be True or False"),
         ({"width": 0}, "width must be a positive"),
         ({"levels": [3, 4]}, "has levels 0 to 2"),
         ({"colors": ["red", "lime"]}, "2, for 3 levels"),

@@ -292,7 +292,7 @@ class Fields(MutableMapping[str, np.ndarray]):
         return self._fields[name].sealed
 
     def __contains__(self, name: object) -> bool:
-        return name in self._fields  # reads nothing
+        return isinstance(name, str) and name in self._fields  # reads nothing
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._fields)

@@ -115,7 +115,7 @@ _MANY, _SHOWN = 60, 12
 
 
 def unknown_name(
-    kind: str, name: str, known: Iterable[str], *, other: tuple[str, Iterable[str]] = ("", ())
+    kind: str, name: Any, known: Iterable[str], *, other: tuple[str, Iterable[str]] = ("", ())
 ) -> UnknownNameError:
     """Return the error for an unknown `name`, naming the nearest among the `known` ones.
 
@@ -135,6 +135,7 @@ def unknown_name(
     >>> str(unknown_name("field", "densty", ["density", "temperature"]))
     "unknown field 'densty'; did you mean 'density'? known fields: density, temperature"
     """
+    name = name if isinstance(name, str) else repr(name)
     names = sorted(known)
     choice = [*names, *other[1]]
     near = difflib.get_close_matches(name, choice, n=1)
@@ -151,7 +152,19 @@ def unknown_name(
 def check_name(kind: str, name: Any, known: Iterable[str]) -> None:
     """Raise `unknown_name` unless a name, of whatever type, is among the known ones."""
     if not isinstance(name, str) or name not in known:
-        raise unknown_name(kind, str(name), known)
+        raise unknown_name(kind, name, known)
+
+
+def check_flag(name: str, value: Any) -> None:
+    """Refuse what is neither true nor false, such as a text."""
+    if value is not True and value is not False and type(value).__name__ not in ("bool", "bool_"):
+        raise InputError(f"{name} must be True or False, got {value!r}")
+
+
+def check_text(what: str, value: Any) -> None:
+    """Refuse what is no text."""
+    if not isinstance(value, str):
+        raise InputError(f"{what} is a text, got {value!r}")
 
 
 def _plural(kind: str) -> str:

@@ -132,7 +132,7 @@ class Evaluation(ABC):
 
     def resolved(self, expression: Expression) -> tuple[Expression, Any]:
         """Return the results of `without_units` and of `expression_unit`."""
-        expression = expression.among((*self._fields, *self.coordinates))
+        expression = Expression(expression).among((*self._fields, *self.coordinates))
         self.check_names(expression)
         try:
             return resolve(expression, tuple(map(self._unit_in_expressions, expression.names)))

@@ -129,7 +129,14 @@ def parse_unit(unit: Any) -> Any:
     """Return the astropy unit for a name, a unit or None (dimensionless)."""
     if unit is None or (isinstance(unit, str) and unit == ""):
         return None
-    return _known_unit(unit)
+    try:
+        if not isinstance(unit, complex):
+            return _known_unit(unit)
+        raise TypeError
+    except (TypeError, OverflowError):  # lists and the like cannot be looked up
+        raise UnitsError(
+            f"{shown(unit)} is not a unit; expected one such as 'cm', 'pc' or 'g / cm3'"
+        ) from None
 
 
 @functools.lru_cache(maxsize=256)  # a picture asks for a few units, hundreds of times
@@ -243,6 +250,11 @@ def is_count(number: Any, most: int) -> bool:
     """Return whether something is a positive whole number below `most`, of whatever type."""
     real = isinstance(number, Real)
     return real and 1 <= number < most and int(number) == number
+
+
+def is_listed(value: Any) -> bool:
+    """Return whether something is a list, a tuple, or an array with an axis."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def shown(value: Any) -> str:

@@ -18,7 +18,7 @@ from . import packages
 from .deferred import Deferred, Fields, Pieces
 from .derivatives import Derivatives, LinesOfSight, component
 from .digest import digest
-from .errors import ImmutableError, InputError, unknown_name
+from .errors import ImmutableError, InputError, check_flag, check_text, unknown_name
 from .evaluation import Evaluation
 from .expressions import DerivedField, Expression, derived_field, required_names
 from .fields import (
@@ -229,6 +229,7 @@ class Volume(Evaluation):
         """Return the derivative or vector component of this name; None for fields and others."""
         if name in self._fields:
             return None
+        check_text("the name of a field", name)
         return derived_field(name) or component(name, self._fields, self.grid)
 
     def given(self, names: Iterable[str]) -> set[str]:
@@ -531,6 +532,7 @@ class Volume(Evaluation):
         Σ f V is conserved to rounding. To and from other grids they are estimated with
         ``samples**3`` points in each of the smaller cells; a constant stays constant.
         """
+        check_flag("deferred", deferred)
         later = _made_in_boxes if deferred else None
         resampled: Volume = resampled_volume(self, grid, fields, fill, samples, later)
         return resampled

@@ -72,7 +72,7 @@ def as_array(values: Any, name: str, dtype: Any = None) -> np.ndarray:
     """Return values as an array."""
     try:
         return np.asarray(values, dtype=dtype)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{name} must be an array of numbers, all rows equally long, got {reprlib.repr(values)}"
         ) from error

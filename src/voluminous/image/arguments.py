@@ -27,7 +27,7 @@ def intensity(values: Any, unit: Any) -> tuple[Array, str]:
     """Return intensities as an array (ny, nx, channel) of floats, and the name of their unit."""
     values = as_quantity(values)
     if is_quantity(values):
-        unit = unit or values.unit
+        unit = values.unit if unit is None or _is_empty(unit) else unit
         values = values.value if values.unit == unit else plain(values, unit, "intensity")
     array = _floats(values, "intensity")
     array = array[..., None] if array.ndim == 2 else array
@@ -35,7 +35,11 @@ def intensity(values: Any, unit: Any) -> tuple[Array, str]:
         raise InputError(
             f"intensity has shape {array.shape}, expected (ny, nx, channel) or (ny, nx), not empty"
         )
-    return array, str(unit or "")
+    return array, "" if unit is None else str(unit)
+
+
+def _is_empty(unit: Any) -> bool:
+    return isinstance(unit, str) and not unit
 
 
 def plane(values: Any, shape: tuple[int, ...], what: str) -> Array | None:
@@ -96,7 +100,8 @@ def known_unit(unit: Any) -> u.UnitBase | None:
 
 def length_unit(unit: Any, x: Any, y: Any) -> str:
     """Return the name of the unit of the image plane: `unit`, or else that of `x` or `y`."""
-    return str(unit or unit_of(x) or unit_of(y) or "")
+    own = unit_of(x) or unit_of(y) if unit is None or _is_empty(unit) else unit
+    return "" if own is None else str(own)
 
 
 def axis(values: Any, count: int, unit: str, name: str) -> Axis:
@@ -169,7 +174,7 @@ def json_value(value: Any, what: str) -> Any:
         return None
     try:
         return json.loads(json.dumps(value, default=_plain_number))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, NotImplementedError) as error:
         raise InputError(
             f"{what} must be made of dicts, lists, strings, numbers, booleans and None, "
             f"so that it can be saved: {error}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, immutable
+from ..errors import InputError, check_name, immutable
 from ..packages import room
 from . import arguments, tone
 from .arguments import Array, json_value
@@ -573,6 +573,7 @@ class Image:
 
     def plane(self, name: str) -> Array | None:
         """Return an array such as the transparency, with one channel if all channels are equal."""
+        check_name("plane", name, ("intensity", *arguments.PLANES))
         values: Array | None = getattr(self, name)
         grey = values is not None and values.ndim == 3 and values.strides[-1] == 0
         return values[..., :1] if values is not None and grey else values

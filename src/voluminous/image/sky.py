@@ -244,7 +244,7 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
             f"distance must be a length such as 140 * u.pc, got {distance!r}; the picture's plane "
             f"is in {image.unit or 'no unit'}"
         ) from error
-    if not np.isfinite(length) or length <= 0:
+    if not isinstance(length, float) or not 0.0 < length < np.inf:
         raise InputError(f"distance must be positive and finite, got {distance!r}")
     return 1.0 / length, "TAN"
 

@@ -213,7 +213,9 @@ def channels(
     """
     if not is_count(count, 2**31):
         raise InputError(f"the number of channels must be a positive whole number, got {count!r}")
-    low, high = (float(plain(v, UNITS["velocity"], "a channel's velocity")) for v in (first, last))
+    low, high = (plain(v, UNITS["velocity"], "a channel's velocity") for v in (first, last))
+    if np.ndim(low) or np.ndim(high):
+        raise InputError(f"the first and last velocity are one number each, got {first}, {last}")
     values = np.linspace(low, high, int(count)) if count > 1 else [0.5 * (low + high)]
     return SpectralAxis(values, UNITS["velocity"], rest=rest, line=line)
 
@@ -222,7 +224,7 @@ def as_spectral(value: Any) -> SpectralAxis:
     """Return an axis of what a user gave: an axis, its description, or quantities."""
     if isinstance(value, SpectralAxis):
         return value
-    return SpectralAxis(**value) if isinstance(value, dict) else SpectralAxis(value)
+    return SpectralAxis(**value) if isinstance(value, dict) and value else SpectralAxis(value)
 
 
 def _hertz(rest: Any) -> float:

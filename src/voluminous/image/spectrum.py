@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..errors import FileFormatError, InputError, UnitsError, check_name
 from ..figures import new_figure
 from ..files import as_path, check_start, expecting, replacing
-from ..units import as_quantity, is_quantity, parse_unit, plain
+from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
 from ..value import Value
 from .arguments import distance as distance_of
 from .arguments import json_value
@@ -90,7 +90,8 @@ class Spectrum(Value):
         error: ArrayLike | None = None,
     ) -> None:
         given = as_quantity(flux)
-        own = parse_unit(unit or (given.unit if is_quantity(given) else None))
+        nothing = unit is None or (isinstance(unit, str) and not unit)
+        own = parse_unit(unit_of(given) if nothing else unit)
         self.spectral = as_spectral(spectral)
         self.unit = "" if own is None else str(own)
         self.flux = self._numbers(given, own, "flux")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..colormaps import get_color, get_colormap, opaque_color, without_alpha
 from ..errors import InputError, check_name
-from ..units import as_quantity, is_quantity, plain
+from ..units import as_quantity, is_listed, is_quantity, plain
 
 if TYPE_CHECKING:
     from matplotlib.colors import Normalize
@@ -91,7 +91,7 @@ def finite(value: Any, what: str) -> float:
     """Return `value` as a float; raise unless it is finite."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what} must be a number, got {value!r}") from None
     if not np.isfinite(number):
         raise InputError(f"{what} must be finite, got {value!r}")
@@ -126,7 +126,7 @@ def scale(
         own: Normalize = copy(norm)  # do not change the caller's object
         own.autoscale_None(values[np.isfinite(values)])
         return own
-    if norm not in (None, "linear", "log"):
+    if not (norm is None or (isinstance(norm, str) and norm in ("linear", "log"))):
         raise InputError(f"norm must be 'linear', 'log' or a matplotlib Normalize, got {norm!r}")
     log = norm == "log"
     shown = values[np.isfinite(values) & (values > 0 if log else True)]
@@ -274,7 +274,8 @@ def with_colormap(image: Image, options: dict[str, Any]) -> dict[str, Any]:
     how = image.provenance or {}
     if how.get("map") in _VELOCITIES and {"vmin", "vmax"} <= given:
         return {**options, "colormap": _SIGNED}
-    if look != ("linear", "hue") or given & {"background", "vmin", "vmax", "softening"}:
+    usual = all(isinstance(name, str) for name in look) and look == ("linear", "hue")
+    if not usual or given & {"background", "vmin", "vmax", "softening"}:
         return options
     values = image.intensity[..., shown[0]]
     if "exposure" not in given:
@@ -332,7 +333,7 @@ def chosen(channels: Any, count: int) -> list[int]:
         return list(range(count))
     try:
         indices = [operator.index(c) for c in np.atleast_1d(np.asarray(channels))]
-    except TypeError:
+    except (TypeError, ValueError):
         indices = []
     if not indices or min(indices) < 0 or max(indices) >= count:
         raise InputError(
@@ -361,11 +362,11 @@ def _matrix(mix: Any, count: int) -> NDArray[np.float64]:
         # One channel is grey, three are red, green and blue, and every further one is white.
         primary = np.eye(3)[: 3 * (count > 2)]
         return np.vstack([primary, np.ones((count - len(primary), 3))])
-    if isinstance(mix, (list, tuple, np.ndarray)):
+    if is_listed(mix):
         mix = [get_color(c) if isinstance(c, str) else without_alpha(c, "mix") for c in mix]
     try:
         colors = np.array(mix, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"mix must be numbers, a row (r, g, b) per channel; got {mix!r}") from None
     if colors.shape != (count, 3) or not np.isfinite(colors).all():
         raise InputError(

@@ -14,7 +14,7 @@ import numpy as np
 from ..backend import from_host, get_backend
 from ..cameras import Orthographic
 from ..cameras.contract import check_camera
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name
 from ..expressions import product, shifted
 from ..image import Image
 from ..media import Coefficients
@@ -77,12 +77,11 @@ def integrals(
     count nothing for all: means are over known values.
     """
     check_camera(camera, "a map")  # of None `render` would make one
+    check_name("method", method, METHODS)
     if method == "exact":
         check_exact(volume.grid, camera)
         how = options["device"], options["memory"]
         return exact_maps(volume.seen_by(camera), expressions, camera, *how, together=True)
-    if method != "rays":
-        raise unknown_name("method", str(method), METHODS)
     seen, known = undefined_as_missing(volume.seen_by(camera), expressions)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
@@ -331,6 +330,7 @@ def moments(
     if not isinstance(n, Integral) or not 0 <= n <= _HIGHEST:
         raise InputError(f"n, the highest moment, must be from 0 to {_HIGHEST}, got {n!r}")
     check_volume(volume)
+    check_camera(camera, "a map")
     volume = outlined(volume, memory)
     seen = volume.seen_by(camera)
     if isinstance(velocity, str) and velocity not in seen and f"los({velocity!r})" in seen:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
-from ..errors import InputError, check_name
+from ..errors import InputError, check_flag, check_name
 from ..media import Coefficients
 from ..packages import room
 from ..progress import Progress, with_progress
@@ -141,6 +141,7 @@ def project(
     """
     check_name("how", how, HOW)
     check_volume(volume)
+    check_flag("depth", depth)
     if depth and how not in _SIGNS:
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
@@ -276,7 +277,7 @@ def tau_surface(
     InputError
         If `tau` is not positive, coefficients are not finite, or extinctions negative.
     """
-    if not isinstance(tau, Real) or not 0 < tau < np.inf:
+    if not isinstance(tau, Real) or not 0 < tau <= 1e308:
         raise InputError(f"tau must be a positive number, got {tau!r}")
     channels = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
     if any(given is not None for given in channels.values()):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from ..cameras import Camera
-from ..errors import InputError, UnknownNameError, unknown_name
+from ..errors import InputError, UnknownNameError, check_flag, unknown_name
 from ..notebook import page, table
 from ..progress import Progress, with_progress
 from ..regions import Region
@@ -171,6 +171,7 @@ def measure(
         options |= {"device": device, "progress": progress}
         rows = [measure(volume, quantities, where, one, **options) for one in camera]
         return _table(camera, rows, where)
+    check_flag("maps", maps)
     volume.refresh()  # derivatives of fields that were changed in place
     volume = outlined(volume, memory)
     seen = volume if camera is None else volume.seen_by(camera)

@@ -68,6 +68,8 @@ class RangeContext(Context):
 
 def intervals(lo: Mapping[str, Any], hi: Mapping[str, Any]) -> dict[str, Interval]:
     """Return the ranges of fields from their smallest and largest values."""
+    if not (isinstance(lo, Mapping) and isinstance(hi, Mapping)):
+        raise InputError(f"bounds needs two dictionaries of field values, got {lo!r} and {hi!r}")
     one_sided = sorted(lo.keys() ^ hi.keys())
     if one_sided:
         raise InputError(

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..colormaps import is_name_and_alpha
-from ..errors import InputError
+from ..errors import InputError, check_flag
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
 from ..grids.boxes import expanded
+from ..units import is_listed
 from .contract import Layers, SceneObject, View
 from .curves import Curves
 
@@ -336,9 +337,9 @@ class Boxes(SceneObject):
             raise InputError(
                 f"Boxes: expected a vm.Volume, or colors=…, got {type(volume).__name__} first"
             )
-        if merged not in (None, True, False):
-            raise InputError(f"merged must be true or false, got {merged!r}")
-        several = isinstance(levels, (Sequence, np.ndarray))
+        if merged is not None:
+            check_flag("merged", merged)
+        several = isinstance(levels, Sequence) or np.ndim(levels) == 1
         chosen = list(levels) if several else [] if levels is None else [levels]
         whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in chosen)
         if not whole or min(chosen, default=0) < 0 or (several and not chosen):
@@ -379,6 +380,6 @@ class Boxes(SceneObject):
 
 
 def _are_several(colors: Any) -> bool:
-    return not (isinstance(colors, str) or is_name_and_alpha(colors)) and (
-        np.ndim(colors) == 2 or (np.ndim(colors) == 1 and isinstance(colors[0], str))
-    )
+    if not is_listed(colors) or is_name_and_alpha(colors) or not len(colors):
+        return False
+    return isinstance(colors[0], str) or np.ndim(colors[0]) == 1

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, check_flag
 from ..units import as_given, is_quantity, plain, unit_of
 from .contract import Layers, SceneObject, View, numbered, window_pixels
 from .values import check_colors
@@ -205,12 +206,14 @@ class Curves(SceneObject):
         self.places, self.counts, self.unit = _lines(self.points)
         self.colors = colors
         check_colors(colors, len(self.counts), "colors")
-        if not 0.0 <= opacity <= 1.0:
+        if not isinstance(opacity, Real) or not 0.0 <= opacity <= 1.0:
             raise InputError(f"opacity must be from 0 to 1, got {opacity!r}")
+        check_flag("closed", closed)
         thick = plain(self.width, unit_of(self.width), "width")
         if not isinstance(thick, float) or not 0.0 < thick < np.inf:
             raise InputError(f"width must be a positive number or a length, got {width!r}")
-        self.opacity, self.closed = float(opacity), closed
+        self.opacity: float = float(opacity)
+        self.closed: bool = bool(closed)
 
     def layers(self, view: View) -> Layers | None:
         segments = self._segments(view)
@@ -253,6 +256,8 @@ def _lines(points: Any) -> tuple[np.ndarray, np.ndarray, Any]:
     several = isinstance(points, (list, tuple))
     parts = [np.asarray(plain(part, unit, "points")) for part in (points if several else [points])]
     if several and parts and all(part.ndim == 1 for part in parts):  # the points of one line
+        if len({part.shape for part in parts}) > 1:
+            raise InputError("points of a line must all be (x, y, z)")
         parts = [np.stack(parts)]
     blocks = [part if part.ndim == 3 else part[None] for part in parts if part.size]
     if not blocks:
@@ -345,6 +350,8 @@ class Axes(SceneObject):
         relative: bool = True,
     ) -> None:
         super().__init__(depth=depth, channel=channel, relative=relative)
+        if volume is not None and not hasattr(volume, "grid"):
+            raise InputError(f"Axes: expected a vm.Volume first, got {type(volume).__name__}")
         self.grid = None if volume is None else volume.grid
         self.colors, self.width = colors, width
         self.origin, self.length = as_given(origin, "origin"), as_given(length, "length")

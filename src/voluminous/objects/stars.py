@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, check_flag
 from ..units import as_given, plain, unit_of
 from .balls import nearby
 from .contract import REACH, Layers, PointLights, View
@@ -70,6 +70,7 @@ class Stars(Spheres):
         channel: int | None = None,
         relative: bool = False,
     ) -> None:
+        check_flag("points", points)
         if radii is None and luminosities is None:
             raise InputError("give a star a radius, or, as a point of light, a luminosity")
         if psf is not None and radii is not None and not points:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..colormaps import get_color, is_name_and_alpha, without_alpha
 from ..errors import InputError, check_name
-from ..units import plain, unit_of
+from ..units import is_listed, plain, shown, unit_of
 
 # More numbers are only counted where a picture tells what it shows.
 MANY = 64
@@ -43,7 +43,12 @@ def check_colors(colors: Any, count: int, what: str) -> None:
     if is_spectrum(colors):
         return
     colors = without_alpha(colors, what)
-    array = np.asarray(plain(colors, unit_of(colors), what), dtype=np.float64)
+    try:
+        array = np.asarray(plain(colors, unit_of(colors), what), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"{what} must be names of colours, or numbers, got {shown(colors)}"
+        ) from None
     if not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be finite")
     if array.ndim > 2 or (array.ndim == 2 and len(array) not in (1, count)):
@@ -57,8 +62,7 @@ def is_named(colors: Any) -> bool:
     """Return True for a colour's name, or a list of names."""
     if is_name_and_alpha(colors):  # which is refused, or a colour
         return False
-    several = isinstance(colors, (list, tuple, np.ndarray)) and np.ndim(colors) > 0
-    return isinstance(colors[0] if several and len(colors) else colors, str)
+    return isinstance(colors[0] if is_listed(colors) and len(colors) else colors, str)
 
 
 def is_spectrum(colors: Any) -> bool:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..packages import room
-from ..units import as_given, is_quantity
+from ..units import as_given, is_listed, is_quantity, shown
 from ..value import Value
 from .constants import CODATA, Constants, Reals, constants_named, in_unit
+from .opacity import listed
 
 Indices = NDArray[np.int64]
 # A frequency names the line that is this near, relative to it: other lines may be, too.
@@ -66,14 +67,18 @@ class Molecule(Value):
         frequencies: Any,
         partition: tuple[Any, Any] | None = None,
     ) -> None:
-        self.name, self.weight = str(name), float(weight)
-        self.energies: Reals = np.array(energies, dtype=np.float64)
-        self.weights: Reals = np.array(weights, dtype=np.float64)
-        self.labels = tuple(map(str, labels))
-        self.up: Indices = np.array(up, dtype=np.int64)
-        self.low: Indices = np.array(low, dtype=np.int64)
-        self.einstein_a: Reals = np.array(einstein_a, dtype=np.float64)
-        self.frequencies: Reals = np.array(frequencies, dtype=np.float64)
+        what = f"molecule {name}"
+        if not is_listed(labels):
+            raise InputError(f"{what}: labels are a list of texts, got {shown(labels)}")
+        self.name, self.labels = str(name), tuple(map(str, labels))
+        (self.weight,) = listed([weight], None, f"{what}: weight").tolist()
+        self.energies = listed(energies, None, f"{what}: energies")
+        self.weights = listed(weights, None, f"{what}: weights")
+        self.up, self.low = (
+            _numbers(levels, f"{what}: {end}") for end, levels in (("up", up), ("low", low))
+        )
+        self.einstein_a = listed(einstein_a, None, f"{what}: einstein_a")
+        self.frequencies = listed(frequencies, None, f"{what}: frequencies")
         self.partition: tuple[Reals, Reals] | None = None
         levels, lines = len(self.labels), len(self.frequencies)
         shapes = {len(self.energies), len(self.weights)}, {len(self.up), len(self.low)}
@@ -82,17 +87,19 @@ class Molecule(Value):
             raise InputError(f"molecule {name}: expected one number for each level, and each line")
         if not np.all((ends >= 0) & (ends < levels)) or np.any(self.up == self.low):
             raise InputError(f"molecule {name}: lines go between two of its {levels} levels")
-        if not (
-            self.weight > 0.0 and np.all(self.weights > 0.0) and np.all(self.frequencies > 0.0)
-        ):
-            raise InputError(f"molecule {name}: weights and frequencies must be positive")
+        positive = np.concatenate([[self.weight], self.weights, self.frequencies])
+        finite = np.isfinite([*positive, *self.energies, *self.einstein_a])
+        if not (np.all(positive > 0.0) and np.all(finite) and np.all(self.einstein_a >= 0.0)):
+            raise InputError(
+                f"molecule {name}: weights and frequencies must be positive, and all numbers finite"
+            )
         if partition is not None:
-            t, z = (np.array(part, dtype=np.float64) for part in partition)
-            if (
-                t.ndim != 1
-                or t.shape != z.shape
-                or not (np.all(np.diff(t) > 0.0) and np.all(z > 0))
-            ):
+            if not is_listed(partition) or len(partition) != 2:
+                raise InputError(
+                    f"{what}: partition is (temperatures, values), got {shown(partition)}"
+                )
+            t, z = (listed(part, None, f"{what}: partition") for part in partition)
+            if t.shape != z.shape or not (np.all(np.diff(t) > 0.0) and np.all(z > 0)):
                 raise InputError(
                     f"molecule {name}: a partition function is (temperatures, values): as many "
                     "positive values as temperatures, which rise"
@@ -183,8 +190,10 @@ class Molecule(Value):
             which = as_given(which, "line", "230.538 GHz")
         if is_quantity(which):
             return self._near(which)
+        if not isinstance(which, (str, tuple, list)):
+            raise InputError(f"a line is a number, labels or a frequency, got {shown(which)}")
         pairs = [tuple(which)] if isinstance(which, (tuple, list)) else self._pairs(str(which))
-        names = [tuple(map(_plainly, pair)) for pair in pairs]
+        names = [tuple(map(_plainly, map(str, pair))) for pair in pairs]
         labels = [_plainly(label) for label in self.labels]
         ends = zip(self.up.tolist(), self.low.tolist(), strict=True)
         found = [k for k, (up, low) in enumerate(ends) if (labels[up], labels[low]) in names]
@@ -233,6 +242,14 @@ class Molecule(Value):
             f"<Molecule {self.name}: weight {self.weight:g}, {len(self.labels)} levels, "
             f"{len(self.frequencies)} lines>"
         )
+
+
+def _numbers(levels: Any, what: str) -> Indices:
+    """Return the numbers of levels."""
+    found = listed(levels, None, what)
+    if not np.all(found == np.round(found)):
+        raise InputError(f"{what}: expected the numbers of levels, from 0, got {shown(levels)}")
+    return found.astype(np.int64)
 
 
 def _plainly(label: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, check_name
 from ..packages import room
-from ..units import plain, shown
+from ..units import shown
 from ..value import Value
 from .constants import CODATA, Constants, Reals, constants_named, in_unit
 from .published import POWER_LAWS, TABLES
@@ -169,7 +170,13 @@ class Opacity(Value):
         InputError
             If there are no wavelengths, or no absorption.
         """
-        names = {str(column).lower(): column for column in getattr(table, "colnames", table)}
+        columns = getattr(table, "colnames", table)
+        if not isinstance(columns, (list, Mapping)):
+            raise InputError(
+                "expected a table of astropy or a dictionary of columns, got "
+                f"{type(table).__name__}"
+            )
+        names = {str(column).lower(): column for column in columns}
         found = {}
         for argument, known in _COLUMNS.items():
             column = next((names[one] for one in known if one in names), None)
@@ -203,8 +210,8 @@ class Opacity(Value):
         name : str, optional
             For labels and errors.
         """
-        at = float(plain(wavelength, "micron", "wavelength"))
-        value = float(plain(kappa, _CM2_G, "kappa"))
+        (at,) = listed([wavelength], "micron", "wavelength").tolist()
+        (value,) = listed([kappa], _CM2_G, "kappa").tolist()
         if not (at > 0.0 and value >= 0.0 and np.isfinite(beta)):
             raise InputError(
                 f"expected a positive wavelength, an opacity and an index, got {wavelength!r}, "

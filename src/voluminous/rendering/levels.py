@@ -30,7 +30,8 @@ def at_level(volume: Any, medium: Any, camera: Any, level: Any) -> tuple[Any, An
 
     Media are the same at all levels, so that pictures show the same.
     """
-    if level != "auto" and (type(level) is not int or level < 0):
+    auto = isinstance(level, str) and level == "auto"
+    if not auto and (type(level) is not int or level < 0):
         raise InputError(
             "level is 'auto', or the number of a coarser level of the file, 0 for all cells, got "
             f"{level!r}"
@@ -38,7 +39,7 @@ def at_level(volume: Any, medium: Any, camera: Any, level: Any) -> tuple[Any, An
     if not isinstance(volume, Volume) or not isinstance(medium, Medium):
         return volume, medium, 0  # which are refused
     check_camera(camera, "render")
-    if level == "auto":
+    if auto:
         level = sufficient_level(volume, medium, camera)
     if level == 0:
         return volume, medium, level

@@ -37,7 +37,7 @@ _SLAB = 1 << 18
 
 def byte_count(memory: Any) -> int:
     """Return a number of bytes from text such as ``"2 GiB"`` or ``"500 MB"``, or a number."""
-    if isinstance(memory, (int, float)) and memory is not True and 0 < memory < math.inf:
+    if isinstance(memory, (int, float)) and memory is not True and 0 < memory < 1e30:
         return int(memory)
     found = _TEXT.fullmatch(memory) if isinstance(memory, str) else None
     try:

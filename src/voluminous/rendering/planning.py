@@ -29,7 +29,7 @@ from ..volume import Volume
 from .api import render
 from .cache import Cache
 from .levels import at_level
-from .options import check_scheme_in_pieces, check_tolerance
+from .options import check_antialias, check_scheme_in_pieces, check_tolerance
 from .outline import Outline
 from .pieces import Pieces
 from .pixels import between_walls
@@ -202,6 +202,7 @@ def plan(
     if scheme is None:
         scheme = "first-order" if medium.discrete else "post-classified"
     check_tolerance(tolerance)
+    check_antialias(samples, None, camera)
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_scheme_in_pieces(solver)
     medium = _plain(medium, volume)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ..backend import get_backend
+from ..backend.device import PRECISIONS, get_backend
 from ..calibration import calibrated
 from ..cameras.contract import check_camera
-from ..errors import InputError, UnitsError, how_to_take
+from ..errors import InputError, UnitsError, check_name, how_to_take
 from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.sum import with_each
@@ -85,6 +85,7 @@ def prepare(
     if by_field:
         medium = with_each(medium, lambda part: part.on_rays())
     allowed = check_tolerance(tolerance)
+    check_name("precision", precision, PRECISIONS)
     fine = solver.controlled and allowed < FINEST_SINGLE and device != "metal"
     double = precision != "single" or volume.grid.needs_double() or fine
     if solver.radmc3d_steps and medium.sight:  # its S = j/α of faint wings

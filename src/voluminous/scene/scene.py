@@ -78,7 +78,7 @@ class Scene:
         *,
         volume: Volume | None = None,
     ) -> None:
-        self.directory = Path(directory)
+        self.directory = as_path(directory)
         self._settings = plain_sections(settings)
         self._settings["render"] = plain_render(self._settings["render"])
         self._source = read_source(self._settings["volume"])

@@ -22,6 +22,8 @@ _LISTS = ("medium", "object")
 
 def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return all sections, in order, as tables of plain values."""
+    if not isinstance(settings, Mapping):
+        raise InputError(f"a scene is a dictionary of sections, got {type(settings).__name__}")
     for name in settings:
         check_name("section", name, SECTIONS)
     for name in ("volume", "medium"):

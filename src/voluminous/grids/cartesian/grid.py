@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from ...errors import InputError
 from ...geometry import CARTESIAN, is_uniform
 from ...memory import check_memory
 from ...packages import room
-from ...units import plain, unit_of
+from ...units import is_count, is_listed, plain, unit_of
 from ..arguments import cell_edges, check_extent, length_unit, plain_points
 from ..contract import CellBox
 from ..structured import StructuredGrid
@@ -215,9 +214,7 @@ class CartesianGrid(StructuredGrid):
 
 
 def _counts(shape: Any) -> tuple[int, ...]:
-    counts = (shape,) * 3 if np.ndim(shape) == 0 else tuple(shape)
-    if len(counts) != 3 or not all(
-        isinstance(n, Real) and float(n) >= 1 and float(n).is_integer() for n in counts
-    ):
+    counts = tuple(shape) if is_listed(shape) else (shape,) * 3
+    if len(counts) != 3 or not all(is_count(n, 10**30) for n in counts):
         raise InputError(f"shape must be three positive whole numbers (nx, ny, nz), got {shape!r}")
     return tuple(int(n) for n in counts)
