@@ -1,4 +1,4 @@
-"""Tell what drawing a scene or data chunk by chunk will take: memory, reading, time."""
+"""Tell what drawing a scene or data chunk by chunk will take: memory and reading."""
 
 from __future__ import annotations
 

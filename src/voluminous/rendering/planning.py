@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import heapq
 import inspect
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..backend import from_host, get_backend
 from ..calibration import calibrated
 from ..calibration.plain import in_plain_numbers
-from ..cameras.contract import Camera, Frame, check_camera
+from ..cameras.contract import Camera, check_camera
 from ..errors import InputError, check_name
 from ..files import url_of
 from ..grids.contract import CellBox
@@ -32,26 +29,14 @@ from .levels import at_level
 from .options import check_antialias, check_scheme_in_pieces, check_tolerance
 from .outline import Outline
 from .pieces import Pieces
-from .pixels import between_walls
-from .sources.channel_layout import blocks_of
 from .sweep import Sweep
 
-# Seconds of one core for: a byte of a field, unpacked; a box; a ray through a box, with its state;
-# a cell on a ray. Measured on 512³ and 1024³ cells (`benchmarks/plan.py`); other machines are
-# faster or slower by two.
-_BYTE, _BOX, _RAY = 1.1e-9, 0.006, 1.5e-7
-_STEP = {"first-order": 1.5e-8, "pre-integrated": 3e-8, "post-classified": 4e-8}
-# A program and its compiler: to begin with, and bytes.
-_START, _PROCESS = 0.5, 150 << 20
-# Rays along each side of a picture that are followed.
-_SAMPLE = 16
+# Bytes of a program and its compiler.
+_PROCESS = 150 << 20
 # Part of the room that is left for chunks (`Chunks`).
 _KEPT = 0.75
-# A task of an executor, besides its rays, in seconds.
-_TASK = 0.01
-# Passes of a picture drawn to a tolerance: at least, at most, as a rule, and as many as all rays
-# would take: some have few rays.
-_PASSES = 2, 4, 3.0, 1.5
+# Passes of a picture drawn to a tolerance: at least, and at most.
+_PASSES = 2, 4
 # Peaks below this part are not read: the schemes leave out more, or a little less.
 _FAINTEST = {"first-order": 1e-37, "pre-integrated": 1e-8, "post-classified": 1e-8}
 
@@ -87,9 +72,6 @@ class Plan:
     memory, memory_here : int
         Bytes that a process takes that draws, at most, and the one that waits (with workers).
     workers : int
-    seconds : float
-        Estimate, within a factor of three for a machine like that of the developers; each process
-        has as many processors as this one.
     """
 
     shape: tuple[int, ...]
@@ -110,7 +92,6 @@ class Plan:
     memory: int
     memory_here: int
     workers: int
-    seconds: float
 
     def __str__(self) -> str:
         first, last = self.passes
@@ -132,7 +113,6 @@ class Plan:
                 f"{_bytes(self.memory)} a process, {_bytes(self.memory_here)} here",
             )
             lines += [("tasks", f"{self.tasks} in {self.shells} shells, {self.workers} processes")]
-        lines += [("time", f"{_seconds(self.seconds)}, within a factor of three")]
         return "\n".join(f"{name:8} {text}" for name, text in lines)
 
 
@@ -257,24 +237,17 @@ def _planned(
     with np.errstate(all="ignore"):
         shown = medium.visible_in(pieces.ranges_of_chunks(medium.names), context)
     seen = np.array(np.broadcast_to(shown, volume.chunk_counts))
-    seen &= (rays_through(camera, pieces, *_chunks(pieces))[0] > 0).reshape(seen.shape)
+    seen &= in_picture(camera, pieces, *_chunks(pieces)).reshape(seen.shape)
     boxes = list(pieces.boxes(*_origins(camera, pieces)))
     low, high = (np.array([getattr(box, end) for box in boxes]) for end in ("low", "high"))
-    rays, crossed = rays_through(camera, pieces, low, high)
-    share = np.array([seen[volume.chunks_of(box)].mean() for box in boxes]) * (rays > 0)
+    share = np.array([seen[volume.chunks_of(box)].mean() for box in boxes])
+    share *= in_picture(camera, pieces, low, high)
     cells = share * np.prod(high - low, axis=1)
-    # Blocks of channels share what is read.
-    turns, blocks = samples**2, len(blocks_of(medium.channels, scheme))
-    least, most, usual, rounds = _PASSES if scheme.controlled else (1, 1, 1.0, 1.0)
+    turns = samples**2
+    least, most = _PASSES if scheme.controlled else (1, 1)
     total = float(np.sum(cells)) * sum(volume.dtype(name).itemsize for name in names)
-    # Chunks that are kept are unpacked once.
-    kept = min(1.0, _KEPT * pieces.room / total) if total else 1.0
-    unpacked = kept + (1.0 - kept) * usual * turns
-    cost = unpacked * _BYTE * total / max(np.sum(cells), 1.0) * cells
-    steps = _STEP[scheme.name] / _processors() * crossed
-    cost += (share > 0) * turns * (usual * _BOX + rounds * blocks * (_RAY * rays + steps))
-    held = min(pieces.room, total) if most * turns > 1 or pieces.dual else 0.0
-    tasks, shells, along = _side_by_side(pieces, boxes, cost, workers)
+    held = min(_KEPT * pieces.room, total) if most * turns > 1 or pieces.dual else 0.0
+    tasks, shells = _side_by_side(pieces, boxes, share)
     stored = _stored(volume, names) if level == 0 else None
     x, y, z = (int(n) for n in pieces.side)
     return Plan(
@@ -296,13 +269,7 @@ def _planned(
         memory=int(pieces.others + pieces.per_cell * math.prod(pieces.side) + held) + _PROCESS,
         memory_here=pieces.others + _PROCESS,
         workers=workers,
-        seconds=_START + (float(np.sum(cost)) if workers == 1 else along),
     )
-
-
-def _processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _chunks(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
@@ -322,14 +289,10 @@ def _origins(camera: Camera, pieces: Pieces) -> tuple[bool, np.ndarray, np.ndarr
     return False, np.repeat(center - depth * direction[:, None], 2, axis=1), direction
 
 
-def rays_through(
-    camera: Camera, pieces: Pieces, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many rays meet each of some boxes, and how many cells all of them cross there.
+def in_picture(camera: Camera, pieces: Pieces, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return which of some boxes are in the picture, or may be, since they are beside the observer.
 
-    The six faces of a box are projected: half of their areas is that of the box's picture, and the
-    rays through the faces across an axis cross all cells between them. Where that cannot be told,
-    beside the observer or in panoramas, some rays are followed.
+    The corners of a box are projected, and the picture of the box is between them.
     """
     frame = camera.frame(pieces.grid)
     ends = np.stack(
@@ -338,94 +301,27 @@ def rays_through(
     pick = np.arange(8) >> np.array([[2], [1], [0]]) & 1
     corners = np.stack([own[way].T for own, way in zip(ends, pick, strict=True)])
     seen = camera.project(corners.reshape(3, -1), pieces.grid)[:2]
-    x, y = (
-        (places.reshape(-1, 8) - shift) / step
-        for places, shift, step in zip(seen, frame.shift, frame.pixel, strict=True)
-    )
-    rays, steps = np.zeros(len(low)), np.zeros(len(low))
-    for axis, way in enumerate(pick):
-        for face in (np.flatnonzero(way == end)[[0, 1, 3, 2]] for end in (0, 1)):
-            area = 0.5 * _area(x[:, face], y[:, face])
-            rays += area
-            steps += area * (high - low)[:, axis]
-    nx, ny = frame.pixels
-    inside = _overlap(x, nx) * _overlap(y, ny)
-    rays, steps = rays * inside, steps * inside
-    known = np.isfinite(x)
-    some = known.any(axis=1) & (not camera.straight or ~known.all(axis=1))
-    rays[~known.any(axis=1)] = steps[~known.any(axis=1)] = 0.0
-    if some.any():
-        rays[some], steps[some] = _followed(camera, frame, ends[..., some], (high - low)[some])
-    return rays, steps
+    within, known = np.ones(len(low), bool), np.ones(len(low), bool)
+    for places, shift, step, count in zip(
+        seen, frame.shift, frame.pixel, frame.pixels, strict=True
+    ):
+        at = (places.reshape(-1, 8) - shift) / step
+        within &= (at.min(axis=1) < 0.5 * count) & (at.max(axis=1) > -0.5 * count)
+        known &= np.isfinite(at).all(axis=1)
+    if not camera.straight:
+        return np.ones(len(low), bool)
+    return np.where(known, within, np.isfinite(seen[0]).reshape(-1, 8).any(axis=1))
 
 
-def _followed(
-    camera: Camera, frame: Frame, ends: np.ndarray, cells: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many rays meet boxes, and the cells they cross, from a sample of the rays."""
-    backend = get_backend("cpu", "double")
-    some = [
-        axis[np.linspace(0, len(axis) - 1, _SAMPLE).astype(int)] for axis in frame.coordinates()
-    ]
-    u, v = (from_host(backend.Wide, places.ravel()) for places in np.meshgrid(*some))
-    ray = camera.rays(frame.traced_vectors(backend), u, v)
-    walls = ends[..., None]
-    enters, leaves = between_walls(ray, walls)
-    length = np.maximum(leaves - np.maximum(enters, 0.0), 0.0)
-    across = sum(
-        np.abs(np.asarray(direction)) * count / (far - near)
-        for direction, (near, far), count in zip(
-            ray.direction, walls, cells.T[..., None], strict=True
-        )
-    )
-    each = np.prod(frame.pixels) / _SAMPLE**2
-    # What is far away in a panorama may be between the rays of the sample.
-    met = np.maximum((length > 0).sum(axis=1), not camera.straight)
-    return met * each, (length * across).sum(axis=1) * each
-
-
-def _area(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the areas of polygons, shape (n, corners)."""
-    twice = np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
-    return np.asarray(0.5 * np.abs(twice))
-
-
-def _overlap(x: np.ndarray, count: int) -> np.ndarray:
-    """Return which part of each range of places is in a picture that reaches to ± count / 2."""
-    low, high = x.min(axis=1), x.max(axis=1)
-    within = np.minimum(high, 0.5 * count) - np.maximum(low, -0.5 * count)
-    return np.asarray(np.clip(within / np.maximum(high - low, 1e-30), 0.0, 1.0))
-
-
-def _side_by_side(
-    pieces: Pieces, boxes: list[CellBox], cost: np.ndarray, workers: int
-) -> tuple[int, int, float]:
-    """Return the number of tasks and of shells, and the seconds that several processes take.
-
-    A block begins when its neighbours towards the first one are done, and a process is free.
-    """
+def _side_by_side(pieces: Pieces, boxes: list[CellBox], share: np.ndarray) -> tuple[int, int]:
+    """Return the number of tasks and of shells: blocks that wait for those towards the first."""
     blocks = pieces.blocks(boxes)
-    seconds = dict(zip(boxes, cost.tolist(), strict=True))
-    spent = [sum(seconds[box] for box in block.boxes) for block in blocks]
+    visible = dict(zip(boxes, share.tolist(), strict=True))
+    drawn = np.array([any(visible[box] > 0.0 for box in block.boxes) for block in blocks])
     corners = np.array([block.extent[:, 0] for block in blocks])
     places = np.stack([np.unique(c, return_inverse=True)[1] for c in corners.T], axis=-1)
-    away = places - places[0]
-    numbers = {tuple(place): k for k, place in enumerate(places.tolist())}
-    ends: list[float] = [0.0] * len(blocks)
-    free = [0.0] * workers
-    for k in np.argsort(np.abs(away).sum(axis=1), kind="stable").tolist():
-        begin = 0.0
-        for axis in np.flatnonzero(away[k]).tolist():
-            before = places[k].copy()
-            before[axis] -= np.sign(away[k, axis])
-            begin = max(begin, ends[numbers[tuple(before.tolist())]])
-        ends[k] = begin
-        if spent[k] > 0.0:
-            ends[k] = max(begin, heapq.heappop(free)) + spent[k] + _TASK
-            heapq.heappush(free, ends[k])
-    drawn = np.array(spent) > 0.0
-    shells = len(np.unique(np.abs(away[drawn]).sum(axis=1)))
-    return int(drawn.sum()), shells, max(ends)
+    shells = np.abs(places - places[0]).sum(axis=1)[drawn]
+    return int(drawn.sum()), len(np.unique(shells))
 
 
 def _stored(volume: Volume, names: Sequence[str]) -> int | None:
@@ -450,9 +346,3 @@ def _bytes(count: float) -> str:
             break
         count /= 1024
     return f"{count:.3g} {unit}"
-
-
-def _seconds(count: float) -> str:
-    if count < 100:
-        return f"{count:.2g} s"
-    return f"{count / 60:.2g} min" if count < 6000 else f"{count / 3600:.2g} h"
