@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import multiprocessing
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -134,6 +135,113 @@ def test_what_was_drawn_is_not_drawn_again(stored, narrow, tmp_path, reads):
     assert_same_bits(whole, draw())
     assert len(reads) < 1.3 * all_of_them + own
     assert not list((tmp_path / "kept").iterdir())
+
+
+def interrupted(draw, when=0.6):
+    """Draw, but cancel in between."""
+
+    def cancel(done, total):
+        if done > when * total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        draw(progress=cancel)
+
+
+def by_function(factor):
+    return vm.Medium.from_function(lambda a: (factor * a, a), ["a"], channels=1)
+
+
+def mapped(*colors, **options):
+    from matplotlib.colors import ListedColormap
+
+    return vm.Colormap("a", ListedColormap(colors, "mine"), 0, 1, 0.4, 0.5, **options)
+
+
+def by_norm(gamma):
+    from matplotlib.colors import PowerNorm
+
+    return vm.Colormap("a", "viridis", None, None, 0.4, 0.5, norm=PowerNorm(gamma, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (by_function(1.0), by_function(2.0)),
+        (mapped("red", "blue"), mapped("red", "green")),
+        (by_norm(1.0), by_norm(3.0)),
+        (MEDIUM, MEDIUM.replace(center=0.5 + 1e-6)),
+        (
+            vm.Table("a", np.linspace(0, 1, 40), np.linspace(0, 1, 40)[:, None], 1.0, 0.5),
+            vm.Table("a", np.linspace(0, 1, 40), np.linspace(0, 1, 40)[:, None] ** 2, 1.0, 0.5),
+        ),
+    ],
+)
+def test_blocks_of_another_medium_are_not_taken(one, other, stored, narrow, tmp_path):
+    camera = vm.Orthographic(35, 50, width=4, resolution=16)
+    draw = functools.partial(vm.render, vm.open(stored), camera=camera, scheme="first-order")
+    kept = {"checkpoint": tmp_path / "kept", "precision": "double"}
+    interrupted(functools.partial(draw, medium=one, **kept))
+    assert any((tmp_path / "kept").rglob("*-*"))
+    image, wanted = draw(medium=other, **kept), draw(medium=other, precision="double")
+    np.testing.assert_array_equal(image.intensity, wanted.intensity)
+    # Those of the same medium, made again, are taken, and then removed.
+    before = len(list((tmp_path / "kept").iterdir()))
+    draw(medium=one, **kept)
+    assert len(list((tmp_path / "kept").iterdir())) == before - 1
+
+
+class Evil:
+    """A pickle that makes a file when it is read."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+def damage(files, rng, evil):
+    """Damage some files of a checkpoint, each in another way."""
+    contents = [file.read_bytes() for file in files]
+    for k, (file, content) in enumerate(zip(files, contents, strict=True)):
+        data = bytearray(content)
+        kind = rng.integers(8)
+        if kind == 0:
+            data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+        elif kind == 1:
+            data = data[: rng.integers(len(data))]
+        elif kind == 2:
+            data = contents[k - 1]
+        elif kind == 3:
+            data = rng.bytes(rng.integers(1000))
+        elif kind == 4:
+            data = pickle.dumps(Evil(evil))
+        elif kind == 5:
+            first = rng.integers(len(data))
+            data[first : first + 64] = bytes(len(data[first : first + 64]))
+        elif kind == 6:
+            # The arrays of one block with the checksum of another.
+            data = contents[k - 1][:32] + content[32:]
+        file.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(3), pytest.param(range(3, 60), marks=pytest.mark.exhaustive)]
+)
+@pytest.mark.parametrize("options", [{"scheme": "first-order"}, {}])
+def test_damaged_blocks_are_drawn_again(options, seeds, stored, narrow, tmp_path):
+    camera = vm.Orthographic(35, 50, width=4, resolution=16)
+    draw = functools.partial(vm.render, vm.open(stored), MEDIUM, camera, **options)
+    whole, kept = draw(), tmp_path / "kept"
+    for seed in seeds:
+        interrupted(functools.partial(draw, checkpoint=kept), 0.9)
+        files = sorted(kept.rglob("*-*"))
+        assert len(files) > 5
+        damage(files, np.random.default_rng(seed), tmp_path / "evil")
+        assert_same_bits(whole, draw(checkpoint=kept))
+        assert not list(kept.iterdir())
+        assert not (tmp_path / "evil").exists()
 
 
 def test_tasks_that_cannot_read_are_tried_again(stored, narrow):

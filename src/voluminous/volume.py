@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import hashlib
-import json
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -17,7 +15,7 @@ import numpy as np
 from . import packages
 from .deferred import Deferred, Fields, Pieces
 from .derivatives import Derivatives, LinesOfSight, component
-from .digest import digest
+from .digest import content_key, digest
 from .errors import ImmutableError, InputError, check_flag, check_text, unknown_name
 from .evaluation import Evaluation
 from .expressions import DerivedField, Expression, derived_field, required_names
@@ -294,17 +292,13 @@ class Volume(Evaluation):
 
         Fields of a file are not read: the file's name, size and time of change stand for them.
         """
-        told: list[Any] = []
-        for name in self._fields:
-            origin = self._fields.origin(name)
-            one = digest(self.array(name)).hex() if origin is None else origin[1]
-            told.append((name, self.units[name], one))
-        files = {origin[0] for name in self._fields if (origin := self._fields.origin(name))}
-        edges = [
-            digest(np.ascontiguousarray(e)).hex() for e in self.grid.base_edges or self.grid.edges
+        origins = {name: self._fields.origin(name) for name in self._fields}
+        told = [
+            (name, self.units[name], origin[1] if origin else self.array(name))
+            for name, origin in origins.items()
         ]
-        told += [sorted(map(stamp, files)), self.grid.describe(), edges]
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:32]
+        files = {origin[0] for origin in origins.values() if origin}
+        return content_key(told, sorted(map(stamp, files)), self.grid, self.meta, self.wcs)
 
     def _defer(self, name: str, value: Deferred) -> None:
         size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import operator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from ..backend import dr
@@ -145,3 +146,25 @@ def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:
     begun = entered if before.begun is None else before.begun | entered
     cursor = None if before.cursor is None else after.cursor
     return RayState(after.path, after.carried, begun, after.over, cursor)
+
+
+def arrays_in(tree: Any) -> Iterator[Any]:
+    """Yield the arrays in lists and dataclasses."""
+    if isinstance(tree, list):
+        for part in tree:
+            yield from arrays_in(part)
+    elif is_dataclass(tree):
+        for field in fields(tree):
+            yield from arrays_in(getattr(tree, field.name))
+    elif tree is not None:
+        yield tree
+
+
+def mapped(function: Callable[[Any], Any], tree: Any) -> Any:
+    """Return a tree of what a function makes of its arrays."""
+    if isinstance(tree, list):
+        return [mapped(function, part) for part in tree]
+    if is_dataclass(tree) and not isinstance(tree, type):
+        parts = {f.name: mapped(function, getattr(tree, f.name)) for f in fields(tree)}
+        return replace(tree, **parts)
+    return None if tree is None else function(tree)

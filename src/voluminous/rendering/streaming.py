@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
 import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +15,7 @@ import numpy as np
 from ..backend import Backend, dr, from_host
 from ..backend.functions import flush_subnormal
 from ..backend.types import Float
+from ..digest import content_key
 from ..errors import InputError
 from ..executors import Sent
 from ..expressions.interval import Interval
@@ -26,7 +25,7 @@ from ..memory import reuse_memory
 from ..schemes.base import Position
 from ..schemes.path import Path
 from .chunks import Chunks
-from .march import RayState, hand_on, march
+from .march import RayState, arrays_in, hand_on, mapped, march
 from .missing import HiddenCells
 from .pieces import TreePieces
 from .pixels import Lanes, between_walls
@@ -194,21 +193,20 @@ class StreamingTracer(RayTracer):
     def name(self) -> str:
         """A hash of what is drawn: pictures of the same name are equal."""
         job, pieces = self.job, self.pieces
-        told = job.provenance(), repr(job.camera), job.frame.pixels, pieces.side, job.samples
-        also = job.cutoff, job.tolerance, self.background, self.faintest, job.scheme.controlled
-        every = [*told, *also, pieces.outline.fingerprint()]
-        digest = hashlib.sha256(json.dumps(every, default=repr).encode())
-        for numbers in (*pieces.geometry, *job.frame.vectors):
-            digest.update(np.ascontiguousarray(numbers).tobytes())
-        return digest.hexdigest()[:24]
+        others = ("volume", "cache", "progress", "done", "pieces")
+        how = {name: part for name, part in vars(job).items() if name not in others}
+        also = pieces.side, pieces.geometry, self.background, self.faintest
+        return content_key(how, pieces.outline.fingerprint(), *also)
+
+    @property
+    def limits(self) -> Any:
+        """The tolerances and weights of this pass, in NumPy's memory."""
+        source = self.source
+        return mapped(lambda a: a.numpy(), [list(source.tolerance), list(source.numbers.weights)])
 
     def task(self, rays: Rays, boxes: Sequence[CellBox]) -> tuple[Any, ...]:
         """Return a function and its arguments, which returns the rays' states elsewhere."""
-        source = self.source
-        limits = _mapped(
-            lambda a: a.numpy(), [list(source.tolerance), list(source.numbers.weights)]
-        )
-        return _draw_elsewhere, self.sent, limits, rays.plain(), tuple(boxes)
+        return _draw_elsewhere, self.sent, self.limits, rays.plain(), tuple(boxes)
 
     def visible(self, box: CellBox) -> bool:
         """Return whether the medium may be visible in a block."""
@@ -258,7 +256,7 @@ class StreamingTracer(RayTracer):
             after = march(walk, source(block), scheme, ray, before, part.ending, False)
             new = hand_on(before, cursor.inside, after)
             dr.eval(new)
-            rays.put(own, state, _mapped(lambda a: a.numpy(), new))
+            rays.put(own, state, mapped(lambda a: a.numpy(), new))
 
     def _past(
         self, parts: Sequence[RayTracer], rays: Rays, chosen: np.ndarray, box: CellBox
@@ -278,7 +276,7 @@ class StreamingTracer(RayTracer):
                 carried = self.scheme.after_skip(here, part.source, new.carried, cursor.inside)
                 new = replace(new, carried=carried)
             dr.eval(new)
-            rays.put(own, state, _mapped(lambda a: a.numpy(), new))
+            rays.put(own, state, mapped(lambda a: a.numpy(), new))
 
     def _source(self, box: CellBox, rays: int) -> tuple[Callable[[slice], Any], np.ndarray | None]:
         """Return the coefficients of some channels in a block, and which of its cells are hidden.
@@ -352,7 +350,7 @@ class Rays:
         """Return the rays of a batch, which have not met anything yet."""
         lanes, count, states = batch.lanes, len(batch.lanes.target), []
         for _, part in tracer.parts():
-            path = _mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
+            path = mapped(lambda a: np.full(count, a.numpy()[0]), part.nothing())
             states.append(RayState(path, None, np.zeros(count, bool), np.zeros(count, bool)))
         places = np.asarray(lanes.u), np.asarray(lanes.v), np.asarray(lanes.there)
         rays = cls(tracer, batch.offset, places, states)
@@ -361,7 +359,7 @@ class Rays:
             _, cursor = walk.enter(rays.ray(np.arange(count)))
             dr.eval(cursor)
             for state in states:
-                state.cursor = _mapped(lambda a: np.resize(a.numpy(), count), cursor)
+                state.cursor = mapped(lambda a: np.resize(a.numpy(), count), cursor)
         return rays
 
     @property
@@ -386,7 +384,7 @@ class Rays:
     def taken(self, chosen: np.ndarray) -> Rays:
         """Return some of the rays by themselves."""
         places = self.u[chosen], self.v[chosen], self.there[chosen]
-        states = _mapped(lambda a: a[chosen], self.states)
+        states = mapped(lambda a: a[chosen], self.states)
         return Rays(self.tracer, self.offset, places, states)
 
     def plain(self) -> tuple[Any, ...]:
@@ -484,15 +482,15 @@ class Rays:
     def some(self, chosen: np.ndarray, state: RayState) -> tuple[Any, RayState]:
         """Return some rays, and their state on the device."""
         backend = self.tracer.backend
-        own = _mapped(lambda a: _on_device(backend, a[chosen]), state)
+        own = mapped(lambda a: _on_device(backend, a[chosen]), state)
         return replace(self.ray(chosen), waiting=own.cursor), own
 
     def put(self, chosen: np.ndarray, state: RayState, new: RayState) -> None:
         """Remember the state of some rays; of the others nothing is carried yet."""
         if state.carried is None:
             count = len(self.u)
-            state.carried = _mapped(lambda a: np.zeros(count, a.dtype), new.carried)
-        for own, values in zip(_leaves(state), _leaves(new), strict=True):
+            state.carried = mapped(lambda a: np.zeros(count, a.dtype), new.carried)
+        for own, values in zip(arrays_in(state), arrays_in(new), strict=True):
             own[chosen] = values
 
     def put_all(self, chosen: np.ndarray, states: Sequence[RayState]) -> None:
@@ -516,7 +514,7 @@ def _draw_elsewhere(
     """Return the states of rays that have gone through boxes; see `StreamingTracer.task`."""
     with _LOCK:
         tracer: StreamingTracer = sent.value()
-        tolerance, weights = _mapped(lambda a: _on_device(tracer.backend, a), limits)
+        tolerance, weights = mapped(lambda a: _on_device(tracer.backend, a), limits)
         tracer.source.tolerance, tracer.source.numbers.weights = tuple(tolerance), weights
         own = Rays(tracer, *rays)
         tracer.through(own, boxes)
@@ -531,25 +529,3 @@ def _many(chosen: np.ndarray) -> np.ndarray:
 def _on_device(backend: Backend, values: np.ndarray) -> Any:
     kinds = {"float32": "Float32", "float64": "Float64", "bool": "Bool", "uint32": "UInt32"}
     return from_host(getattr(backend.module, kinds[values.dtype.name]), values)
-
-
-def _leaves(tree: Any) -> Iterator[Any]:
-    """Yield the arrays in lists and dataclasses."""
-    if isinstance(tree, list):
-        for part in tree:
-            yield from _leaves(part)
-    elif is_dataclass(tree):
-        for field in fields(tree):
-            yield from _leaves(getattr(tree, field.name))
-    elif tree is not None:
-        yield tree
-
-
-def _mapped(function: Callable[[Any], Any], tree: Any) -> Any:
-    """Return a tree of what a function makes of its arrays."""
-    if isinstance(tree, list):
-        return [_mapped(function, part) for part in tree]
-    if is_dataclass(tree) and not isinstance(tree, type):
-        parts = {f.name: _mapped(function, getattr(tree, f.name)) for f in fields(tree)}
-        return replace(tree, **parts)
-    return None if tree is None else function(tree)

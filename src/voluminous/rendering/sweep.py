@@ -8,19 +8,27 @@ to about k² · 3/4 (the sweep of transport codes: Koch, Baker & Alcouffe 1992, 
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
 import os
-import pickle
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..digest import content_key
 from ..executors import as_executor, run_tasks
 from ..files import as_path, replacing
+from .march import RayState, arrays_in, mapped
 
 if TYPE_CHECKING:
     from .streaming import Rays, StreamingTracer
+
+# Bytes of a checksum.
+_CHECK = 32
 
 
 class Sweep:
@@ -45,6 +53,7 @@ class Sweep:
         met = [rays.meeting(block.extent) for block in blocks]
         self.passes += 1
         chosen: dict[int, np.ndarray] = {}
+        keys: dict[int, str] = {}
 
         def begin(k: int) -> tuple[Any, ...] | None:
             """Return the task that draws a block; None if it is done already."""
@@ -52,20 +61,26 @@ class Sweep:
             if not len(own):
                 return None
             seen = any(tracer.visible(box) for box in blocks[k].boxes)
-            state = self._kept(tracer, k) if seen else None
-            if state is not None:
-                rays.put_all(own, state)
+            before = rays.taken(own)
+            if seen and self.folder is not None:
+                # What goes in decides what comes out: whatever was kept of other rays is not taken.
+                told = tracer.name, tracer.limits, before.plain(), blocks[k].boxes
+                keys[k] = content_key(*told)
+            states = self._kept(self._path(tracer, k), keys[k], before) if k in keys else None
+            if states is not None:
+                rays.put_all(own, states)
             elif seen and self.executor is not None:
-                return tracer.task(rays.taken(own), blocks[k].boxes)
+                return tracer.task(before, blocks[k].boxes)
             else:
                 tracer.through(rays, blocks[k].boxes)
-                if seen:
-                    self._keep(tracer, k, rays.taken(own).states)
+                if k in keys:
+                    self._keep(self._path(tracer, k), keys[k], rays.taken(own).states)
             return None
 
         def end(k: int, state: Any) -> None:
             if state is not None:
-                self._keep(tracer, k, state)
+                if k in keys:
+                    self._keep(self._path(tracer, k), keys[k], state)
                 rays.put_all(chosen[k], state)
             tracer.drawn(blocks[k].boxes)
 
@@ -77,26 +92,31 @@ class Sweep:
         assert self.folder is not None
         return self.folder / tracer.name / f"{self.passes:03d}-{block:04d}"
 
-    def _kept(self, tracer: StreamingTracer, block: int) -> Any:
-        """Return the state of rays behind a block that was finished before; None if it was not."""
-        if self.folder is None:
-            return None
+    def _kept(self, path: Path, key: str, before: Rays) -> list[RayState] | None:
+        """Return the states of rays behind a block that was finished before; None if it was not."""
         try:
-            path = self._path(tracer, block)
-            state = pickle.loads(path.read_bytes())
-            self.used.add(path.parent)
-            return state
-        except (OSError, EOFError, pickle.UnpicklingError):
+            written = path.read_bytes()
+            check, data = written[:_CHECK], written[_CHECK:]
+            if check != _checksum(key, data):
+                return None  # damaged, or another program's
+            with np.load(io.BytesIO(data)) as file:
+                carried, *arrays = (file[f"arr_{k}"] for k in range(len(file.files)))
+        except (OSError, ValueError):
             return None
+        self.used.add(path.parent)
+        rest, lists = iter(arrays), json.loads(str(carried))
+        made = (replace(s, carried=own) for s, own in zip(before.states, lists, strict=True))
+        return [mapped(lambda part: next(rest), state) for state in made]
 
-    def _keep(self, tracer: StreamingTracer, block: int, state: Any) -> None:
-        if self.folder is None:
-            return
-        path = self._path(tracer, block)
+    def _keep(self, path: Path, key: str, states: list[RayState]) -> None:
+        # What schemes carry are lists of lists; the rest is as it was before.
+        lists = json.dumps(mapped(lambda part: 0, [state.carried for state in states]))
+        data = io.BytesIO()
+        np.savez(data, np.array(lists), *arrays_in(states))
         self.used.add(path.parent)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary, temporary.open("wb") as file:
-            pickle.dump(state, file)
+            file.write(_checksum(key, data.getvalue()) + data.getvalue())
             file.flush()
             os.fsync(file.fileno())
 
@@ -105,6 +125,10 @@ class Sweep:
         for folder in self.used:
             shutil.rmtree(folder, ignore_errors=True)
         self.executor = self.folder = None
+
+
+def _checksum(key: str, data: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + data).digest()
 
 
 def _before(met: list[np.ndarray], count: int) -> list[set[int]]:
