@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,6 +81,58 @@ def test_a_series(scene, tmp_path, capsys):
     arguments = ["movie", str(scene), "--over", str(tmp_path / "out_*.npz")]
     assert main([*arguments, "-o", str(tmp_path / "b.png")]) == 0
     assert "b_0000.png … b_0001.png" in capsys.readouterr().out
+
+
+FILE_SCENE = """
+[volume]
+path = "out_0.npz"
+bounds = ["-5 pc", "5 pc"]
+[volume.units]
+density = "g/cm3"
+[volume.derived]
+twice = "2 * density"
+[[medium]]
+type = "coefficients"
+emissivity = "twice * 1 cm3/(g pc)"
+extinction = "density * 1 cm3/(g pc)"
+[camera]
+resolution = 12
+[render]
+background = "behind.npz"
+[image]
+stretch = "asinh"
+"""
+
+
+def test_a_series_is_opened_as_the_file_of_the_scene(tmp_path, monkeypatch):
+    """With bounds, units, names and derived fields, and before the scene's background."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    for k in range(3):
+        np.savez(f"out_{k}.npz", density=rng.random((8, 8, 8)), other=np.ones((8, 8, 8)))
+    vm.Image(np.full((12, 12, 1), 0.5)).save("behind.npz")
+    Path("scene.toml").write_text(FILE_SCENE)
+    words = ["movie", "scene.toml", "--over", "out_[12].npz", "-q"]
+    assert main([*words, "-o", "film.npz"]) == 0
+    for k in (0, 1):
+        shown = vm.Image.load(f"film_000{k}.npz")
+        scene = vm.Scene.load("scene.toml").replaced({"volume.path": f"out_{k + 1}.npz"})
+        wanted = scene.render()
+        np.testing.assert_array_equal(shown.intensity, wanted.intensity)
+        assert shown.unit == wanted.unit == "pc"
+    # The scale bar has a unit; the scene's own file need not be there.
+    Path("out_0.npz").unlink()
+    assert main([*words, "--annotate", "-o", "film.png"]) == 0
+    assert main([*words, "--zoom", "3", "--frames", "2", "-o", "zoom.png"]) == 0
+    # Frames that are there are taken, unless their file or the scene was changed.
+    before = [Path(f"film_000{k}.npz").stat().st_mtime_ns for k in (0, 1)]
+    np.savez("out_2.npz", density=rng.random((8, 8, 8)))
+    assert main([*words, "-o", "film.npz"]) == 0
+    after = [Path(f"film_000{k}.npz").stat().st_mtime_ns for k in (0, 1)]
+    assert [a == b for a, b in zip(before, after, strict=True)] == [True, False]
+    assert main([*words, "--set", "volume.derived.twice=3 * density", "-o", "film.npz"]) == 0
+    last = [Path(f"film_000{k}.npz").stat().st_mtime_ns for k in (0, 1)]
+    assert all(a != b for a, b in zip(after, last, strict=True))
 
 
 @pytest.mark.parametrize(

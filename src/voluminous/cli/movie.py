@@ -7,8 +7,9 @@ import glob
 import os
 import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .common import check_directory, say
@@ -17,6 +18,7 @@ from .render import add_scene_arguments, scene_from
 if TYPE_CHECKING:
     from ..cameras import Camera
     from ..scene import Scene
+    from ..volume import Volume
 
 
 # Jobs of an array, if the user does not say how many.
@@ -62,7 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--frames", type=int, default=240, help="of a zoom or dolly (240)")
     help = 'TOML file with a [[keyframe]] for each: frame = 0, camera.incl = 60 …; ease = "smooth"'
     group.add_argument("--keyframes", type=Path, metavar="FILE", help=help)
-    help = 'files of a series in time, such as "out_*.athdf", in the order of their names'
+    help = (
+        'files of a series in time, such as "out_*.athdf", in the order of their names; opened as '
+        "the scene's own, with its options and derived fields"
+    )
     parser.add_argument("--over", metavar="PATTERN", help=help)
     parser.add_argument("--fps", type=float, default=30.0, help="frames per second (30)")
     help = "add a scale bar, axes and colour bars"
@@ -76,25 +81,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render all frames that are missing, and write the film."""
+    from ..image.formats import format_of
     from ..movies import movie
+    from ..movies.film import PICTURES
     from ..progress import progress_bar
 
     check_directory(args.output)
     if args.slurm_array is not None:
         args.quiet = True  # what is printed is the script
     scene = scene_from(args)
-    picture = dict(scene.image_options)
+    known = format_of(args.output if args.output.suffix.lower() in PICTURES else Path("a.png"))
+    picture = {k: v for k, v in scene.image_options.items() if k in known.options}
     if args.annotate:
-        picture["annotate"] = {"medium": scene.medium}
-    volumes: Any = scene.volume()
+        given = picture.get("annotate")
+        picture["annotate"] = {"medium": scene.medium, **(given if isinstance(given, dict) else {})}
+    volumes = [scene.volume]
     if args.over is not None:
-        volumes = sorted(glob.glob(args.over))
+        volumes = [scene.of_file(path) for path in sorted(glob.glob(args.over))]
         if not volumes:
             raise InputError(f"there are no files {args.over}")
-    options = {**scene.render_options, "objects": scene.objects}
-    cameras = cameras_of(args, scene)
+    cameras = cameras_of(args, scene, volumes[0])
     if args.slurm_array is not None:
-        count = max(len(cameras), len(volumes) if isinstance(volumes, list) else 1)
+        count = max(len(cameras), len(volumes))
         print(slurm_script(args, count), end="")
         return 0
     with progress_bar(False if args.quiet else None, args.output.name) as progress:
@@ -107,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
             picture=picture,
             share=None if args.share is None else share_of(args.share),
             progress=progress,
-            **options,
+            **scene.drawing(),
         )
     last = "" if len(paths) == 1 else f" … {paths[-1].name}"
     say(args.quiet, f"{paths[0]}{last}")
@@ -142,8 +150,8 @@ def slurm_script(args: argparse.Namespace, frames: int) -> str:
     )
 
 
-def cameras_of(args: argparse.Namespace, scene: Scene) -> list[Camera]:
-    """Return the path of the camera."""
+def cameras_of(args: argparse.Namespace, scene: Scene, first: Callable[[], Volume]) -> list[Camera]:
+    """Return the path of the camera; an open width is that of the first volume."""
     from ..cameras import Orthographic
     from ..movies import dolly, orbit, zoom
 
@@ -162,7 +170,7 @@ def cameras_of(args: argparse.Namespace, scene: Scene) -> list[Camera]:
     make = zoom if chosen == ["zoom"] else dolly
     camera = scene.camera
     if make is zoom and isinstance(camera, Orthographic) and camera.width is None:
-        camera = camera.replace(width=camera.frame(scene.volume().grid).width)
+        camera = camera.replace(width=camera.frame(first().grid).width)
     return make(camera, given[chosen[0]], args.frames)
 
 

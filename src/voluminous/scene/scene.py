@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import copy
+import functools
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -128,6 +129,13 @@ class Scene:
             self._volume = self._source.build(self.directory)
         return self._volume
 
+    def of_file(self, path: str | Path) -> Callable[[], Volume]:
+        """Return a function that opens another file as the section ``volume`` says.
+
+        For a series in time: ``vm.movie([scene.of_file(p) for p in paths], scene.medium, …)``.
+        """
+        return functools.partial(self._source.of_file, seen_from(Path.cwd(), str(as_path(path))))
+
     def render(self, **overrides: Any) -> Image:
         """Render the scene.
 
@@ -144,19 +152,22 @@ class Scene:
         """
         from ..rendering import render
 
-        objects = overrides.pop("objects", self.objects)
-        options = {**self.render_options, **overrides}
-        background = options.get("background")
-        if isinstance(background, str):
-            options["background"] = self.background(background)
-        image = render(self.volume(), self.medium, self.camera, objects=objects, **options)
+        options = self.drawing(**overrides)
+        image = render(self.volume(), self.medium, self.camera, **options)
         carried = self.to_dict()
-        if objects is not self.objects:
-            carried["object"] = [one.describe() for one in objects]
+        if overrides.pop("objects", self.objects) is not self.objects:
+            carried["object"] = [one.describe() for one in options["objects"]]
         carried["render"] = _storable({**self._settings["render"], **overrides})
         base = self.directory.absolute()
         carried = with_paths(carried, lambda path: url_of(Path(path)) or str(seen_from(base, path)))
         return image.replace(provenance={**(image.provenance or {}), "scene": carried})
+
+    def drawing(self, **overrides: Any) -> dict[str, Any]:
+        """Return all keyword arguments of `render`: with objects, and an image as background."""
+        options = {**self.render_options, "objects": self.objects, **overrides}
+        if isinstance(background := options.get("background"), str):
+            options["background"] = self.background(background)
+        return options
 
     def background(self, path: str) -> Image:
         """Load an image file; the path may be relative to the scene's directory."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,11 @@ class VolumeSource:
             for name, expression in self.derived.items():
                 volume[name] = Expression(expression)
         return volume
+
+    def of_file(self, path: Path) -> Volume:
+        """Return the volume in another file, read in the same way, with the same derived fields."""
+        options = {} if self.path is None else self.options  # not those of a model
+        return replace(self, path=str(path), model=None, options=options).build(Path())
 
 
 def read_source(section: Mapping[str, Any]) -> VolumeSource:

@@ -72,7 +72,7 @@ def filmed(
             fps=fps,
             picture=scene.image_options,
             progress=progress,
-            **scene.render_options,
+            **scene.drawing(),
         )
         if what == "png":
             target = target.with_suffix(".zip")
