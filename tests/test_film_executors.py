@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import multiprocessing
 import os
@@ -83,6 +84,26 @@ def test_volumes_reach_other_processes(pool, file, tmp_path):
     here = vm.movie(series, SHELL, CAMERAS, tmp_path / "here")
     there = vm.movie(series, SHELL, CAMERAS, tmp_path / "there", executor=pool)
     assert sums(here) == sums(there)
+
+
+def scaled(factor):
+    return vm.Volume(VOLUME.grid, a=VOLUME["a"] * factor)
+
+
+def test_functions_are_called_by_other_processes(pool, file, tmp_path):
+    series = [functools.partial(scaled, factor) for factor in (1.0, 0.5)]
+    here = vm.movie(series, SHELL, CAMERAS, tmp_path / "here")
+    there = vm.movie(series, SHELL, CAMERAS, tmp_path / "there", executor=pool)
+    assert sums(here) == sums(there)
+    opened = functools.partial(vm.open, file, bounds=(-1, 1))
+    there = vm.movie(opened, SHELL, CAMERAS, tmp_path / "file", executor=pool)
+    assert sums(there) == sums(vm.movie(opened, SHELL, CAMERAS, tmp_path / "file here"))
+    lambdas = [lambda: scaled(1.0), lambda: scaled(0.5)]
+    with ThreadPoolExecutor(2) as threads:
+        paths = vm.movie(lambdas, SHELL, CAMERAS, tmp_path / "threads", executor=threads)
+    assert sums(paths) == sums(here)
+    with pytest.raises(vm.InputError, match=r"lambda.* cannot be sent to other processes"):
+        vm.movie(lambdas, SHELL, CAMERAS, tmp_path / "lambdas", executor=pool)
 
 
 def test_large_arrays_are_refused_and_large_files_are_not(pool, file, tmp_path, monkeypatch):

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
+import threading
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from astropy import units as u
+from matplotlib.colors import FuncNorm, ListedColormap, Normalize, PowerNorm, SymLogNorm
 
 import voluminous as vm
-from voluminous.movies import dolly, fade, fly, keyframes, orbit, zoom
+from voluminous.movies import dolly, fade, film, fly, keyframes, orbit, zoom
+from voluminous.movies.encode import encode
 from voluminous.movies.fade import scaled
 from voluminous.rotation import image_axes
 
@@ -242,6 +247,225 @@ def test_only_what_changed_is_made_again(tmp_path):
     assert [a == b for a, b in zip(before, after, strict=True)] == [True, True, False, False]
 
 
+class Brighter:
+    """Makes images brighter, as an object, by a method, or in an attribute of the class."""
+
+    offset = 0.0
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def __call__(self, image):
+        return image.replace(intensity=image.intensity * self.factor + self.offset)
+
+    def method(self, image):
+        return self(image)
+
+
+def brighter(image, factor=2.0, *, power=1.0):
+    return image.replace(intensity=(image.intensity * factor) ** power)
+
+
+def by_closure(factor):
+    return lambda image: brighter(image, factor)
+
+
+def by_default(factor):
+    def finish(image, factor=factor, *, table=np.full(3, factor)):  # noqa: B008
+        return brighter(image, table[0])
+
+    return finish
+
+
+def by_source(text):
+    """Return a function of a notebook, whose cell was run with this text."""
+    cell = {"__name__": "__main__", "np": np}
+    exec(text, cell)
+    return cell["finish"]
+
+
+# Functions that differ in one value, deeper and deeper.
+FINISHES = {
+    "closure": by_closure,
+    "array": lambda factor: by_closure(np.full(3, factor)),
+    "two closures": lambda factor: lambda image: by_closure(factor)(image),
+    "default": by_default,
+    "partial": lambda factor: functools.partial(brighter, factor=factor),
+    "object": Brighter,
+    "method": lambda factor: Brighter(factor).method,
+    "class": lambda factor: type("Mine", (Brighter,), {"offset": factor - 2.0})(1.0),
+    "code": lambda factor: by_source(
+        f"finish = lambda image: (lambda i: i.replace(intensity=i.intensity * {factor}))(image)"
+    ),
+    "global": lambda factor: by_source(
+        f"gain = {factor}\nfinish = lambda image: image.replace(intensity=image.intensity * gain)"
+    ),
+    "helper": lambda factor: by_source(
+        f"helper = lambda x: np.clip(x, 0, 9) * {factor}\n"
+        "finish = lambda image: image.replace(intensity=helper(image.intensity))"
+    ),
+    "cached": lambda factor: by_source(
+        f"import functools\n@functools.lru_cache\ndef gain(): return {factor}\n"
+        "finish = lambda image: image.replace(intensity=image.intensity * gain())"
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FINISHES)
+def test_frames_are_those_of_the_function_that_finishes_them(kind, tmp_path):
+    make = FINISHES[kind]
+
+    def drawn(finish):
+        (path,) = vm.movie(VOLUME, SHELL, VIEW, tmp_path / "a.npz", finish=finish)
+        return vm.Image.load(path).intensity, path.stat().st_mtime_ns
+
+    plain = vm.render(VOLUME, SHELL, VIEW)
+    before, first = drawn(make(2.0))
+    np.testing.assert_array_equal(before, make(2.0)(plain).intensity)
+    # The same function, defined again, is the same one.
+    assert drawn(make(2.0))[1] == first
+    after, _ = drawn(make(3.0))
+    np.testing.assert_array_equal(after, make(3.0)(plain).intensity)
+    assert np.any(after != before)
+
+
+def test_what_cannot_be_told_again_counts_as_new(tmp_path):
+    box = iter([2.0, 3.0]), threading.Lock()
+
+    def finish(image):
+        return brighter(image, next(box[0]))
+
+    pictures = []
+    for _ in range(2):
+        with pytest.warns(UserWarning, match=r"cannot be told again .*lock"):
+            (path,) = vm.movie(VOLUME, SHELL, VIEW, tmp_path / "a.npz", finish=finish)
+        pictures.append(vm.Image.load(path).intensity)
+    np.testing.assert_allclose(pictures[1], 1.5 * pictures[0], rtol=1e-6)  # single precision
+
+
+def colormap_of(*colors):
+    return ListedColormap(colors, name="mine")
+
+
+def by_function(factor):
+    return vm.Medium.from_function(lambda a: (factor * a, a), ["a"], channels=1)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        [vm.Colormap("a", m, 0, 1, 0.4, path_length=1.0) for m in maps]
+        for maps in [(colormap_of("red", "blue"), colormap_of("red", "green"))]
+    ]
+    + [
+        [vm.Colormap("a", "viridis", norm=norm, path_length=1.0) for norm in norms]
+        for norms in [
+            (PowerNorm(1, 0, 1), PowerNorm(2, 0, 1)),
+            (Normalize(0, 1), Normalize(0, 0.5)),
+            (SymLogNorm(0.1, vmin=0, vmax=1), SymLogNorm(0.2, vmin=0, vmax=1)),
+            [FuncNorm((lambda x, n=n: x**n, lambda x, n=n: x ** (1 / n)), 0, 1) for n in (2, 3)],
+        ]
+    ]
+    + [
+        (by_function(1.0), by_function(1.0 + 1e-6)),
+        (SHELL, SHELL.replace(center=0.5 + 1e-7)),
+        (SHELL, SHELL.replace(path_length=0.2 + 1e-7)),
+    ],
+)
+def test_frames_are_those_of_the_medium(one, other, tmp_path):
+    def drawn(medium):
+        (path,) = vm.movie(VOLUME, medium, VIEW, tmp_path / "a.npz", precision="double")
+        return vm.Image.load(path).intensity, path.stat().st_mtime_ns
+
+    before, first = drawn(one)
+    assert drawn(one.replace())[1] == first
+    after, _ = drawn(other)
+    wanted = vm.render(VOLUME, other, VIEW, precision="double").intensity
+    np.testing.assert_array_equal(after, wanted)
+    assert np.any(after != before)
+
+
+def test_frames_are_those_of_the_display_options(tmp_path):
+    def drawn(**picture):
+        image = vm.Image(np.linspace(0, 1, 96).reshape(8, 12))
+        options = {"picture": picture, "finish": lambda _: image}
+        (path,) = vm.movie(VOLUME, SHELL, VIEW, tmp_path / "a.png", **options)
+        return vm.Image.load(path).intensity
+
+    maps = [{"colormap": colormap_of("red", c)} for c in ("blue", "green")]
+    norms = [{"colormap": "viridis", "norm": PowerNorm(gamma)} for gamma in (1, 3)]
+    for one, other in (maps, norms):
+        assert np.any(drawn(**one) != drawn(**other))
+
+
+def test_frames_are_those_of_the_grid(tmp_path):
+    """Cells of another octree with as many cells of each size."""
+    shown = []
+    for refined in ([0, 1] + 8 * [0], [1] + 8 * [0] + [0]):
+        grid = vm.OctreeGrid([0, 1, 2], [0, 1], [0, 1], refined)
+        volume = vm.Volume(grid, a=np.arange(9.0))
+        camera = vm.Orthographic(0, 0, width=2, resolution=8)
+        medium = vm.Coefficients("a", "a")
+        (path,) = vm.movie(volume, medium, camera, tmp_path / "a.npz", scheme="first-order")
+        shown.append(vm.Image.load(path).intensity)
+    assert np.any(shown[0] != shown[1])
+
+
+def test_frames_of_a_longer_film_are_named(tmp_path, monkeypatch):
+    vm.movie(VOLUME, SHELL, orbit(VIEW, 1, 5), tmp_path / "a.png")
+    (tmp_path / "a_00002.png").touch()  # of a film of ten thousand frames
+    (tmp_path / "ab_0009.png").touch()
+    with pytest.warns(UserWarning, match=r"a_00002.png … a_0004.png \(3 files\).*remove"):
+        vm.movie(VOLUME, SHELL, orbit(VIEW, 1, 3), tmp_path / "a.png")
+    monkeypatch.chdir(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vm.movie(VOLUME, SHELL, orbit(VIEW, 1, 3), "other.png")
+
+
+def test_numbers_have_as_many_digits_as_the_last_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(film._Film, "draw", lambda *given: None)
+    for count, first, last in ((10_000, "a_0000", "a_9999"), (10_001, "a_00000", "a_10000")):
+        paths = vm.movie(VOLUME, SHELL, [VIEW] * count, tmp_path / "a.npz")
+        assert (paths[0].stem, paths[-1].stem) == (first, last)
+        assert sorted(paths) == paths
+
+
+def test_functions_return_volumes(tmp_path):
+    called = []
+
+    def volume(factor):
+        called.append(factor)
+        return vm.Volume(GRID, a=VOLUME["a"] * factor)
+
+    medium = vm.Coefficients("a", "a")
+    draw = functools.partial(vm.movie, medium=medium, cameras=VIEW, path=tmp_path / "a.npz")
+    series = [functools.partial(volume, factor) for factor in (1.0, 2.0)]
+    before = [path.stat().st_mtime_ns for path in draw(series)]
+    light = [vm.Image.load(tmp_path / f"a_000{k}.npz").intensity.sum() for k in range(2)]
+    assert light[0] < light[1]
+    # What they return decides, not how they are called.
+    again = [lambda: volume(1.0), lambda: volume(3.0)]
+    after = [path.stat().st_mtime_ns for path in draw(again)]
+    assert [a == b for a, b in zip(before, after, strict=True)] == [True, False]
+    with pytest.raises(vm.InputError, match="must return a Volume, got int"):
+        draw(lambda: 3)
+    # Those of this package are not called: files are told by their stamps.
+    np.save(tmp_path / "a.npy", VOLUME["a"])
+    opened = functools.partial(vm.open, tmp_path / "a.npy", bounds=(-1, 1))
+    draw = functools.partial(draw, medium=vm.Coefficients("a", "a"), path=tmp_path / "b.npz")
+    (path,) = draw(opened)
+    wanted = vm.render(opened(), medium, VIEW).intensity
+    np.testing.assert_array_equal(vm.Image.load(path).intensity, wanted)
+    first = path.stat().st_mtime_ns
+    assert draw(opened)[0].stat().st_mtime_ns == first
+    wider = functools.partial(vm.open, tmp_path / "a.npy", bounds=(-2, 2))
+    assert draw(wider)[0].stat().st_mtime_ns != first
+    second = path.stat().st_mtime_ns
+    np.save(tmp_path / "a.npy", VOLUME["a"] / 2)
+    assert draw(wider)[0].stat().st_mtime_ns != second
+
+
 @pytest.mark.parametrize("suffix", [".mp4", ".gif", ".webp"])
 def test_films_have_their_frames(tmp_path, suffix):
     if suffix == ".mp4":
@@ -265,6 +489,52 @@ def test_films_have_their_frames(tmp_path, suffix):
     wanted = first.to_rgb(exposure=exposure)[::-1]
     # Codecs lose some: eight of 255 on average is a picture that nobody would take for another.
     assert np.abs(frames[0][:48, :65] / 255 - wanted).mean() < 8 / 255
+
+
+@pytest.mark.parametrize("lines", [480, 718, 720, 1080])
+@pytest.mark.parametrize("codec", ["libx264", "libsvtav1"])
+def test_colours_of_an_mp4_are_tagged(lines, codec, tmp_path):
+    """Whoever honours the tags sees the colours that were given: BT.709 from 720 lines."""
+    av = pytest.importorskip("av")
+    from PIL import Image
+
+    colors, paths = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (200, 120, 40)], []
+    for k, color in enumerate(colors):
+        paths.append(tmp_path / f"{k}.png")
+        Image.new("RGB", (64, lines), color).save(paths[-1])
+    encode(paths, tmp_path / "a.mp4", ".mp4", 30.0, codec)
+    matrix, numbers = ("ITU709", (1, 1, 1)) if lines >= 720 else ("ITU601", (6, 6, 6))
+    with av.open(str(tmp_path / "a.mp4")) as file:
+        context = file.streams.video[0].codec_context
+        tags = context.colorspace, context.color_primaries, context.color_trc
+        assert (*tags, context.color_range) == (*numbers, 1)
+        for frame, color in zip(file.decode(video=0), colors, strict=True):
+            # The destination has no matrix: it is RGB.
+            told = {"src_colorspace": matrix, "dst_colorspace": "ITU709"}
+            shown = frame.reformat(format="rgb24", **told).to_ndarray()[lines // 2, 32]
+            # Rounding of 8 bits, and what the codecs lose; of the other matrix it is 24.
+            np.testing.assert_allclose(shown.astype(int), color, atol=4)
+
+
+@pytest.mark.parametrize("fps", [7, 12, 24, 30, 33.3, 48, 50])
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_frames_begin_when_they_should(fps, suffix, tmp_path):
+    from PIL import Image, ImageSequence
+
+    paths = [tmp_path / f"{k}.png" for k in range(40)]
+    for k, path in enumerate(paths):
+        Image.new("RGB", (4, 4), (6 * k, 0, 0)).save(path)
+    encode(paths, tmp_path / f"a{suffix}", suffix, fps, "")
+    lasting = []
+    with Image.open(tmp_path / f"a{suffix}") as file:
+        for frame in ImageSequence.Iterator(file):
+            frame.load()
+            lasting.append(file.info["duration"])
+    begins = np.cumsum([0, *lasting[:-1]])
+    tick = 10 if suffix == ".gif" else 1
+    # Rounded to what the format counts in.
+    np.testing.assert_allclose(begins, 1000 * np.arange(40) / fps, atol=0.5 * tick + 1e-9)
+    assert abs(lasting[-1] - 1000 / fps) <= 0.5 * tick + 1e-9
 
 
 def test_a_series_in_time_is_opened_file_by_file(tmp_path):
@@ -311,6 +581,41 @@ def test_an_anaglyph_has_one_eye_in_red_and_one_in_cyan(tmp_path):
         (lambda path: vm.movie(VOLUME, [SHELL] * 3, [VIEW] * 2, path / "film.gif"), "3 media"),
         (lambda path: vm.movie(VOLUME, SHELL, [], path / "film.gif"), "at least one"),
         (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "film.gif", fps=0), "fps"),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "film.gif", fps=60), "0.1 and 50 in"),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "film.mp4", fps="30"), "fps"),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.png", fps=np.nan), "fps"),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.mp4", codec=3), "codec"),
+        (lambda path: vm.movie(VOLUME, None, VIEW, path / "a.png"), "Medium, got None"),
+        (lambda path: vm.movie(VOLUME, SHELL, [VIEW, 3], path / "a.png"), "Camera, got 3"),
+        (lambda path: vm.movie(3, SHELL, VIEW, path / "a.png"), "path of a file, got int"),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.png", picture=3), "picture"),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.png", finish=3), "finish"),
+        (
+            lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.png", finish=lambda i: 3),
+            "must return an image, got int",
+        ),
+        (
+            lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.png", picture={"annotate": VIEW}),
+            "annotate is True or a dict",
+        ),
+        (lambda path: vm.movie(VOLUME, SHELL, VIEW, path / "a.png", tolerence=1), "tolerance"),
+        (lambda path: orbit(VIEW, "x"), "turns"),
+        (lambda path: orbit(VIEW, np.nan), "turns"),
+        (lambda path: orbit(VIEW, [1, 2]), "turns"),
+        (lambda path: orbit(None), "Orthographic, Perspective or Panorama"),
+        (lambda path: zoom(VIEW, 10**400), "factor"),
+        (lambda path: zoom(VIEW, None), "factor"),
+        (lambda path: dolly(EYE, "near"), "factor"),
+        (lambda path: fly([(0, 0, 0), (1, 1, 1)], 3, fow=60), "fov"),
+        (lambda path: fly("here"), "positions"),
+        (lambda path: fade(SHELL, None, 3), "from a medium to a medium"),
+        (lambda path: fade("a", SHELL, 3), "from a medium to a medium"),
+        (lambda path: keyframes(3), "pairs"),
+        (lambda path: keyframes([VIEW]), "pairs"),
+        (lambda path: keyframes([(0, VIEW, 1)]), "pairs"),
+        (lambda path: keyframes([("a", VIEW)]), "whole numbers"),
+        (lambda path: keyframes([(None, VIEW), (3, VIEW)]), "whole numbers"),
+        (lambda path: keyframes([(0, 3)]), "Orthographic, Perspective or Panorama"),
         (lambda path: orbit(VIEW, frames=0), "frames"),
         (lambda path: orbit(VIEW, axis=(0, 0, 0)), "axis"),
         (lambda path: zoom(vm.Orthographic(), 10), "width"),
@@ -323,5 +628,5 @@ def test_an_anaglyph_has_one_eye_in_red_and_one_in_cyan(tmp_path):
     ],
 )
 def test_bad_arguments(call, message, tmp_path):
-    with pytest.raises(vm.InputError, match=message):
+    with pytest.raises(vm.errors.VoluminousError, match=message):
         call(tmp_path)

@@ -39,6 +39,8 @@ def fade(first: Medium, last: Medium, frames: int) -> list[Medium]:
     """
     if not is_count(frames, 1 << 31):
         raise InputError(f"frames must be a positive whole number, got {frames!r}")
+    if not (isinstance(first, Medium) and isinstance(last, Medium)):
+        raise InputError(f"fade goes from a medium to a medium, got {first!r} and {last!r}")
     going = [part for part in first.components() if part not in last.components()]
     coming = [part for part in last.components() if part not in first.components()]
     staying = [part for part in first.components() if part in last.components()]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
+import inspect
 import os
+import re
 import shutil
-import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -17,18 +17,19 @@ from typing import Any
 import numpy as np
 
 from ..cameras import Camera
-from ..digest import digest
-from ..errors import InputError
+from ..digest import content_key
+from ..errors import InputError, check_name
 from ..executors import Sent, as_executor, run_tasks
-from ..files import as_path, missing, replacing, stamp, unfinished, url_of
+from ..files import as_path, missing, replacing, seen_from, stamp, unfinished, url_of
 from ..image import Image
 from ..io import open as open_volume
 from ..media.contract import Medium
 from ..progress import Progress, with_progress
-from ..units import is_count
+from ..rendering import render
+from ..units import is_count, shown
 from ..volume import Volume
-from .encode import ENCODERS, encode
-from .frame import Frame, display, draw, provenance
+from .encode import ENCODERS, check_fps, encode
+from .frame import Frame, display, draw, provenance, volume_of
 
 PICTURES = (".png", ".exr", ".fits", ".tif", ".tiff", ".npz")
 # Frames that are drawn first, coarsely, to find the exposure of all.
@@ -63,8 +64,11 @@ def movie(
 
     Parameters
     ----------
-    volume : Volume, path, or sequence of them
+    volume : Volume, path, function that returns a Volume, or sequence of them
         A sequence is a series in time, opened one by one; it is spread evenly over the frames.
+        ``functools.partial(vm.open, path, unit="pc")`` opens a file with options: it is told by
+        its arguments, and by name, size and time of its files. Any other function is also called
+        to see what it returns before frames that are there are taken.
     medium : Medium or sequence of Medium
         One for all frames, or one per frame (`fade`). Path lengths and colour ranges that are open
         are measured in the first volume, and are the same in all frames.
@@ -72,25 +76,26 @@ def movie(
         One for all frames, or one per frame (`orbit`, `zoom`, `dolly`, `fly`, `keyframes`).
     path : str or Path
         ``.mp4`` (needs ``pip install "voluminous[movie]"``), ``.gif`` or ``.webp``; or a picture
-        per frame: ``"orbit.png"`` writes ``orbit_0000.png`` and so on, likewise .exr, .fits,
-        .tif and .npz; a name without a suffix, such as ``"frames/"``, is a directory, which is
-        made, for ``0000.png`` and so on.
+        per frame: ``"orbit.png"`` writes ``orbit_0000.png`` and so on (more digits where the last
+        frame needs them), likewise .exr, .fits, .tif and .npz; a name without a suffix, such as
+        ``"frames/"``, is a directory, which is made, for ``0000.png`` and so on.
     fps : float
-        Frames per second.
+        Frames per second; at most 50 in a .gif, whose times are rounded to 10 ms.
     picture : dict, optional
         Options of `Image.save`, such as ``{"stretch": "asinh", "annotate": True}``. What decides
         brightness and colours (`exposure`, or the range of a colormap), and the unit of
         annotations, are the same in all frames: by default those that suit the whole film.
     finish : callable, optional
-        Makes another image of each before it is saved: ``lambda image: image.anaglyph()``.
+        Makes another image of each before it is saved: ``lambda image: image.anaglyph()``. It
+        is told by its code and by all values that it reads, not by files that it opens.
     codec : str
         Of an .mp4, one that FFmpeg knows: "libx264", "libsvtav1".
     keep_frames : bool
         Leave the pictures of which an .mp4, .gif or .webp is made.
     executor : concurrent.futures.Executor or Dask client, optional
         Draws and writes the frames in its processes, one by one in each, which see the same files.
-        Volumes that are paths are opened there; of others what is in memory is sent, up to 8 MiB
-        with each frame, any size with a Dask client.
+        Paths are opened and functions called there; of volumes what is in memory is sent, up to
+        8 MiB with each frame, any size with a Dask client.
     share : (int, int), optional
         ``(2, 8)`` draws the second of eight shares of the frames (2, 10, 18, …): for several
         programs side by side, without an executor. That which finds all frames made also writes
@@ -130,12 +135,16 @@ def movie(
             f"a film is a {', '.join(ENCODERS)}, a series of {', '.join(PICTURES)}, or a directory "
             f"for .png (a name without a suffix), got {target.name!r}"
         )
-    film = _Film.of(volume, medium, cameras, options, dict(picture or {}), finish)
+    check_fps(fps, suffix)
+    if not isinstance(codec, str):
+        raise InputError(f"codec must be a name such as 'libx264', got {codec!r}")
+    film = _Film.of(volume, medium, cameras, options, {} if picture is None else picture, finish)
     own = _share(share, film.count)
     paths = film.paths = _paths(target, film.count)
     _remove_partial([*paths, target])
     report: Any = progress
     film.take(executor)
+    _name_others(paths)
     if suffix not in PICTURES or suffix == ".png":
         film.fix_display(lambda done: report(0, len(own)))
     film.draw(own, report)
@@ -154,15 +163,31 @@ def movie(
 
 def _paths(target: Path, count: int) -> list[Path]:
     """Return where the frames are written; makes their directory."""
+    digits = max(4, len(str(count - 1)))
+    numbers = [f"{k:0{digits}d}" for k in range(count)]
     if target.suffix.lower() in PICTURES:
-        return [target.with_name(f"{target.stem}_{k:04d}{target.suffix}") for k in range(count)]
+        return [target.with_name(f"{target.stem}_{k}{target.suffix}") for k in numbers]
     frames = target.with_name(f"{target.name}.frames") if target.suffix else target
     if not frames.parent.is_dir():
         raise missing(frames.parent)
     if frames.exists() and not frames.is_dir():
         raise InputError(f"{frames} is a file; give a directory for the frames, or a suffix")
     frames.mkdir(exist_ok=True)
-    return [frames / f"{k:04d}.png" for k in range(count)]
+    return [frames / f"{k}.png" for k in numbers]
+
+
+def _name_others(paths: list[Path]) -> None:
+    """Warn of frames that are no part of the film: other programs would take them for some."""
+    first, own = paths[0], {path.name for path in paths}
+    pattern = re.compile(re.escape(first.stem.rstrip("0")) + r"\d{4,}" + re.escape(first.suffix))
+    there = os.listdir(first.parent) if first.parent.is_dir() else ()
+    if others := sorted(n for n in there if pattern.fullmatch(n) and n not in own):
+        several = f" … {others[-1]} ({len(others)} files)" if len(others) > 1 else ""
+        warnings.warn(
+            f"{first.with_name(others[0])}{several}: of another film beside the frames of this "
+            "one; remove them before other programs take all that are there",
+            stacklevel=4,
+        )
 
 
 def _share(share: Any, count: int) -> range:
@@ -183,9 +208,11 @@ class _Film:
     media: list[Medium]
     cameras: list[Camera]
     options: dict[str, Any]
-    picture: dict[str, Any]
+    given: dict[str, Any]
     finish: Callable[[Image], Image] | None
     count: int
+    # Options of `Image.save`: those given, and those chosen for the whole film.
+    picture: dict[str, Any]
     paths: list[Path] = field(default_factory=list)
     executor: Any = None
     # The volumes as the executor gets them.
@@ -193,7 +220,7 @@ class _Film:
     # Added to the provenance of all frames: whose display options they have.
     noted: dict[str, Any] = field(default_factory=dict)
     _opened: tuple[int, Volume] | None = None
-    _contents: dict[int, str] = field(default_factory=dict)
+    _hashes: dict[int, tuple[Any, str]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -209,6 +236,15 @@ class _Film:
             list(one) if isinstance(one, (list, tuple)) else [one]
             for one in (volume, medium, cameras)
         )
+        for kind, each in ((Medium, media), (Camera, eyes)):
+            if wrong := [one for one in each if not isinstance(one, kind)]:
+                raise InputError(f"a film is made with a {kind.__name__}, got {shown(wrong[0])}")
+        if not (isinstance(picture, dict) and (finish is None or callable(finish))):
+            wanted = "picture is a dict of options of Image.save, finish a function of an image"
+            raise InputError(f"{wanted}, got {shown(picture)} and {shown(finish)}")
+        known = set(inspect.signature(render).parameters) - {"volume", "medium", "camera"}
+        for name in options:
+            check_name("option", name, known)
         if not (volumes and media and eyes):
             raise InputError("a film needs at least one volume, medium and camera")
         lengths = {len(each) for each in (media, eyes) if len(each) > 1} or {len(volumes)}
@@ -217,7 +253,8 @@ class _Film:
                 f"a film needs one medium and one camera, or one for each frame, got {len(media)} "
                 f"media and {len(eyes)} cameras"
             )
-        return cls(volumes, media, eyes, options, picture, finish, lengths.pop())
+        sources = [_source(one) for one in volumes]
+        return cls(sources, media, eyes, options, picture, finish, lengths.pop(), picture)
 
     def take(self, executor: Any) -> None:
         """Make ready what an executor gets; measure what is open in the media."""
@@ -238,7 +275,8 @@ class _Film:
         if isinstance(given, Volume):
             return given
         if self._opened is None or self._opened[0] != index:
-            self._opened = index, open_volume(given)
+            self._opened = None  # two of them may not fit
+            self._opened = index, volume_of(given)
         return self._opened[1]
 
     def frame(self, k: int) -> Frame:
@@ -256,6 +294,8 @@ class _Film:
         Frames of the same film that are there tell what was chosen.
         """
         note = self.picture.get("annotate")
+        if not isinstance(note, (bool, np.bool_, dict, type(None))):
+            raise InputError(f"annotate is True or a dict of its options, got {shown(note)}")
         unit = note and "unit" not in (note if isinstance(note, dict) else self.picture)
         bright = not any(name in self.picture for name in _FIXED) and self.count > 1
         if not unit and not bright:
@@ -271,7 +311,7 @@ class _Film:
                 **chosen,
                 "annotate": {**(note if isinstance(note, dict) else {}), "unit": chosen["unit"]},
             }
-        self.picture |= {name: value for name, value in chosen.items() if name != "unit"}
+        self.picture = self.given | {n: value for n, value in chosen.items() if n != "unit"}
 
     def _noted(self) -> Iterator[dict[str, Any]]:
         for path in self.paths:
@@ -334,38 +374,75 @@ class _Film:
 
     def key(self, k: int) -> str:
         """Return a hash of all that decides how a frame looks, the same in every process."""
-        what = (*self._drawn(k), self.options, self.picture, _code(self.finish))
-        return _hash(self.content(self.index(k)), *what)
+        return content_key(self.content(self.index(k)), self._told(self._drawn(k)), self.noted)
 
     def whole(self) -> str:
         """Return a hash of all that decides the display options that are open."""
         contents = [self.content(k) for k in range(len(self.volumes))]
-        what = (self.media, self.cameras, self.count, self.options, self.picture)
-        return _hash(contents, *what, _code(self.finish))
+        return content_key(contents, self._told((*self.media, *self.cameras)), self.count)
 
     def content(self, index: int) -> str:
         """Return what tells one of the volumes from others."""
-        if index not in self._contents:
-            given = self.volumes[index]
-            one = given.fingerprint() if isinstance(given, Volume) else stamp(as_path(given))
-            self._contents[index] = one
-        return self._contents[index]
+        return self._once(self.volumes[index], _content)
+
+    def _told(self, drawn: Sequence[Medium | Camera]) -> list[str]:
+        how = self.options, self.given, self.finish
+        return [self._once(part, content_key) for part in (*how, *drawn)]
+
+    def _once(self, part: Any, tell: Callable[[Any], str]) -> str:
+        """Return what tells a part of the film from others; asked once, it stays what it is."""
+        if id(part) not in self._hashes:
+            self._hashes[id(part)] = part, tell(part)
+        return self._hashes[id(part)][1]
+
+
+def _content(given: Any) -> str:
+    """Return what tells a volume, or what a function returns, from others.
+
+    A function of this package, such as a partial `open`, is told by its arguments, with the stamps
+    of files among them; any other is called.
+    """
+    if isinstance(given, Volume) or not _is_open(given):
+        return volume_of(given).fingerprint()
+
+    arguments = [*enumerate(given.args), *given.keywords.items()]
+    return content_key(given.func, [(name, _stamped(one)) for name, one in arguments])
+
+
+def _is_open(given: Any) -> bool:
+    """Return whether a function is one of this package with arguments."""
+    module = getattr(getattr(given, "func", None), "__module__", "")
+    return str(module).startswith("voluminous.")
+
+
+def _stamped(one: Any) -> Any:
+    """Return the stamp of what may be the path of a file; otherwise the argument itself."""
+    path = Path(one) if isinstance(one, (str, os.PathLike)) else None
+    return one if path is None or not (url_of(path) or path.exists()) else stamp(path)
+
+
+def _source(given: Any) -> Any:
+    """Return a volume, or a function that returns one: for a path that which opens it."""
+    if isinstance(given, Volume) or callable(given):
+        return given
+    return functools.partial(open_volume, seen_from(Path.cwd(), str(as_path(given))))
 
 
 def _sent(given: Any, executor: Any) -> Any:
     """Return a volume as an executor gets it: opened by its processes, or sent to them."""
+    threads = isinstance(executor, ThreadPoolExecutor)
+    scatter = getattr(executor, "scatter", None)  # of a Dask client
     if not isinstance(given, Volume):
-        path = as_path(given)
-        place = path if url_of(path) else Path(os.path.abspath(path))
-        return Sent.of(functools.partial(open_volume, place), "the path")
-    if isinstance(executor, ThreadPoolExecutor):
+        lambdas = threads or scatter is not None  # which can be sent there
+        return given if lambdas and not _is_open(given) else Sent.of(given, f"{given!r}")
+    if threads:
         return given
     given = given.unread()
     size = sum(given.array(n).nbytes for n in given.fields if n not in given.waiting)
     if size <= _MOST_SENT:
         return Sent.of(functools.partial(_itself, given), "the volume")
-    if callable(getattr(executor, "scatter", None)):  # a Dask client
-        return executor.scatter(given, broadcast=True, hash=False)
+    if scatter is not None:
+        return scatter(given, broadcast=True, hash=False)
     raise InputError(
         f"fields in memory ({size / 2**20:.0f} MiB) would be sent to other processes with each "
         "frame: save the volume, as in volume.save('volume.zarr'), and give its path; only a Dask "
@@ -375,28 +452,6 @@ def _sent(given: Any, executor: Any) -> Any:
 
 def _itself(volume: Volume) -> Volume:
     return volume
-
-
-def _hash(*told: Any) -> str:
-    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        text = json.dumps(told, default=_text)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, (np.ndarray, Image)):
-        array = value.intensity if isinstance(value, Image) else value
-        return f"{array.shape} {array.dtype} {digest(np.ascontiguousarray(array)).hex()}"
-    return repr(value)
-
-
-def _code(function: Any) -> str:
-    """Return what a function is told by: its name and its code, not where in memory it is."""
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return repr(type(function))
-    constants = [c for c in code.co_consts if not isinstance(c, type(code))]
-    return f"{function.__qualname__} {code.co_code.hex()} {code.co_names} {constants}"
 
 
 def _remove_partial(paths: list[Path]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..cameras import Camera
 from ..cameras.contract import pixel_counts
+from ..errors import InputError
 from ..executors import Sent
 from ..image import Image, metadata
 from ..image.annotate.marks import readable_unit
@@ -46,9 +47,11 @@ class Frame:
     def image(self, volume: Volume | Sent) -> Image:
         """Return the picture."""
         with _drawing:
-            volume = volume.value() if isinstance(volume, Sent) else volume
+            volume = volume_of(volume.value if isinstance(volume, Sent) else volume)
             image = render(volume, self.medium, self.camera, progress=False, **self.options)
             image = image if self.finish is None else self.finish(image)
+            if not isinstance(image, Image):
+                raise InputError(f"finish must return an image, got {type(image).__name__}")
         return image.replace(provenance={**(image.provenance or {}), **self.noted})
 
     def coarse(self) -> Frame:
@@ -63,6 +66,14 @@ class Frame:
             camera = camera.within((nx, ny))
         quick = {"level": "auto", **self.options, "tolerance": None, "bounds": False}
         return replace(self, camera=camera, options=quick)
+
+
+def volume_of(given: Any) -> Volume:
+    """Return a volume, or the one that a function returns."""
+    volume = given() if callable(given) else given
+    if not isinstance(volume, Volume):
+        raise InputError(f"{given!r} must return a Volume, got {type(volume).__name__}")
+    return volume
 
 
 def draw(frame: Frame, volume: Volume | Sent) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from ..cameras.contract import vector
 from ..cameras.stereo import halved
 from ..errors import InputError, check_name
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import as_given, is_count, plain, unit_of
+from ..units import as_given, is_count, plain, shown, unit_of
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -58,7 +60,7 @@ def orbit(
     direction = vector(axis, "axis")
     if not np.any(direction):
         raise InputError("axis must be a non-zero vector")
-    angle = 2.0 * np.pi * float(turns) / _count(frames)
+    angle = 2.0 * np.pi * _finite(turns, "turns") / _count(frames)
     start, unit = Pose.of(camera), direction / np.linalg.norm(direction)
 
     def at(k: int) -> Camera:
@@ -168,6 +170,8 @@ def fly(positions: Any, frames: int = 240, **options: Any) -> list[Camera]:
     length = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))])
     places = np.interp(np.linspace(0.0, length[-1], _count(frames)), length, fine)
     target = options.pop("target", None)
+    for name in options:
+        check_name("option", name, set(inspect.signature(Perspective).parameters) - {"position"})
 
     def with_unit(vector: np.ndarray) -> Any:
         return vector.tolist() if unit is None else vector * unit
@@ -213,10 +217,15 @@ def keyframes(keys: Sequence[tuple[int, Camera]], ease: str = "smooth") -> list[
     from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
     check_name("ease", ease, EASES)
-    if not keys:
-        raise InputError("keyframes needs at least one (frame, camera)")
+    pairs = keys if isinstance(keys, (list, tuple)) else ()
+    if not pairs or not all(isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in pairs):
+        raise InputError(
+            "keyframes needs pairs of a frame and a camera, such as [(0, first), (60, last)], got "
+            f"{shown(keys)}"
+        )
     at = [frame for frame, _ in keys]
-    if not all(is_count(frame + 1, 1 << 31) for frame in at) or any(np.diff(at) <= 0):
+    whole = all(isinstance(frame, Real) and is_count(frame + 1, 1 << 31) for frame in at)
+    if not whole or any(np.diff(at) <= 0):
         raise InputError(f"frames of keys must be whole numbers that ascend, got {at}")
     first = keys[0][1]
     poses = [Pose.of(camera) for _, camera in keys]
@@ -365,11 +374,18 @@ def _count(frames: Any) -> int:
     return int(frames)
 
 
+def _finite(value: Any, what: str) -> float:
+    number = plain(value, None, what)
+    if not isinstance(number, float) or not np.isfinite(number):
+        raise InputError(f"{what} must be a finite number, got {shown(value)}")
+    return number
+
+
 def _geometric(factor: Any, frames: Any) -> np.ndarray:
-    if not (isinstance(factor, (int, float)) and np.isfinite(factor) and factor > 0):
+    if (ratio := _finite(factor, "factor")) <= 0.0:
         raise InputError(f"factor must be a positive number, got {factor!r}")
     count = _count(frames)
-    return np.asarray(float(factor) ** (np.arange(count) / max(count - 1, 1)))
+    return np.asarray(ratio ** (np.arange(count) / max(count - 1, 1)))
 
 
 def _eased(at: list[int], frames: np.ndarray, ease: str) -> np.ndarray:
