@@ -11,6 +11,7 @@ import time
 import warnings
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from astropy import units as u
@@ -396,6 +397,14 @@ def test_frames_are_those_of_the_display_options(tmp_path):
     norms = [{"colormap": "viridis", "norm": PowerNorm(gamma)} for gamma in (1, 3)]
     for one, other in (maps, norms):
         assert np.any(drawn(**one) != drawn(**other))
+    shown = []
+    for color in ("blue", "green"):  # another map is registered under the same name
+        matplotlib.colormaps.register(colormap_of("red", color), name="of a notebook")
+        medium = vm.Colormap("a", "of a notebook", 0, 1, path_length=1.0)
+        (path,) = vm.movie(VOLUME, medium, VIEW, tmp_path / "b.npz")
+        shown.append((drawn(colormap="of a notebook"), vm.Image.load(path).intensity))
+        matplotlib.colormaps.unregister("of a notebook")
+    assert all(np.any(one != other) for one, other in zip(*shown, strict=True))
 
 
 def test_frames_are_those_of_the_grid(tmp_path):
@@ -415,7 +424,7 @@ def test_frames_of_a_longer_film_are_named(tmp_path, monkeypatch):
     vm.movie(VOLUME, SHELL, orbit(VIEW, 1, 5), tmp_path / "a.png")
     (tmp_path / "a_00002.png").touch()  # of a film of ten thousand frames
     (tmp_path / "ab_0009.png").touch()
-    with pytest.warns(UserWarning, match=r"a_00002.png … a_0004.png \(3 files\).*remove"):
+    with pytest.warns(UserWarning, match=r"3 more .* a_00002.png, a_0003.png, a_0004.png; remove"):
         vm.movie(VOLUME, SHELL, orbit(VIEW, 1, 3), tmp_path / "a.png")
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():

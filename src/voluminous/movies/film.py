@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..cameras import Camera
+from ..colormaps import get_colormap
 from ..digest import content_key
 from ..errors import InputError, check_name
 from ..executors import Sent, as_executor, run_tasks
@@ -32,7 +33,7 @@ from .encode import ENCODERS, check_fps, encode
 from .frame import Frame, display, draw, provenance, volume_of
 
 PICTURES = (".png", ".exr", ".fits", ".tif", ".tiff", ".npz")
-# Frames that are drawn first, coarsely, to find the exposure of all.
+# Frames that are drawn first, coarsely, to find the exposure of all; and that messages name.
 _SAMPLES = 16
 # Display options that fix the brightness.
 _FIXED = ("exposure", "vmin", "vmax", "norm")
@@ -144,7 +145,8 @@ def movie(
     _remove_partial([*paths, target])
     report: Any = progress
     film.take(executor)
-    _name_others(paths)
+    if suffix not in ENCODERS or keep_frames:
+        _name_others(paths)
     if suffix not in PICTURES or suffix == ".png":
         film.fix_display(lambda done: report(0, len(own)))
     film.draw(own, report)
@@ -182,10 +184,10 @@ def _name_others(paths: list[Path]) -> None:
     pattern = re.compile(re.escape(first.stem.rstrip("0")) + r"\d{4,}" + re.escape(first.suffix))
     there = os.listdir(first.parent) if first.parent.is_dir() else ()
     if others := sorted(n for n in there if pattern.fullmatch(n) and n not in own):
-        several = f" … {others[-1]} ({len(others)} files)" if len(others) > 1 else ""
+        few = others if len(others) <= _SAMPLES else [*others[: _SAMPLES - 1], "…", others[-1]]
         warnings.warn(
-            f"{first.with_name(others[0])}{several}: of another film beside the frames of this "
-            "one; remove them before other programs take all that are there",
+            f"{first.parent} has {len(others)} more frames, of another film: {', '.join(few)}; "
+            "remove them before other programs take all that are there",
             stacklevel=4,
         )
 
@@ -254,6 +256,8 @@ class _Film:
                 f"media and {len(eyes)} cameras"
             )
         sources = [_source(one) for one in volumes]
+        if isinstance(picture.get("colormap"), str):  # which may be registered again
+            picture = {**picture, "colormap": get_colormap(picture["colormap"])}
         return cls(sources, media, eyes, options, picture, finish, lengths.pop(), picture)
 
     def take(self, executor: Any) -> None:
