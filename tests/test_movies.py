@@ -615,7 +615,6 @@ def test_an_anaglyph_has_one_eye_in_red_and_one_in_cyan(tmp_path):
         (lambda path: zoom(VIEW, 10**400), "factor"),
         (lambda path: zoom(VIEW, None), "factor"),
         (lambda path: dolly(EYE, "near"), "factor"),
-        (lambda path: fly([(0, 0, 0), (1, 1, 1)], 3, fow=60), "fov"),
         (lambda path: fly("here"), "positions"),
         (lambda path: fade(SHELL, None, 3), "from a medium to a medium"),
         (lambda path: fade("a", SHELL, 3), "from a medium to a medium"),

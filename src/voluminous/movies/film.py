@@ -21,7 +21,7 @@ from ..colormaps import get_colormap
 from ..digest import content_key
 from ..errors import InputError, check_name
 from ..executors import Sent, as_executor, run_tasks
-from ..files import as_path, missing, replacing, seen_from, stamp, unfinished, url_of
+from ..files import as_path, missing, replacing, seen_from, stamp, unfinished
 from ..image import Image
 from ..io import open as open_volume
 from ..media.contract import Medium
@@ -182,12 +182,12 @@ def _name_others(paths: list[Path]) -> None:
     """Warn of frames that are no part of the film: other programs would take them for some."""
     first, own = paths[0], {path.name for path in paths}
     pattern = re.compile(re.escape(first.stem.rstrip("0")) + r"\d{4,}" + re.escape(first.suffix))
-    there = os.listdir(first.parent) if first.parent.is_dir() else ()
+    there = (path.name for path in first.parent.glob(f"*{first.suffix}"))
     if others := sorted(n for n in there if pattern.fullmatch(n) and n not in own):
-        few = others if len(others) <= _SAMPLES else [*others[: _SAMPLES - 1], "…", others[-1]]
         warnings.warn(
-            f"{first.parent} has {len(others)} more frames, of another film: {', '.join(few)}; "
-            "remove them before other programs take all that are there",
+            f"{first.parent} has {len(others)} more frames, of another film: "
+            f"{', '.join(others[:_SAMPLES])}{' …' * (len(others) > _SAMPLES)}; remove them before "
+            "other programs take all that are there",
             stacklevel=4,
         )
 
@@ -403,26 +403,19 @@ class _Film:
 def _content(given: Any) -> str:
     """Return what tells a volume, or what a function returns, from others.
 
-    A function of this package, such as a partial `open`, is told by its arguments, with the stamps
-    of files among them; any other is called.
+    A partial function of this package, such as `open`, is told by its arguments, with the stamps of
+    files among them; any other is called.
     """
-    if isinstance(given, Volume) or not _is_open(given):
+    if isinstance(given, Volume) or not _is_ours(given):
         return volume_of(given).fingerprint()
-
-    arguments = [*enumerate(given.args), *given.keywords.items()]
-    return content_key(given.func, [(name, _stamped(one)) for name, one in arguments])
-
-
-def _is_open(given: Any) -> bool:
-    """Return whether a function is one of this package with arguments."""
-    module = getattr(getattr(given, "func", None), "__module__", "")
-    return str(module).startswith("voluminous.")
+    every = *given.args, *given.keywords.values()
+    paths = [Path(one) for one in every if isinstance(one, (str, os.PathLike))]
+    return content_key(given, [stamp(path) for path in paths if path.exists()])
 
 
-def _stamped(one: Any) -> Any:
-    """Return the stamp of what may be the path of a file; otherwise the argument itself."""
-    path = Path(one) if isinstance(one, (str, os.PathLike)) else None
-    return one if path is None or not (url_of(path) or path.exists()) else stamp(path)
+def _is_ours(given: Any) -> bool:
+    function = getattr(given, "func", None)
+    return str(getattr(function, "__module__", "")).startswith("voluminous.")
 
 
 def _source(given: Any) -> Any:
@@ -438,7 +431,7 @@ def _sent(given: Any, executor: Any) -> Any:
     scatter = getattr(executor, "scatter", None)  # of a Dask client
     if not isinstance(given, Volume):
         lambdas = threads or scatter is not None  # which can be sent there
-        return given if lambdas and not _is_open(given) else Sent.of(given, f"{given!r}")
+        return given if lambdas and not _is_ours(given) else Sent.of(given, f"{given!r}")
     if threads:
         return given
     given = given.unread()

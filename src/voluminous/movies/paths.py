@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -170,8 +169,6 @@ def fly(positions: Any, frames: int = 240, **options: Any) -> list[Camera]:
     length = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))])
     places = np.interp(np.linspace(0.0, length[-1], _count(frames)), length, fine)
     target = options.pop("target", None)
-    for name in options:
-        check_name("option", name, set(inspect.signature(Perspective).parameters) - {"position"})
 
     def with_unit(vector: np.ndarray) -> Any:
         return vector.tolist() if unit is None else vector * unit

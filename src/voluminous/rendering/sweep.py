@@ -13,6 +13,7 @@ import io
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ from ..files import as_path, replacing
 from .march import RayState, arrays_in, mapped
 
 if TYPE_CHECKING:
+    from ..grids.contract import CellBox
     from .streaming import Rays, StreamingTracer
 
 # Bytes of a checksum.
@@ -53,34 +55,26 @@ class Sweep:
         met = [rays.meeting(block.extent) for block in blocks]
         self.passes += 1
         chosen: dict[int, np.ndarray] = {}
-        keys: dict[int, str] = {}
+        files: dict[int, Path | None] = {}
 
         def begin(k: int) -> tuple[Any, ...] | None:
             """Return the task that draws a block; None if it is done already."""
             own = chosen[k] = rays.coming_to(blocks[k].boxes, met[k])
-            if not len(own):
-                return None
-            seen = any(tracer.visible(box) for box in blocks[k].boxes)
+            seen = len(own) > 0 and any(tracer.visible(box) for box in blocks[k].boxes)
             before = rays.taken(own)
-            if seen and self.folder is not None:
-                # What goes in decides what comes out: whatever was kept of other rays is not taken.
-                told = tracer.name, tracer.limits, before.plain(), blocks[k].boxes
-                keys[k] = content_key(*told)
-            states = self._kept(self._path(tracer, k), keys[k], before) if k in keys else None
-            if states is not None:
+            files[k] = self._file(tracer, k, before, blocks[k].boxes) if seen else None
+            if (states := self._kept(files[k], before)) is not None:
                 rays.put_all(own, states)
             elif seen and self.executor is not None:
                 return tracer.task(before, blocks[k].boxes)
-            else:
+            elif len(own):
                 tracer.through(rays, blocks[k].boxes)
-                if k in keys:
-                    self._keep(self._path(tracer, k), keys[k], rays.taken(own).states)
+                self._keep(files[k], rays.taken(own).states)
             return None
 
         def end(k: int, state: Any) -> None:
             if state is not None:
-                if k in keys:
-                    self._keep(self._path(tracer, k), keys[k], state)
+                self._keep(files[k], state)
                 rays.put_all(chosen[k], state)
             tracer.drawn(blocks[k].boxes)
 
@@ -88,37 +82,44 @@ class Sweep:
         before = _before(met, len(rays.u))
         run_tasks(self.executor, begin, end, names, lambda: tracer.drawn(()), before)
 
-    def _path(self, tracer: StreamingTracer, block: int) -> Path:
-        assert self.folder is not None
-        return self.folder / tracer.name / f"{self.passes:03d}-{block:04d}"
+    def _file(
+        self, tracer: StreamingTracer, block: int, before: Rays, boxes: Sequence[CellBox]
+    ) -> Path | None:
+        """Return where the rays behind a block are kept: what goes in decides what comes out."""
+        if self.folder is None:
+            return None
+        key = content_key(tracer.limits, before.plain(), boxes)
+        return self.folder / tracer.name / f"{self.passes:03d}-{block:04d}-{key}"
 
-    def _kept(self, path: Path, key: str, before: Rays) -> list[RayState] | None:
+    def _kept(self, file: Path | None, before: Rays) -> list[RayState] | None:
         """Return the states of rays behind a block that was finished before; None if it was not."""
         try:
-            written = path.read_bytes()
-            check, data = written[:_CHECK], written[_CHECK:]
-            if check != _checksum(key, data):
-                return None  # damaged, or another program's
-            with np.load(io.BytesIO(data)) as file:
-                carried, *arrays = (file[f"arr_{k}"] for k in range(len(file.files)))
-        except (OSError, ValueError):
+            written = b"" if file is None else file.read_bytes()
+        except OSError:
             return None
-        self.used.add(path.parent)
-        rest, lists = iter(arrays), json.loads(str(carried))
-        made = (replace(s, carried=own) for s, own in zip(before.states, lists, strict=True))
-        return [mapped(lambda part: next(rest), state) for state in made]
+        check, data = written[:_CHECK], written[_CHECK:]
+        if file is None or check != _checksum(file, data):
+            return None  # damaged, or another program's
+        self.used.add(file.parent)
+        with np.load(io.BytesIO(data)) as arrays:
+            carried, *rest = (arrays[f"arr_{k}"] for k in range(len(arrays.files)))
+        made, lists = iter(rest), json.loads(str(carried))
+        states = (replace(s, carried=own) for s, own in zip(before.states, lists, strict=True))
+        return [mapped(lambda part: next(made), state) for state in states]
 
-    def _keep(self, path: Path, key: str, states: list[RayState]) -> None:
+    def _keep(self, file: Path | None, states: list[RayState]) -> None:
+        if file is None:
+            return
         # What schemes carry are lists of lists; the rest is as it was before.
         lists = json.dumps(mapped(lambda part: 0, [state.carried for state in states]))
         data = io.BytesIO()
         np.savez(data, np.array(lists), *arrays_in(states))
-        self.used.add(path.parent)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            file.write(_checksum(key, data.getvalue()) + data.getvalue())
-            file.flush()
-            os.fsync(file.fileno())
+        self.used.add(file.parent)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as temporary, temporary.open("wb") as opened:
+            opened.write(_checksum(file, data.getvalue()) + data.getvalue())
+            opened.flush()
+            os.fsync(opened.fileno())
 
     def finish(self) -> None:
         """Remove the blocks of a picture that is finished; draw further rays in this process."""
@@ -127,8 +128,8 @@ class Sweep:
         self.executor = self.folder = None
 
 
-def _checksum(key: str, data: bytes) -> bytes:
-    return hashlib.sha256(key.encode() + data).digest()
+def _checksum(file: Path, data: bytes) -> bytes:
+    return hashlib.sha256(file.name.encode() + data).digest()
 
 
 def _before(met: list[np.ndarray], count: int) -> list[set[int]]:
