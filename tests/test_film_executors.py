@@ -228,8 +228,8 @@ def film_that_is_killed(tmp_path, file, frames, stops, workers):
 def test_a_film_whose_driver_is_killed_is_the_same(file, tmp_path):
     volume = vm.open(file, bounds=(-1, 1))
     medium = SHELL.replace(expr=volume.fields[0])
-    whole = sums(vm.movie(volume, medium, orbit(VIEW, frames=16), tmp_path / "whole"))
-    assert film_that_is_killed(tmp_path, file, 16, [3], workers=1) == whole
+    whole = sums(vm.movie(volume, medium, orbit(VIEW, frames=64), tmp_path / "whole"))
+    assert film_that_is_killed(tmp_path, file, 64, [3], workers=1) == whole
 
 
 @pytest.mark.exhaustive
