@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pickle
 
+import astropy.units as u
 import numpy as np
 import pytest
 
 import voluminous as vm
 from voluminous.errors import InputError
+from voluminous.rendering.outline import Outline
 from voluminous.store import FieldStore, means
 
 BOUNDS = [(-1, 1), (-1, 1), (-1, 1)]
@@ -53,9 +55,8 @@ def test_a_level_is_a_volume_of_means_between_the_same_bounds(tmp_path):
     volume.meta["time"] = 3.0
     volume.save(tmp_path / "a.zarr", levels=True, stats=True, chunks=4)
     whole = vm.io.registry.open_lazily(tmp_path / "a.zarr")
-    expected = volume.array("a")
     for number in range(1, whole.store.levels):
-        expected = means(expected, (2, 2, 2))
+        expected = means(volume.array("a"), (1 << number,) * 3)
         level = whole.level(number)
         assert level.waiting == ("a",)
         assert level.unit == whole.unit
@@ -66,23 +67,24 @@ def test_a_level_is_a_volume_of_means_between_the_same_bounds(tmp_path):
             level.grid.edges[1][:-1], whole.grid.edges[1][: -1 : 2**number]
         )
         box = level.store.read("a", (0, 0, 0), level.grid.shape)
-        np.testing.assert_array_equal(box, expected)
+        # Stored means of means are of single precision.
+        np.testing.assert_allclose(box, expected, rtol=1e-6)
         assert level.waiting == ("a",)
-        np.testing.assert_array_equal(level.array("a"), expected)
+        np.testing.assert_array_equal(level.array("a"), box)
         # A level of a level; a level in another process; a level opened from the file.
         again = whole.level(1).level(number - 1)
-        np.testing.assert_array_equal(again.array("a"), expected)
+        np.testing.assert_array_equal(again.array("a"), box)
         assert again.meta["level"] == number
         assert again.store.levels == whole.store.levels - number
         np.testing.assert_array_equal(
-            pickle.loads(pickle.dumps(whole.level(number))).array("a"), expected
+            pickle.loads(pickle.dumps(whole.level(number))).array("a"), box
         )
         opened = vm.open(tmp_path / "a.zarr", level=number)
-        np.testing.assert_array_equal(opened.array("a"), expected)
+        np.testing.assert_array_equal(opened.array("a"), box)
         # Ranges are those of the cells below.
         ranges = level.store.extremes("a")
         assert ranges.shape[:3] == tuple(
-            -(-n // c) for n, c in zip(expected.shape, (4, 4, 4), strict=True)
+            -(-n // c) for n, c in zip(box.shape, (4, 4, 4), strict=True)
         )
         assert ranges[..., 0].min() == volume.array("a").min()
     assert whole.level(0) is whole
@@ -318,3 +320,112 @@ def test_how_far_cells_are_from_their_mean_is_stored(dtype, tmp_path):
             assert np.all(distance <= np.maximum(true, 0) * (1 + 2.0**-8) + 2.0**-20 * 200)
         box = store.spread("a", (1, 0, 0), shape, level)
         np.testing.assert_array_equal(box[0], below[1:])
+
+
+LARGE = 162  # along each side: more than the 4 million cells up to which a volume is measured whole
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    pytest.importorskip("zarr", "3")
+    path = tmp_path_factory.mktemp("large") / "large.zarr"
+    x = np.linspace(-1, 1, LARGE, dtype=np.float32)
+    r2 = x[:, None, None] ** 2 + x[:, None] ** 2 + x**2
+    grid = vm.CartesianGrid.uniform(LARGE, (-1, 1), unit="pc")
+    volume = vm.Volume(grid, density=np.exp(-4 * r2), temperature=(10 + 5 * r2) * u.K)
+    volume["velocity"] = np.broadcast_to(x, grid.shape) * u.Unit("km/s")
+    volume.save(path, levels=True, stats=True, chunks=54, keep_bits=6)
+    return path
+
+
+VERBS = {
+    "render": lambda v, medium, camera, **how: vm.render(v, medium, camera, **how),
+    "observe": lambda v, _, camera, **how: vm.observe(v, DUST, camera, wavelengths=[870.0], **how),
+    "spectrum": lambda v, _, camera, **how: vm.spectrum(
+        v, DUST, camera, wavelengths=[870.0], tolerance=0.3, **how
+    ),
+    "plan": lambda v, medium, camera, **how: vm.plan(v, medium, camera, **how),
+}
+# Which measure in the cells of what they are given.
+MEASURING = {
+    "column": lambda v, _, camera, **how: vm.column(v, "density", camera, **how),
+    "moments": lambda v, _, camera, **how: vm.moments(
+        v, "density", camera, velocity="velocity", **how
+    ),
+    "project": lambda v, _, camera, **how: vm.project(v, "density", camera, **how),
+    "tau_surface": lambda v, medium, camera, **how: vm.tau_surface(v, medium, camera, **how),
+    "probe": lambda v, medium, camera, **how: vm.probe(
+        v, medium, camera, (4, 4), tolerance=None, **how
+    ),
+    "measure": lambda v, _, __, **how: vm.measure(v, {"mass": "density"}, **how),
+}
+DUST = vm.Dust("density * 2e-22 g/cm3", "temperature", vm.Opacity.power_law(3.5, 870.0, 1.8))
+OPEN = vm.Gaussian("density", 0.5, 0.2, "orange", opacity=0.5)  # path_length="auto"
+SMALL_PICTURE = vm.Orthographic(30, 40, width=2.2, resolution=8)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_what_is_measured_in_a_level_is_measured_chunk_by_chunk_too(large, scheme):
+    """The default path length of more than 4 million cells, with memory=: the advertised call."""
+    volume = vm.io.registry.open_lazily(large)
+    assert volume.grid.size > 1 << 22
+    assert OPEN.path_length == "auto"
+    for level in (None, 1):
+        pictures = [
+            vm.render(volume, OPEN, SMALL_PICTURE, scheme=scheme, level=level, **memory)
+            for memory in ({}, {"memory": "400 MB"})
+        ]
+        assert pictures[0].intensity.max() > 0
+        whole, pieces = (image.intensity for image in pictures)
+        # In memory wide steps through smooth blocks are within the tolerance.
+        np.testing.assert_allclose(pieces, whole, atol=2e-3 * whole.max())
+
+
+def test_levels_are_volumes_whatever_they_are_levels_of(large):
+    volume = vm.open(large)
+    outline = Outline.of(volume)
+    for one in (volume, outline, Outline.of(volume.level(1))):
+        level = one.level(1)
+        assert type(level) is vm.Volume
+        assert level.array("density").shape == level.grid.shape
+        assert Outline.of(level).extremes("density").ndim == 4
+
+
+@pytest.mark.parametrize("shape", [(16, 16, 16), (11, 13, 9)])
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+def test_a_mean_is_one_of_the_cells_that_count(tmp_path, shape, dtype):
+    """Beside missing values and at the ends, on every level, as if made of the cells at once."""
+    rng = np.random.default_rng(5)
+    values = rng.uniform(1, 2, shape).astype(dtype)
+    values[rng.random(shape) < 0.6] = np.nan
+    values[:8, :8, :8] = np.nan
+    values[0, 0, 0] = 7  # the only one
+    grid = vm.CartesianGrid.uniform(shape, (0, 1))
+    vm.Volume(grid, a=values).save(tmp_path / "a.zarr", levels=True, stats=True, chunks=4)
+    volume = vm.open(tmp_path / "a.zarr")
+    for number in range(1, volume.store.levels):
+        side = 2**number
+        level = volume.level(number).array("a")
+        for index in np.ndindex(level.shape):
+            cells = values[tuple(slice(i * side, (i + 1) * side) for i in index)]
+            expected = np.nan if np.isnan(cells).all() else np.nanmean(cells, dtype=np.float64)
+            # Of single precision once on each level.
+            np.testing.assert_allclose(level[index], expected, rtol=1e-6)
+    assert volume.level(2).array("a")[0, 0, 0] == 7
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("memory", [None, "400 MB"])
+@pytest.mark.parametrize("level", [None, 0, 1, 2, "auto"])
+@pytest.mark.parametrize("verb", [*VERBS, *MEASURING])
+@pytest.mark.filterwarnings("ignore")
+def test_every_verb_at_every_level(large, verb, level, memory):
+    volume = vm.io.registry.open_lazily(large)
+    how = {} if memory is None else {"memory": memory}
+    if verb in VERBS:
+        how |= {} if level is None else {"level": level}
+    elif level == "auto":
+        pytest.skip("nothing is measured in a level that is chosen")
+    elif level is not None:
+        volume = volume.level(level)
+    assert ({**VERBS, **MEASURING})[verb](volume, OPEN, SMALL_PICTURE, **how) is not None

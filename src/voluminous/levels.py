@@ -20,8 +20,8 @@ HOW_TO_STORE = (
 )
 
 
-def level_of_volume(volume: Any, level: int) -> Any:
-    """Return a level of a volume, unread; see `Volume.level`."""
+def level_of_volume(volume: Any, level: int, kind: Any) -> Any:
+    """Return a level of a volume, unread, of the class `kind`; see `Volume.level`."""
     if type(level) is not int or level < 0:
         raise InputError(f"level must be a whole number, 0 for all cells, got {level!r}")
     if level == 0:
@@ -39,7 +39,7 @@ def level_of_volume(volume: Any, level: int) -> Any:
     shape = store.shape(level)
     factors = level_factors(grid.shape, shape) or (1, 1, 1)
     edges = [np.append(e[:-1:factor], e[-1]) for e, factor in zip(grid.edges, factors, strict=True)]
-    coarse = type(volume)(type(grid)(*edges, unit=grid.unit))
+    coarse = kind(type(grid)(*edges, unit=grid.unit))
     coarser = tuple(store.shape(k) for k in range(level + 1, store.levels))
     for name in volume.fields:
         own = volume._fields.pieces(name)
@@ -64,7 +64,7 @@ def kept_level(volume: Any, level: int) -> Any:
         return volume
     key = ("level", level)
     if key not in volume.tables:
-        coarse = level_of_volume(volume, level)
+        coarse = volume.level(level)
         volume.tables[key] = coarse, coarse.bytes_waiting
     return volume.tables[key][0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -233,18 +233,35 @@ def means(values: np.ndarray, factors: Sequence[int]) -> np.ndarray:
 
     Groups at the upper ends may be of fewer cells. Means of integers are rounded.
     """
+    return weighted_means(values, factors)[0]
+
+
+def weighted_means(
+    values: np.ndarray, factors: Sequence[int], weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return `means` of values, each of which counts as so many cells, and how many count in them.
+
+    NaN does not count.
+    """
+    known = None
     if values.dtype.kind == "f" and np.isnan(values.min()):
         known = ~np.isnan(values)
-        count = _sums(known.astype(np.float64), factors)
-        total = _sums(np.where(known, values, 0).astype(np.float64), factors)
+        weights = known.astype(np.float64) if weights is None else weights * known
+    if weights is None or weights.min() == weights.max():
+        total = _sums(values.astype(np.float64), factors)
+        count: Any = 1.0 if weights is None else weights.flat[0]
+        for axis, (n, factor) in enumerate(zip(values.shape, factors, strict=True)):
+            counts = np.minimum(factor, n - factor * np.arange(total.shape[axis]))
+            counts = counts.reshape([-1 if a == axis else 1 for a in range(3)])
+            total /= counts
+            count = count * counts
+    else:
+        count = _sums(weights.astype(np.float64), factors)
+        some = values if known is None else np.where(known, values, 0)
         with np.errstate(invalid="ignore"):
-            return np.asarray(total / count).astype(values.dtype)
-    total = _sums(values.astype(np.float64), factors)
-    for axis, (n, factor) in enumerate(zip(values.shape, factors, strict=True)):
-        counts = np.minimum(factor, n - factor * np.arange(total.shape[axis]))
-        total /= counts.reshape([-1 if a == axis else 1 for a in range(3)])
+            total = _sums(some.astype(np.float64) * weights, factors) / count
     rounded = total if values.dtype.kind == "f" else np.rint(total)
-    return np.asarray(rounded.astype(values.dtype))
+    return np.asarray(rounded.astype(values.dtype)), count
 
 
 def _sums(values: np.ndarray, factors: Sequence[int]) -> np.ndarray:

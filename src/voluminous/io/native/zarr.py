@@ -24,7 +24,7 @@ from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
 from ...packages import require
 from ...progress import reporter
-from ...store import LEAVES, SIDE, Store, means
+from ...store import LEAVES, SIDE, Store, weighted_means
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..zarr.store import arrays_in, checked, opened, part, root_fits
@@ -110,7 +110,7 @@ class NativeZarrReader(ContentsReader):
                 unit, dtype = str(arrays[0].attrs.get("units", "")), np.dtype(arrays[0].dtype)
                 pieces = _pieces(path, root, name, arrays)
                 load = functools.partial(_part, path, name, (slice(None),) * len(grid.shape), 0)
-                fields.append(StoredField(name, name, grid.shape, dtype, unit, load, False, pieces))
+                fields.append(StoredField(name, name, grid.shape, dtype, unit, load, pieces))
             tables = _tables(path, root) if SKY in told else {}
             sky = wcs_of(str(told[SKY]), tables) if SKY in told else None
             meta = known_meta(str(told.get(META, "{}")))
@@ -214,7 +214,8 @@ class Pyramid:
     ) -> Iterator[None]:
         """Write a chunk after those it covers; put means of it into a part of the one above.
 
-        Beside the means of a chunk are the least and the largest values of the finest cells.
+        Beside the means of a chunk are how many of the finest cells count in them, and the least
+        and the largest values of these.
         """
         array, *distances = self.arrays[level]
         low = [i * side for i, side in zip(index, self.sides, strict=True)]
@@ -222,13 +223,12 @@ class Pyramid:
         if level == 0:
             values = rounded(self.store.read(self.name, low, high), self.keep_bits)
             self.extremes[index] = values.min(), values.max()
-            parts = [values] * 3
+            weights, parts = None, [values] * 3
             yield
         else:
-            count = 1 + len(distances)
-            parts = list(
-                np.empty((count, *(b - a for a, b in zip(low, high, strict=True))), array.dtype)
-            )
+            shape = [b - a for a, b in zip(low, high, strict=True)]
+            weights = np.empty(shape)
+            parts = list(np.empty((1 + len(distances), *shape), array.dtype))
             below = _counts(self.arrays[level - 1][0].shape, self.sides)
             for child in np.ndindex(2, 2, 2):
                 number = tuple(2 * i + c for i, c in zip(index, child, strict=True))
@@ -238,14 +238,18 @@ class Pyramid:
                     # An axis of a single chunk may have an odd number of cells.
                     ends = [e if k > 1 else None for e, k in zip(ends, below, strict=True)]
                     own = tuple(map(slice, first, ends))
-                    yield from self._write(level - 1, number, [part[own] for part in parts])
+                    yield from self._write(
+                        level - 1, number, [part[own] for part in (weights, *parts)]
+                    )
             parts[0] = rounded(parts[0], self.keep_bits)
         box = tuple(map(slice, low, high))
         array[box] = parts[0]
         for one, sign, end in zip(distances, (1.0, -1.0), parts[1:], strict=False):
             one[box] = _rounded_up(sign * (parts[0].astype(one.dtype) - end.astype(one.dtype)))
-        for whole, cells, combine in zip(above, parts, (None, np.fmin, np.fmax), strict=False):
-            whole[...] = means(cells, _HALVES) if combine is None else _ends(cells, combine)
+        if above:
+            above[1][...], above[0][...] = weighted_means(parts[0], _HALVES, weights)
+        for whole, cells, combine in zip(above[2:], parts[1:], (np.fmin, np.fmax), strict=False):
+            whole[...] = _ends(cells, combine)
 
 
 def _ends(values: np.ndarray, combine: np.ufunc) -> np.ndarray:
