@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 from .errors import MemoryNeededError
 
@@ -10,6 +14,11 @@ from .errors import MemoryNeededError
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 # Sizes below this always fit.
 _SMALL = 64 << 20
+# What Dr.Jit and LLVM take of address space when they are loaded with this package (370 MiB with
+# two threads), and to compile and run a kernel, besides its arrays.
+LOADING, KERNELS = 448 << 20, 128 << 20
+# More than any machine has: control groups of version 1 without a limit have the largest number.
+_NO_LIMIT = 1 << 60
 
 
 def check_memory(needed: int, what: str, advice: str) -> None:
@@ -18,10 +27,21 @@ def check_memory(needed: int, what: str, advice: str) -> None:
         return
     free = available_memory()
     if needed > free:
-        raise MemoryNeededError(
-            f"{what} needs {needed} bytes ({needed / 2**30:.2f} GiB), but only {free} bytes "
-            f"({free / 2**30:.2f} GiB) are available; {advice}"
-        )
+        raise _needed(needed, free, what, advice)
+
+
+def check_address_space(needed: int, what: str) -> None:
+    """Refuse what libraries would end the process for: too little is left of its limits."""
+    free = min(_left_of_limits(), default=needed)
+    if needed > free:
+        raise _needed(needed, free, what, "raise the limits of the process (ulimit -v, ulimit -d)")
+
+
+def _needed(needed: int, free: int, what: str, advice: str) -> MemoryNeededError:
+    return MemoryNeededError(
+        f"{what} needs {needed} bytes ({needed / 2**30:.2f} GiB), but only {free} bytes "
+        f"({free / 2**30:.2f} GiB) are available; {advice}"
+    )
 
 
 def fits(needed: int) -> bool:
@@ -29,11 +49,60 @@ def fits(needed: int) -> bool:
     return needed < _SMALL or needed <= available_memory()
 
 
-def available_memory() -> int:
-    """Return the bytes that can be taken without swapping."""
+def available_memory(
+    process: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cgroup")
+) -> int:
+    """Return the bytes that this process can take without swapping.
+
+    The least of what the machine has, what the limits of the process (``ulimit -v``, ``-d``) and
+    those of its control groups leave: of a batch job, or a container.
+    """
     import psutil
 
-    return int(psutil.virtual_memory().available)
+    machine = int(psutil.virtual_memory().available)
+    return max(0, min([machine, *_left_of_limits(), *_left_in_groups(process, groups)]))
+
+
+def _left_of_limits() -> Iterator[int]:
+    """Yield what the process has left of its limits: where it is Linux, which enforces them."""
+    if sys.platform == "linux":
+        import resource
+
+        import psutil
+
+        held = psutil.Process().memory_info()
+        for kind, size in ((resource.RLIMIT_AS, held.vms), (resource.RLIMIT_DATA, held.data)):
+            limit = resource.getrlimit(kind)[0]
+            if limit != resource.RLIM_INFINITY:
+                yield max(0, limit - size)
+
+
+def _left_in_groups(process: Path, groups: Path) -> Iterator[int]:
+    """Yield what the control groups of a process, and those around them, leave of their limits.
+
+    Versions 2 and 1: https://docs.kernel.org/admin-guide/cgroup-v2.html, ``cgroup-v1/memory.html``.
+    Pages of files count in their usage, but are given back when memory is short.
+    """
+    with suppress(OSError):
+        for line in (process / "cgroup").read_text().splitlines():
+            _, controllers, place = (*line.split(":", 2), "", "")[:3]
+            if controllers and "memory" not in controllers.split(","):
+                continue
+            root, files, word = groups, ("memory.max", "memory.current"), ""
+            if controllers:
+                root, word = groups / "memory", "total_"
+                files = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+            # In a container the path may be as the machine outside sees it.
+            inner = root.joinpath(*(part for part in place.split("/") if part not in ("", "..")))
+            for group in (inner, *inner.parents[: len(inner.parts) - len(root.parts)]):
+                # Not there, or the word "max".
+                with suppress(OSError, ValueError):
+                    if (limit := int((group / files[0]).read_text())) >= _NO_LIMIT:
+                        continue
+                    held = int((group / files[1]).read_text())
+                    told = dict(p.split() for p in (group / "memory.stat").read_text().splitlines())
+                    cached = (f"{word}{kind}_file" for kind in ("active", "inactive"))
+                    yield limit - held + sum(int(told.get(name, 0)) for name in cached)
 
 
 def reuse_memory() -> None:

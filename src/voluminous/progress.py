@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
-from .errors import InputError
+from .errors import InputError, MemoryNeededError
 
 Report = Callable[[int, int], None]
 Progress = bool | Report | None
@@ -56,14 +56,25 @@ def progress_bar(progress: Progress = None, label: str = "") -> Iterator[Report]
 
 
 def with_progress(function: Callable[P, T]) -> Callable[P, T]:
-    """Make a function with an argument ``progress`` take all that `progress_bar` does."""
+    """Make a function with an argument ``progress`` take all that `progress_bar` does.
+
+    Where NumPy or Dr.Jit finds no memory that says `MemoryNeededError`.
+    """
 
     @functools.wraps(function)
     def reporting(*args: P.args, **kwargs: P.kwargs) -> T:
         progress: Any = kwargs.get("progress")
         with progress_bar(progress, function.__name__) as report:
             kwargs["progress"] = report
-            return function(*args, **kwargs)
+            try:
+                return function(*args, **kwargs)
+            except MemoryNeededError:
+                raise
+            except MemoryError as error:  # of what was not foreseen
+                raise MemoryNeededError(
+                    f"{function.__name__} needs more memory than there is ({error}); draw less at "
+                    "once, or with memory=, where it takes that"
+                ) from error
 
     return reporting
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import DeviceError, InputError, check_name
 from ..llvm import OLDEST_LLVM, VARIABLE, WHEEL
+from ..memory import KERNELS, check_address_space
 from .jit import dr, missing_llvm
 
 
@@ -98,6 +99,11 @@ def get_backend(
     """Return the backend for a device and a precision.
 
     ``"auto"`` is a GPU where there is one that has the precision, else the CPU.
+
+    Raises
+    ------
+    MemoryNeededError
+        If there is no room for a kernel: Dr.Jit would end the process.
     """
     check_name("precision", precision, PRECISIONS)
     check_name("device", device, ("auto", *DEVICES))
@@ -105,6 +111,7 @@ def get_backend(
         gpu = "cuda" if _has("cuda") else "metal"
         usable = _has(gpu) and (gpu == "cuda" or precision == "single")
         device = gpu if usable else "cpu"
+    check_address_space(KERNELS, "compiling and running kernels")
     return _backend(device, precision, derivatives)
 
 

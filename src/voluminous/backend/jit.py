@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..errors import DeviceError
 from ..llvm import ensure_llvm
+from ..memory import LOADING, check_address_space
 
 # The reason why the CPU cannot be used, if any; a GPU may not need LLVM.
 missing_llvm: DeviceError | None = None
@@ -12,6 +13,8 @@ try:
 except DeviceError as error:
     missing_llvm = error
 
+# Without that Dr.Jit ends the process, in several ways.
+check_address_space(LOADING, "loading Dr.Jit and LLVM")
 import drjit as dr  # noqa: E402
 
 __all__ = ["dr", "missing_llvm"]
