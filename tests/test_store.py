@@ -72,7 +72,7 @@ def test_pieces_are_read_and_fields_that_are_set_stand_beside_them(tmp_path):
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<f2", "?", ">u2"])
 @pytest.mark.parametrize("order", ["C", "F"])
-def test_boxes_of_mapped_files(tmp_path, dtype, order):
+def test_boxes_of_numpy_files(tmp_path, dtype, order):
     values = np.asarray(100 * RHO, dtype, order=order)
     np.save(tmp_path / "rho.npy", values)
     volume = vm.open(tmp_path / "rho.npy")
@@ -247,7 +247,7 @@ def as_leaves(path):
 
 @pytest.mark.parametrize("kind", ["memory", "native", "packed", "radmc3d"])
 def test_leaves_of_a_tree(tmp_path, monkeypatch, kind):
-    """They are counted along one axis; those of RADMC-3D's octrees are mapped."""
+    """They are counted along one axis."""
     monkeypatch.setattr("voluminous.store.LEAVES", 8)
     volume = as_leaves(tmp_path)
     if kind == "radmc3d":

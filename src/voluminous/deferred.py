@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -21,7 +20,7 @@ _NUMBERS = itertools.count()
 def seal(array: np.ndarray) -> bool:
     """Make an array and its bases read-only; False if it does not own its memory.
 
-    The memory of a mapped file, for example, changes with the file.
+    The memory of a file that a user has mapped, for example, changes with the file.
     """
     chain = [array]
     while isinstance(chain[-1].base, np.ndarray):
@@ -72,8 +71,6 @@ class Deferred:
         Returns the values as plain numbers.
     dtype : dtype
     unit : str or unit, optional
-    mapped : bool
-        True if the values stay in the file, and are brought into memory page by page.
     pieces : Pieces, optional
         How a box of it is read without the rest.
     """
@@ -81,35 +78,26 @@ class Deferred:
     load: Callable[[], Any]
     dtype: Any
     unit: Any = None
-    mapped: bool = False
     pieces: Pieces | None = None
-
-
-def _part_of_file(
-    load: Callable[[], Any], low: Sequence[int], high: Sequence[int], level: int
-) -> np.ndarray:
-    """Return a copy of a part of a mapped array; its pages are let go of with the mapping."""
-    return np.array(load()[tuple(map(slice, low, high))])
 
 
 @dataclass
 class _Field:
     """One array, or how it is read.
 
-    `sealed` is its number if it cannot change, read or not; `origin` the file it is from, and how
-    that is read.
+    `sealed` is its number if it cannot change, read or not; `origin` the file it is from, how
+    that is read, and its stamp when it was opened (empty for a directory).
     """
 
     dtype: np.dtype[Any]
     array: np.ndarray | None = None
     load: Callable[[], np.ndarray] | None = None
-    mapped: bool = False
     pieces: Pieces | None = None
     shape: tuple[int, ...] = ()
     ranges: np.ndarray | None = None  # that its pieces tell, once they were read
     owned: bool = False
     sealed: int | None = None
-    origin: tuple[Path, str] | None = None
+    origin: tuple[Path, str, str] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "sealed": None}  # numbers are those of one process
@@ -121,7 +109,7 @@ class _Field:
 
     def own(self) -> None:
         self.owned = True
-        fixed = not self.mapped if self.array is None else seal(self.array)
+        fixed = self.array is None or seal(self.array)
         if not fixed:
             self.sealed = None
         elif self.sealed is None:
@@ -143,28 +131,25 @@ class Fields(MutableMapping[str, np.ndarray]):
         self, name: str, load: Callable[[], np.ndarray], what: Deferred, shape: tuple[int, ...]
     ) -> None:
         """Keep how an array is read, in place of the array."""
-        pieces = what.pieces
-        if pieces is None and what.mapped:
-            pieces = Pieces(functools.partial(_part_of_file, what.load))
         self._fields[name] = _Field(
-            np.dtype(what.dtype), load=load, mapped=what.mapped, pieces=pieces, shape=shape
+            np.dtype(what.dtype), load=load, pieces=what.pieces, shape=shape
         )
 
     def guard(
         self,
         reading: Callable[[], AbstractContextManager[None]],
-        origin: tuple[Path, str] | None = None,
+        origin: tuple[Path, str, str] | None = None,
     ) -> None:
         """Read within a context that explains errors; remember the file and how it is read."""
         self.reading = reading
         for name in self._fields:
             self.set_origin(name, origin)
 
-    def origin(self, name: str) -> tuple[Path, str] | None:
+    def origin(self, name: str) -> tuple[Path, str, str] | None:
         """Return the file that a field is from, and how it is read; None if it was set."""
         return self._fields[name].origin
 
-    def set_origin(self, name: str, origin: tuple[Path, str] | None) -> None:
+    def set_origin(self, name: str, origin: tuple[Path, str, str] | None) -> None:
         """Set the file that a field is from, and how it is read."""
         self._fields[name].origin = origin
 
@@ -176,7 +161,7 @@ class Fields(MutableMapping[str, np.ndarray]):
     def bytes_waiting(self, cells: int) -> int:
         """Return the memory that reading all that is waiting takes."""
         fields = [self._fields[name] for name in self.waiting]
-        return sum(cells * field.dtype.itemsize for field in fields if not field.mapped)
+        return sum(cells * field.dtype.itemsize for field in fields)
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """Return the type of a field without reading it."""
@@ -191,11 +176,10 @@ class Fields(MutableMapping[str, np.ndarray]):
     ) -> np.ndarray | None:
         """Return the cells ``low <= i < high`` as their file has them; None if they must be sliced.
 
-        A field that was read is sliced, unless its values stay in the file: of those, only the
-        pages in use shall take memory.
+        A field that was read is sliced.
         """
         field = self._fields[name]
-        if field.pieces is None or (level == 0 and field.array is not None and not field.mapped):
+        if field.pieces is None or (level == 0 and field.array is not None):
             return None
         with self._naming_chunk(name, low, high, level):
             return field.pieces.read(low, high, level)

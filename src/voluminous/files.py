@@ -6,6 +6,7 @@ import difflib
 import errno
 import hashlib
 import itertools
+import math
 import os
 import platform
 import re
@@ -15,6 +16,7 @@ import time
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from .errors import FileFormatError, InputError, VoluminousError, how_to_take
@@ -66,6 +68,67 @@ def stamp(path: Path) -> str:
     states = ((p.relative_to(path.parent), p.stat()) for p in itertools.islice(files, _MOST))
     told = [f"{p.as_posix()} {s.st_size} {s.st_mtime_ns}" for p, s in states]
     return told[0] if len(told) == 1 else hashlib.sha256("\n".join(told).encode()).hexdigest()
+
+
+# What describes a Zarr store in a directory.
+STORE_FILES = ("zarr.json", ".zarray", ".zgroup", ".zattrs", ".zmetadata")
+# When what is being read was opened, in nanoseconds: see `check_age`.
+_SINCE: ContextVar[float] = ContextVar("since", default=math.inf)
+Opening = tuple[Path, int, list[str]]
+
+
+def opening(path: Path) -> Opening:
+    """Return what tells `unchanged` whether a file changes after now.
+
+    Of a directory these are stamps of what describes a store, and the time: the newest of what it
+    holds where a server's clock is ahead of that of this machine.
+    """
+    if url_of(path):
+        return path, 0, []
+    files = [path / name for name in STORE_FILES] if path.is_dir() else [path]
+    near = itertools.islice(path.iterdir(), _MOST) if path.is_dir() else files
+    newest = max((p.lstat().st_mtime_ns for p in near), default=0)
+    return path, max(time.time_ns(), newest), [stamp(p) for p in files if p.is_file()]
+
+
+@contextmanager
+def unchanged(opened: Opening) -> Iterator[None]:
+    """Refuse what is read of a file that was changed since it was opened, or while it is read."""
+    path, since, stamps = opened
+
+    def check() -> None:
+        for told in stamps:
+            file = path / told.split(" ")[0] if path.is_dir() else path
+            if not file.is_file() or stamp(file) != told:
+                raise _changed(file)
+
+    token = _SINCE.set(since or math.inf)
+    try:
+        check()
+        yield
+    except Exception:
+        check()  # which is why it could not be read
+        raise
+    finally:
+        _SINCE.reset(token)
+    check()
+
+
+def check_age(path: Path) -> None:
+    """Refuse what was read of a file that is newer than the opening of what it belongs to.
+
+    That is a chunk of a store, or the numbers that a header names: only when they are read is it
+    known which files these are.
+    """
+    if _SINCE.get() < math.inf and path.stat().st_mtime_ns > _SINCE.get():
+        raise _changed(path)
+
+
+def _changed(path: Path) -> FileFormatError:
+    what = "changed" if path.exists() else "moved or deleted"
+    return FileFormatError(
+        f"{path.name} was {what} since it was opened: open it again, once nothing writes to it"
+    )
 
 
 class UnwritablePathError(InputError, OSError):

@@ -297,11 +297,11 @@ class Volume(Evaluation):
             (name, self.units[name], origin[1] if origin else self.array(name))
             for name, origin in origins.items()
         ]
-        files = {origin[0] for origin in origins.values() if origin}
-        return content_key(told, sorted(map(stamp, files)), self.grid, self.meta, self.wcs)
+        files = {origin[2] or stamp(origin[0]) for origin in origins.values() if origin}
+        return content_key(told, sorted(files), self.grid, self.meta, self.wcs)
 
     def _defer(self, name: str, value: Deferred) -> None:
-        size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
+        size = self.grid.size * np.dtype(value.dtype).itemsize
         if value.pieces is None:
             check_memory(size, f"reading {name!r}", _SMALLER)
         load = functools.partial(_load, name, self.grid, value, size)
@@ -363,7 +363,7 @@ class Volume(Evaluation):
         >>> coarse.grid.shape
         (8, 8, 8)
         """
-        coarse: Volume = level_of_volume(self, level)
+        coarse: Volume = level_of_volume(self, level, Volume)
         return coarse
 
     def unread(self) -> Volume:
@@ -378,11 +378,12 @@ class Volume(Evaluation):
     def explain_reading(
         self,
         reading: Callable[[], AbstractContextManager[None]],
-        origin: tuple[Path, str] | None = None,
+        origin: tuple[Path, str, str] | None = None,
     ) -> None:
         """Read deferred fields within a context that adds the file name to errors.
 
-        `origin` is the file, and how it is read, of all fields that there are; see `fingerprint`.
+        `origin` is the file of all fields that there are, how it is read, and its stamp when it
+        was opened (empty for a directory); see `fingerprint`.
         """
         self._fields.guard(reading, origin)
 

@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..errors import FileFormatError, MemoryNeededError
 from ..memory import available_memory
 from .contract import FieldInfo, Reader
@@ -48,9 +46,9 @@ class PackedReader(Reader):
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         with self._inside(path, options) as (reader, inner):
-            volume = reader.read(inner, fields, **options).load()
-            held = {name: volume.array(name) for name in volume.fields}
-            return volume.with_arrays({n: np.array(a) for n, a in held.items() if _is_mapped(a)})
+            volume = reader.read(inner, fields, **options)
+            # Not to be read again: by other processes, for example.
+            return volume.with_arrays({name: volume.array(name) for name in volume.fields})
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         with self._inside(path, options) as (reader, inner):
@@ -72,12 +70,6 @@ class PackedReader(Reader):
             self._check(reader, options)
             with reading(Path(inner.name), reader.description):
                 yield reader, inner
-
-
-def _is_mapped(array: Any) -> bool:
-    while isinstance(array, np.ndarray) and not isinstance(array, np.memmap):
-        array = array.base
-    return isinstance(array, np.memmap)
 
 
 def _unpack(path: Path, target: Path) -> None:

@@ -27,7 +27,6 @@ class StoredField:
     dtype: Any
     unit: UnitLike
     load: Callable[[], Any]  # returns what `Volume` accepts as a field
-    mapped: bool = False  # the values stay in the file
     pieces: Pieces | None = None
 
     @property
@@ -70,7 +69,7 @@ class ContentsReader(Reader):
         volume = Volume(contents.grid(list(chosen.values())))
         volume.meta.update(contents.meta)
         for name, f in chosen.items():
-            volume[name] = Deferred(f.load, f.dtype, f.unit, f.mapped, f.pieces)
+            volume[name] = Deferred(f.load, f.dtype, f.unit, f.pieces)
         self.finish(volume, contents)
         return volume
 

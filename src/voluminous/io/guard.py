@@ -8,7 +8,8 @@ from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
-from ..errors import FileFormatError, UnitsError, VoluminousError
+from ..errors import FileFormatError, MemoryNeededError, UnitsError, VoluminousError
+from ..files import Opening, unchanged
 
 # Python errors that mean a damaged file, besides the libraries' exception classes.
 _DAMAGE = (OSError, EOFError, UnicodeDecodeError)
@@ -38,13 +39,15 @@ def placed(place: Any) -> Iterator[None]:
 
 
 @contextmanager
-def reading(path: Path | str, expectation: str) -> Iterator[None]:
-    """Add the file name to every error raised while `path` is read."""
+def reading(path: Path | str, expectation: str, opened: Opening | None = None) -> Iterator[None]:
+    """Add the file name to every error raised while `path` is read; it must be as it was opened."""
     try:
-        with placed(path):
+        with placed(path), unchanged(opened or (Path(), 0, [])):
             yield
-    except (VoluminousError, MemoryError, ImportError):
+    except (VoluminousError, ImportError):
         raise  # not the file's fault
+    except MemoryError as error:
+        raise MemoryNeededError(f"{path}: reading it needs more memory than there is") from error
     except Exception as error:
         if type(error).__module__.startswith("astropy.units"):
             raise UnitsError(f"{path}: {error}; give other units") from error

@@ -1,4 +1,4 @@
-"""Raw numbers in a file: memory-mapped, or decompressed to exactly the declared size."""
+"""Raw numbers in a file: as they lie there, or decompressed to exactly the declared size."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..files import check_age
 from ..memory import check_memory
 
 # Magic bytes of compressed files, and the functions that open them.
@@ -25,6 +26,8 @@ _PACKED: dict[bytes, Callable[[Path], Any]] = {
 # Magic bytes of ZIP files, with content or empty.
 ZIP = (b"PK\x03\x04", b"PK\x05\x06")
 _LARGEST = 2**62
+# Bytes of a row that are read sooner than sought over.
+_LONG = 1 << 16
 
 
 def unpacked(path: Path) -> IO[bytes]:
@@ -53,8 +56,12 @@ def checked_shape(shape: Any, what: str = "the shape") -> tuple[int, ...]:
     return numbers
 
 
-def mapped(path: Path, offset: int, shape: Any, dtype: Any) -> np.ndarray:
-    """Return a memory-mapped array in C order."""
+def stored(path: Path, offset: int, shape: Any, dtype: Any, index: Any = ...) -> np.ndarray:
+    """Return an array that lies in a file in C order, or a part of it: slices without a step.
+
+    It is read, not mapped: the system ends a process that looks at pages of a mapped file which
+    another program has cut short meanwhile.
+    """
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     expected = offset + math.prod(shape) * dtype.itemsize
     result = path.stat().st_size
@@ -63,7 +70,30 @@ def mapped(path: Path, offset: int, shape: Any, dtype: Any) -> np.ndarray:
             f"{path.name} is cut short: {result} bytes, but {_times(shape)} values of {dtype} from "
             f"byte {offset} on take {expected}"
         )
-    return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=shape)
+    given = index if isinstance(index, tuple) else (slice(None),) * len(shape)
+    slices = [slice(i, i + 1) if isinstance(i, int) else i for i in given]
+    ends = [s.indices(n)[:2] for s, n in zip(slices, shape, strict=True)]
+    part = np.empty([max(b - a, 0) for a, b in ends], dtype)
+    cut = [axis for axis, n in enumerate(shape) if part.shape[axis] < n]
+    # From the axis `rows` on what is read lies together: rows that are cut are read with what is
+    # between them, unless that is long.
+    rows = last = cut[-1] if cut else 0
+    if rows and math.prod(shape[last:]) * dtype.itemsize <= _LONG:
+        rows -= 1
+    inner = (slice(None), *(slice(*e) for e in ends[rows + 1 :]))
+    sizes = [math.prod(shape[axis + 1 :]) * dtype.itemsize for axis in range(len(shape))]
+    run = (*part.shape[rows : rows + 1], *shape[rows + 1 :])
+    with open(path, "rb") as file:
+        for place in np.ndindex(part.shape[:rows]) if part.size else ():
+            first = [a + i for (a, _), i in zip(ends, (*place, 0), strict=False)]
+            file.seek(offset + sum(i * n for i, n in zip(first, sizes, strict=False)))
+            values = np.fromfile(file, dtype, math.prod(run))
+            if values.size < math.prod(run):
+                raise FileFormatError(f"{path.name} is cut short: it ends at byte {file.tell()}")
+            part[place] = values.reshape(run)[inner]
+    check_age(path)
+    numbers = tuple(0 if isinstance(i, int) else slice(None) for i in given)
+    return np.asarray(part[numbers])
 
 
 def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data") -> np.ndarray:

@@ -16,7 +16,7 @@ from .axes import AXES
 from .boxes import boxes
 from .contents import Contents, ContentsReader, StoredField
 from .names import field_name
-from .payload import checked_shape, is_packed, mapped, read_exactly, unpacked
+from .payload import checked_shape, is_packed, read_exactly, stored, unpacked
 
 # Suffixes of raw files with shape and type in their names.
 _SUFFIXES = (".raw", ".bin", ".vol", ".dat", ".img")
@@ -90,9 +90,8 @@ class RawReader(ContentsReader):
         there = (path, offset, shape, dtype)
         load = unpack if packed else functools.partial(_turned, *there, order)
         pieces = None if packed else boxes(functools.partial(_part, *there), [shape], order=order)
-        stays = not packed and axes == AXES and dtype.isnative
         return Contents(
-            [StoredField(name, field_name(rest or stem), shape, dtype, "", load, stays, pieces)],
+            [StoredField(name, field_name(rest or stem), shape, dtype, "", load, pieces)],
             lambda _: equal_cells(cells, placing, options.get("unit")),
             {"shape_from": source},
         )
@@ -101,7 +100,7 @@ class RawReader(ContentsReader):
 def _turned(
     path: Path, offset: int, shape: tuple[int, ...], dtype: np.dtype, order: tuple[int, ...]
 ) -> np.ndarray:
-    return np.transpose(mapped(path, offset, shape, dtype), order)
+    return np.transpose(stored(path, offset, shape, dtype), order)
 
 
 def _part(
@@ -112,7 +111,7 @@ def _part(
     index: tuple[slice, ...],
     level: int,
 ) -> np.ndarray:
-    return np.array(mapped(path, offset, shape, dtype)[index])
+    return stored(path, offset, shape, dtype, index)
 
 
 def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype | None, str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import as_path, missing, url_of
+from ..files import as_path, missing, opening, url_of
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
@@ -163,11 +163,12 @@ def open_lazily(
     level = 0 if "level" in reader.options else options.pop("level", 0)
     with placed(shown):
         check_options(reader, options)
-    guard = functools.partial(reading, shown, reader.description)
+    opened = opening(path if url_of(path) else path.absolute())
+    guard = functools.partial(reading, shown, reader.description, opened)
     with guard():
         volume = reader.read(path, fields, **options)
-    place = path if url_of(path) else path.absolute()
-    volume.explain_reading(guard, (place, repr((fields, format, options))))
+    known = opened[2][0] if opened[0].is_file() else ""
+    volume.explain_reading(guard, (opened[0], repr((fields, format, options)), known))
     volume.own()
     if level == 0:
         return volume

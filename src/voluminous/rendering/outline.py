@@ -6,7 +6,6 @@ import copy
 import functools
 import itertools
 import math
-import mmap
 import re
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -247,11 +246,6 @@ class Outline(Volume):
         pieces = [self._fields.pieces(n) for n in self.stored([name]) if n in self._whole.waiting]
         return any(part is not None and part.chunks is not None for part in pieces)
 
-    def is_mapped(self, name: str) -> bool:
-        """Return whether a field stays in a file whose pages are brought into memory."""
-        names = self.stored([name])
-        return not self.is_packed(name) and any(self.in_memory(n) is None for n in names)
-
     @property
     def bytes_in_memory(self) -> int:
         """Bytes of the fields that are not read from files."""
@@ -264,13 +258,8 @@ class Outline(Volume):
         return kind
 
     def in_memory(self, name: str) -> np.ndarray | None:
-        """Return the array of a field, if it is in memory; pages of mapped files are not yet."""
-        if name in self.waiting:
-            return None
-        array = root = self._whole.array(name)
-        while isinstance(root.base, np.ndarray):
-            root = root.base
-        return None if isinstance(root.base, mmap.mmap) else array
+        """Return the array of a field, if it is in memory."""
+        return None if name in self.waiting else self._whole.array(name)
 
     def array(self, name: str) -> Any:
         self.stored([name])
@@ -408,7 +397,6 @@ def largest_side(
     need: str = "",
     advice: str = "",
     fewest: int = 1,
-    pages: float = 0,
 ) -> tuple[tuple[int, ...], int]:
     """Return the sides of the blocks of chunks that a memory allows, and the bytes left of it.
 
@@ -422,9 +410,6 @@ def largest_side(
         What the others are for, and how to need less of them.
     fewest : int
         Number of blocks that there are to be, if there are as many chunks.
-    pages : float
-        Bytes of mapped files for each cell of a block of several chunks. The system can take them
-        back, so that single chunks do without.
 
     Raises
     ------
@@ -435,8 +420,7 @@ def largest_side(
     most = _WIDEST if len(chunks) == 3 else _WIDEST**3
     for times in itertools.chain([1], itertools.count(2, 2)):
         side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
-        each = per_cell if times == 1 else per_cell + pages
-        needed = int(others + each * math.prod(n + 2 for n in side))
+        needed = int(others + per_cell * math.prod(n + 2 for n in side))
         if times == 1 and needed > byte_count(memory):
             cells = " x ".join(map(str, chunks))
             raise MemoryNeededError(

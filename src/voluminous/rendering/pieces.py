@@ -151,10 +151,6 @@ class Pieces:
         # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions
         per_cell: float = sum(2 * k.itemsize for k in kinds)
-        # They are wider than a box, and are let go of some time after it.
-        self.pages = sum(
-            4 * k.itemsize for n, k in zip(used, kinds, strict=True) if self.outline.is_mapped(n)
-        )
         per_cell += sum((4 if k.itemsize <= 2 else 8) for k in kinds if k.kind != "f")
         self.per_table = int(6 * max(part * numbers, len(medium.components())))
         path = numbers + extinctions
@@ -183,7 +179,7 @@ class Pieces:
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
         fewest = 1 if self.sweep is None else _FEWEST_BLOCKS
         self.side, self.room = largest_side(
-            self.outline, self.memory, per_cell, others, *need, fewest=fewest, pages=self.pages
+            self.outline, self.memory, per_cell, others, *need, fewest=fewest
         )
         table = self.per_table * math.prod(n + 2 for n in self.side)
         self.tabulates = table <= self.room

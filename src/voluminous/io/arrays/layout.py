@@ -30,7 +30,6 @@ class Entry:
     dtype: np.dtype[Any]
     unit: str
     load: Callable[..., np.ndarray]  # returns the values, or the part with an index
-    mapped: bool = False  # True if values stay in the file until they are used
     # Per axis the place of its coordinate and its name, empty where there is none; or nothing.
     scales: tuple[str, ...] = ()
     dims: tuple[str, ...] = ()
@@ -60,7 +59,6 @@ class Entry:
             self,
             shape=tuple(self.shape[k] for k in without),
             load=load,
-            mapped=False,
             scales=tuple(self.scales[k] for k in without) if self.scales else (),
             dims=tuple(self.dims[k] for k in without) if self.dims else (),
             chunks=tuple(self.chunks[k] for k in without) if self.chunks else self.chunks,

@@ -85,7 +85,7 @@ class NamedArraysReader(Reader):
                 if entry.chunks is not None:
                     pieces = boxes(part, [entry.shape], entry.chunks, order, backward)
                 read = functools.partial(_whole, part, order, turns)
-                volume[name] = Deferred(read, entry.dtype, entry.unit, entry.mapped, pieces)
+                volume[name] = Deferred(read, entry.dtype, entry.unit, pieces)
         return volume
 
     def info(

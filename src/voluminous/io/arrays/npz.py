@@ -1,4 +1,4 @@
-"""NumPy's files: NPZ, fields by their names with their grid, and NPY, one array that is mapped."""
+"""NumPy's files: NPZ, fields by their names with their grid, and NPY, one array."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...errors import FileFormatError
 from ...units import unit_name
 from ..axes import AXES, cartesian
 from ..names import field_name
-from ..payload import ZIP, read_exactly, zip_names
+from ..payload import ZIP, read_exactly, stored, zip_names
 from .layout import Entry
 from .named_arrays import NamedArraysReader
 
@@ -72,13 +72,16 @@ class NPYReader(NamedArraysReader):
         with open(path, "rb") as file:
             shape, fortran, dtype = _header(file, path.stat().st_size, "the file")
 
-        def load(index: Any = ...) -> np.ndarray:
-            values: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)[index]
-            return values
+            place = file.tell()
 
-        # A volume copies what lies in another order, or in foreign bytes.
-        mapped = not fortran and dtype.isnative
-        yield {options.get("name") or field_name(path.stem): Entry(shape, dtype, "", load, mapped)}
+        def load(index: Any = ...) -> np.ndarray:
+            if not fortran:
+                return stored(path, place, shape, dtype, index)
+            turned = index if index is ... else index[::-1]
+            return np.transpose(stored(path, place, shape[::-1], dtype, turned))
+
+        name = options.get("name") or field_name(path.stem)
+        yield {name: Entry(shape, dtype, "", load, chunks=())}
 
 
 class NPZReader(NamedArraysReader):

@@ -38,7 +38,10 @@ def opened(path: Path) -> Iterator[HDUList]:
         warnings.simplefilter("ignore")  # of irrelevant cards
         warnings.filterwarnings("error", message=".*truncated.*")
         # astropy does not close a truncated file that it has opened itself.
-        with open(path, "rb") as file, fits.open(file, do_not_scale_image_data=True) as hdus:
+        with (
+            open(path, "rb") as file,
+            fits.open(file, do_not_scale_image_data=True, memmap=False) as hdus,
+        ):
             for hdu in hdus:  # reads all headers; astropy would never come to an end of these
                 if hdu.is_image and min(hdu.shape, default=0) < 0:
                     raise FileFormatError(f"an axis has {min(hdu.shape)} pixels")
@@ -132,7 +135,11 @@ class Cube:
         size = int(np.prod(self.image.shape, dtype=object)) * self.dtype.itemsize
         check_memory(size, f"reading {self.image}", "read a part of it; is the file damaged?")
         with opened(self.image.path) as hdus:
-            return scaled(arrange(hdus[self.image.number].data[self.index]), self.image.header)
+            # Not mapped; astropy may keep an axis of one pixel that a number stands for.
+            slices = tuple(slice(i, i + 1) if isinstance(i, int) else i for i in self.index)
+            values = hdus[self.image.number].section[slices]
+            index = tuple(0 if isinstance(i, int) else slice(None) for i in self.index)
+            return scaled(arrange(values[index]), self.image.header)
 
 
 def _scaling(header: Header) -> tuple[float, float, int | None]:

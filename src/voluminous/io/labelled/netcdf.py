@@ -14,7 +14,7 @@ from ..contract import FieldInfo
 from ..guard import by_library
 from ..hdf5 import filters, first_bytes, is_hdf5, is_own, opened
 from ..remote import for_hdf5
-from .convert import LabelledReader
+from .convert import AT_ONCE, LabelledReader
 
 if TYPE_CHECKING:
     import xarray
@@ -62,6 +62,8 @@ class NetCDFReader(LabelledReader):
         options: dict[str, Any] = {"engine": engine, "cache": False}
         options |= {} if group is None else {"group": group}
         url = url_of(path)
+        if engine == "scipy" and path.stat().st_size <= AT_ONCE:
+            options["mmap"] = False  # else SciPy has all of the file in memory
         source = for_hdf5(url) if url else nullcontext(path)
         with by_library("xarray"), filters(), source as f, _decoded(xarray, f, options) as data:
             has_fields = any(array.ndim >= 3 for array in data.data_vars.values())

@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ...files import url_of
 from ...image.sky import table_hdus, tables_of
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..hdf5 import created, data_set, holds, is_own, opened, read, text, warn_of_missing
-from ..payload import mapped
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 
 if TYPE_CHECKING:
@@ -86,12 +84,10 @@ class NativeReader(ContentsReader):
                     text(item.attrs.get("units", "")),
                     functools.partial(_field_values, path, name),
                 )
-                shape, dtype, plain = item.shape, item.dtype, _is_plain(path, item)
-                pieces = None
-                if item.chunks or url_of(path):
-                    part, axes = functools.partial(_field_part, path, name), range(len(shape))
-                    pieces = boxes(part, [shape], item.chunks or (), axes, [False for _ in axes])
-                fields.append(StoredField(name, name, shape, dtype, unit, load, plain, pieces))
+                shape, dtype = item.shape, item.dtype
+                part, axes = functools.partial(_field_part, path, name), range(len(shape))
+                pieces = boxes(part, [shape], item.chunks or (), axes, [False for _ in axes])
+                fields.append(StoredField(name, name, shape, dtype, unit, load, pieces))
             return NativeContents(fields, lambda _: grid, _meta(file), _wcs(file))
 
     def finish(self, volume: Volume, contents: Contents) -> None:
@@ -131,20 +127,9 @@ def _group(file: h5py.File, name: str) -> h5py.Group:
     return item
 
 
-def _is_plain(path: Path, item: h5py.Dataset) -> bool:
-    """Return True if an array has the same layout in the file as in memory."""
-    # HDF5 stores booleans as an enumeration and must check them itself.
-    plain = item.dtype.kind != "b" and item.dtype.isnative and item.chunks is None
-    return bool(plain and item.id.get_offset() is not None and not url_of(path))
-
-
 def _field_values(path: Path, name: str) -> np.ndarray:
     with opened(path) as file:
-        item = data_set(path, file[FIELDS], name)
-        if not _is_plain(path, item):
-            return read(item)
-        offset, shape, dtype = item.id.get_offset(), item.shape, item.dtype
-    return mapped(path, offset, shape, dtype)
+        return read(data_set(path, file[FIELDS], name))
 
 
 def _field_part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:

@@ -156,16 +156,7 @@ class PhantomParticles(ParticleFile):
 
 def _native(path: Path) -> PhantomContents:
     dump = read_dump(path)
-    particles, sinks = (
-        {
-            tag: StoredField(
-                tag, tag, a.shape, a.dtype.newbyteorder("="), "", functools.partial(np.asarray, a)
-            )
-            for tag, a in arrays.items()
-        }
-        for arrays in (dump.particles, dump.sinks)
-    )
-    return PhantomContents(dump.header, particles, sinks, "massoftype", {})
+    return PhantomContents(*dump, "massoftype", {})
 
 
 def _is_dump(file: h5py.File) -> bool:

@@ -6,12 +6,15 @@ file format"), and by Price et al. (2018, PASA 35, e031).
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import FileFormatError
+from ..contents import StoredField
+from ..payload import stored
 
 # Required numbers in the first record.
 _FIRST, _SECOND, _THIRD = 60769, 60878, 690706
@@ -21,15 +24,15 @@ _TAG = 16
 _KINDS = 8
 _MOST_ARRAYS = 1 << 12
 
-Arrays = dict[str, np.ndarray]
+Columns = dict[str, StoredField]
 
 
 class PhantomDump(NamedTuple):
-    """The contents of a dump, by tag; arrays are mapped."""
+    """The contents of a dump, by tag."""
 
-    header: Arrays
-    particles: Arrays
-    sinks: Arrays
+    header: dict[str, np.ndarray]
+    particles: Columns
+    sinks: Columns
 
 
 def byte_order(head: bytes) -> str | None:
@@ -47,43 +50,56 @@ class _Records:
     """Fortran records of a file: a four-byte length precedes and follows each."""
 
     def __init__(self, path: Path) -> None:
-        self.bytes, self.place = np.memmap(path, np.uint8, "r"), 0
-        order = byte_order(self.bytes[:16].tobytes())
+        self.path, self.size, self.place = path, path.stat().st_size, 0
+        with path.open("rb") as file:
+            order = byte_order(file.read(16))
         if order is None:
             raise FileFormatError("expected a dump of Phantom; its first record is another")
         self.order = order
 
     def read(self) -> np.ndarray:
         """Return the bytes of the next record."""
+        first, length = self.next()
+        return _values(self.path, first, length, np.dtype(np.uint8))
+
+    def next(self) -> tuple[int, int]:
+        """Return where the next record begins, and its length."""
         first, length = self.place + 4, self._mark(self.place)
         if length < 0:
             raise FileFormatError(f"the record at byte {self.place} has parts: more than 2 GiB")
         if self._mark(first + length) != length:
             raise FileFormatError(f"the record at byte {self.place} does not end as it begins")
         self.place = first + length + 4
-        return self.bytes[first : first + length]
+        return first, length
 
     def _mark(self, place: int) -> int:
-        mark = self.bytes[place : place + 4]
-        if len(mark) < 4:
+        if place + 4 > self.size:
             raise FileFormatError(
-                f"it is cut short: {len(self.bytes)} bytes, but a record of length should be at "
+                f"it is cut short: {self.size} bytes, but a record of length should be at "
                 f"byte {place}"
             )
-        return int(mark.view(f"{self.order}i4")[0])
+        return int(_values(self.path, place, 1, np.dtype(f"{self.order}i4"))[0])
 
-    def numbers(self, dtype: Any, count: int, what: str = "") -> np.ndarray:
-        content, dtype = self.read(), np.dtype(dtype)
-        if len(content) != count * dtype.itemsize:
+    def numbers(self, dtype: Any, count: int) -> np.ndarray:
+        return _values(self.path, self.begin(np.dtype(dtype), count), count, np.dtype(dtype))
+
+    def begin(self, dtype: np.dtype, count: int, what: str = "") -> int:
+        """Return where the next record begins, which is so many numbers."""
+        first, length = self.next()
+        if length != count * dtype.itemsize:
             raise FileFormatError(
                 f"expected a record {what}of {count} {dtype} before byte {self.place}, got "
-                f"{len(content)} bytes"
+                f"{length} bytes"
             )
-        return content.view(dtype)
+        return first
 
     def tags(self, count: int) -> list[str]:
         letters = self.numbers(f"S{_TAG}", count).tolist()
         return [tag.decode("latin-1").strip() for tag in letters]
+
+
+def _values(path: Path, first: int, count: int, dtype: np.dtype) -> np.ndarray:
+    return stored(path, first, (count,), dtype) if count else np.empty(0, dtype)
 
 
 def read_dump(path: Path) -> PhantomDump:
@@ -147,11 +163,13 @@ def _group(records: _Records) -> tuple[int, list[int]]:
     return count, numbers
 
 
-def _arrays(records: _Records, types: list[np.dtype], count: int, numbers: list[int]) -> Arrays:
-    arrays: Arrays = {}
+def _arrays(records: _Records, types: list[np.dtype], count: int, numbers: list[int]) -> Columns:
+    arrays: Columns = {}
     for dtype, many in zip(types, numbers, strict=True):
         for _ in range(many):
             (tag,) = records.tags(1)
-            values = records.numbers(dtype, count, f"{tag!r} ")
-            arrays.setdefault(tag, values)
+            first = records.begin(dtype, count, f"{tag!r} ")
+            load = functools.partial(_values, records.path, first, count, dtype)
+            kind = dtype.newbyteorder("=")
+            arrays.setdefault(tag, StoredField(tag, tag, (count,), kind, "", load))
     return arrays

@@ -6,6 +6,7 @@ returns the cell values, which are read on first use.
 
 from __future__ import annotations
 
+import functools
 import re
 import warnings
 from codecs import BOM_UTF8
@@ -13,13 +14,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
-from ..payload import mapped
+from ...files import check_age
+from ..payload import stored
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -36,9 +38,9 @@ _LARGEST_FORMAT = 1 << 16
 class CellData(NamedTuple):
     """Cell values as consecutive planes."""
 
-    plane: Callable[[int], np.ndarray]
+    plane: Callable[..., np.ndarray]
     dtype: np.dtype = np.dtype(np.float64)
-    mapped: bool = False  # values are not read yet
+    in_parts: bool = False  # `plane` takes slices, of a part of one
 
 
 class BinaryFile:
@@ -109,9 +111,11 @@ class BinaryFile:
     def data(self, count: int, size: int) -> CellData:
         """Return the rest of the file as `count` planes of `size` numbers."""
         dtype, offset, path = np.dtype(self.order + self.real), self.file.tell(), self.path
-        plane = size * dtype.itemsize
-        self.check_size(offset + count * plane, f"{count * size} numbers of {dtype.itemsize} bytes")
-        return CellData(lambda k: mapped(path, offset + k * plane, (size,), dtype), dtype, True)
+        self.check_size(
+            offset + count * size * dtype.itemsize,
+            f"{count * size} numbers of {dtype.itemsize} bytes",
+        )
+        return CellData(functools.partial(_plane, path, offset, size, dtype), dtype, True)
 
     def check_size(self, expected: int, what: str) -> None:
         if self.size != expected:
@@ -120,6 +124,12 @@ class BinaryFile:
                 f"{short}{what} from byte {self.file.tell()} on make {expected} bytes, but it has "
                 f"{self.size}"
             )
+
+
+def _plane(
+    path: Path, offset: int, size: int, dtype: np.dtype, k: int, index: Any = ...
+) -> np.ndarray:
+    return stored(path, offset + k * size * dtype.itemsize, (size,), dtype, index)
 
 
 def _checked_flags(flags: np.ndarray, what: str) -> Flags:
@@ -190,7 +200,7 @@ class RecordFile(BinaryFile):
 
         def plane(k: int) -> np.ndarray:
             start = offset + k * records * record.itemsize
-            rows = np.memmap(path, record, "r", start, (records,))
+            rows = stored(path, start, (records,), record)
             if (rows["before"] != length).any() or (rows["after"] != length).any():
                 raise FileFormatError(f"expected records of {length} bytes from byte {start} on")
             return rows["values"].reshape(-1)[:size]
@@ -307,6 +317,7 @@ def _values(path: Path, offset: int, line: int, size: int) -> Reals:
             numbers = fortran_numbers(block, line)
             values[count : count + len(numbers)] = numbers[: max(size - count, 0)]
             count, line, end = count + len(numbers), line + block.count(b"\n"), block[-2048:]
+    check_age(path)
     if not end.endswith(b"\n"):  # the last number may be cut
         *others, last = [len(t.lstrip(b"+-")) for t in end.split()[-_LAST:]]
         if len(others) == _LAST - 1 and {*others} == {max(others)} and last < max(others) >= _FIXED:

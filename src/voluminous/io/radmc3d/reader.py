@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from codecs import BOM_UTF8
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError, UnitsError, VoluminousError
 from ...units import parse_unit
+from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..contract import FieldChoice, FieldInfo, UnitLike
 from ..guard import placed
@@ -80,6 +81,10 @@ class RADMC3DReader(ContentsReader):
                 return StoredField(part.name, part.place, shape, np.dtype("f8"), part.unit, cells)
             file, data = part.file, part.file.data
             in_order = grid.flags is not None and part.part is None and data.dtype.isnative
+            pieces = None
+            if in_order and data.in_parts:
+                parts = functools.partial(_leaves, data.plane, part.plane)
+                pieces = boxes(parts, [shape], (), (0,), (False,))
             return StoredField(
                 part.name,
                 part.place,
@@ -87,7 +92,7 @@ class RADMC3DReader(ContentsReader):
                 data.dtype.newbyteorder("="),
                 part.unit,
                 lambda: cells().arranged(file.values(part.plane, part.first, part.part)),
-                data.mapped and in_order,
+                pieces,
             )
 
         return Model(
@@ -128,6 +133,10 @@ class RADMC3DReader(ContentsReader):
         from .writer import write
 
         write(volume, path, **options)
+
+
+def _leaves(plane: Callable[..., np.ndarray], k: int, index: Any, level: int) -> np.ndarray:
+    return plane(k, index)
 
 
 def _cells(name: str, grid: GridFile, unit: UnitLike) -> ArrangedGrid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ...packages import require
 from ..guard import by_library
-from ..payload import checked_shape
+from ..payload import checked_shape, stored
 from .placement import Placement
 from .voxels import TIMED, VoxelReader, Voxels, time_step, times_meta
 
@@ -35,12 +36,10 @@ class MRCReader(VoxelReader):
         return len(head) >= _HEAD and head[_MAP] == b"MAP"
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
-        header, data = self._map(path)
+        header, start, kind = self._header(path)
         columns = checked_shape([header.nx, header.ny, header.nz], "nx, ny, nz")
         if int(header.mode) not in (0, 1, 2, 6, 12):
             raise FileFormatError(f"mode must be 0, 1, 2, 6 or 12 (real), got {header.mode}")
-        if data is None:
-            raise FileFormatError(f"it is cut short: it does not hold {columns} voxels")
         order = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
         order = [0, 1, 2] if order == [-1] * 3 else order
         angles = np.array(header.cellb.tolist())
@@ -59,7 +58,7 @@ class MRCReader(VoxelReader):
             )
         shape = (*columns[:2], columns[2] // times)
         step = time_step(time, times)
-        dtype = data.dtype.newbyteorder("=")
+        dtype = kind.newbyteorder("=")
         extra = bytes(header.extra2)[40:48]
         if dtype.itemsize == 1 and extra[:4] in (_IMOD, _IMOD[::-1]):
             flags = int.from_bytes(extra[4:], "little" if extra[:4] == _IMOD else "big")
@@ -67,7 +66,8 @@ class MRCReader(VoxelReader):
         dtype = np.dtype(np.float32) if dtype.kind == "f" else dtype
 
         def load(_: int) -> np.ndarray:
-            values = self._map(path)[1].reshape(times, *shape[::-1])[step].transpose()
+            first = start + step * math.prod(shape) * kind.itemsize
+            values = stored(path, first, shape[::-1], kind).transpose()
             return values.view(dtype) if dtype.itemsize == 1 else np.asarray(values, dtype)
 
         return Voxels(
@@ -78,13 +78,14 @@ class MRCReader(VoxelReader):
             meta=times_meta(times, step),
         )
 
-    def _map(self, path: Path) -> tuple[Any, Any]:
-        """Return the header, and the numbers mapped into memory."""
+    def _header(self, path: Path) -> tuple[Any, int, np.dtype[Any]]:
+        """Return the header, where the numbers begin, and their type."""
         mrcfile = require("mrcfile", self.extra, f"reading {self.description}")
         with warnings.catch_warnings(), by_library("mrcfile"):
             warnings.simplefilter("ignore")  # of unusual headers
-            with mrcfile.mmap(path, "r", permissive=True) as file:
-                return file.header, file.data
+            with mrcfile.open(path, "r", permissive=True, header_only=True) as file:
+                start = file.header.nbytes + int(file.header.nsymbt)
+                return file.header, start, mrcfile.utils.data_dtype_from_header(file.header)
 
 
 def _placement(header: Any, order: list[int]) -> Placement:

@@ -84,14 +84,14 @@ class NibabelReader(VoxelReader):
         )
 
     def image(self, path: Path) -> Any:
-        """Return nibabel's image; values are not read."""
+        """Return nibabel's image; values are not read, nor mapped."""
         nibabel = require("nibabel", self.extra, f"reading {self.description}")
         module, _, name = self.kind.rpartition(".")
         kind = getattr(require(f"nibabel.{module}", self.extra, "") if module else nibabel, name)
         if len(kind.files_types) > 1:
-            return kind.from_filename(path)
+            return kind.from_filename(path, mmap=False)
         # The name of a single file need not have the usual ending.
-        return kind.from_file_map({"image": nibabel.FileHolder(str(path))})
+        return kind.from_file_map({"image": nibabel.FileHolder(str(path))}, mmap=False)
 
     def axis_of_time(self, image: Any) -> int:
         """Return the axis that is not space."""
@@ -142,11 +142,12 @@ class NIfTIReader(NibabelReader):
     def image(self, path: Path) -> Any:
         nibabel = require("nibabel", self.extra, f"reading {self.description}")
         if path.name.lower().endswith((*self.suffixes, ".hdr.gz", ".img.gz")):
-            return nibabel.load(path)
+            return nibabel.load(path, mmap=False)
         holder = {"image": nibabel.FileHolder(str(path))}
         with open(path, "rb") as file:
             second = file.read(8)[4:].startswith(_MAGICS[1][1])
-        return (nibabel.Nifti2Image if second else nibabel.Nifti1Image).from_file_map(holder)
+        kind = nibabel.Nifti2Image if second else nibabel.Nifti1Image
+        return kind.from_file_map(holder, mmap=False)
 
     def placement(self, image: Any) -> Placement:
         """Return where the voxels are: by the sform, else the qform, else their widths alone."""
@@ -198,7 +199,7 @@ class MINCReader(NibabelReader):
         nibabel = require("nibabel", self.extra, f"reading {self.description}")
         with open(path, "rb") as file:
             kind = nibabel.Minc1Image if file.read(3) == b"CDF" else nibabel.Minc2Image
-        return kind.from_file_map({"image": nibabel.FileHolder(str(path))})
+        return kind.from_file_map({"image": nibabel.FileHolder(str(path))}, mmap=False)
 
     def axis_of_time(self, image: Any) -> int:
         """Return the axis whose name is no direction of space."""

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
-from ..payload import inside, mapped
+from ...files import check_age
+from ..payload import inside, stored
 
 # No header that a program wrote is longer; one with a file name per slice can be long.
 _LONGEST = 4 << 20
@@ -69,10 +70,11 @@ class StoredNumbers:
     def _part(self, path: Path, low: int, high: int) -> np.ndarray:
         width = self.dtype.itemsize
         if not self.packing:
-            return mapped(path, self.start + low * width, (high - low,), self.dtype)
+            return stored(path, self.start + low * width, (high - low,), self.dtype)
         with open(path, "rb") as file:
             file.seek(self.start)
             content = file.read()
+        check_age(path)
         if self.packing == "text":
             values = np.array(content.split()[low:high]).astype(self.dtype)
         else:  # never unpacks more than is needed

@@ -22,7 +22,7 @@ from ...errors import FileFormatError
 from ...memory import check_memory
 from ..channels import Y_DOWN, Channel, channel, of_samples
 from ..guard import by_library, reading
-from ..payload import mapped
+from ..payload import stored
 from .placement import conversion, equal_voxels, length_unit
 from .voxels import COLORS, TIMED, VoxelReader, Voxels, component_names, time_step, times_meta
 
@@ -166,7 +166,7 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
         index = tuple(chosen.get(axis, slice(None)) for axis in series.axes)
         if series.dataoffset is not None:
             dtype = np.dtype(series.dtype).newbyteorder(file.byteorder)
-            values = mapped(path, series.dataoffset, series.shape, dtype)[index]
+            values = stored(path, series.dataoffset, series.shape, dtype, index)
         else:
             outer = next(
                 k for k in range(series.ndim) if math.prod(series.shape[:k]) == len(series.pages)

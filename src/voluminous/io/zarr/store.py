@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ...errors import FileFormatError, UnreachableError, VoluminousError
-from ...files import url_of
+from ...files import STORE_FILES, check_age, url_of
 from ...memory import check_memory
 from ...packages import require
 from .. import remote
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     import zarr
 
 _NODES = ("zarr.json", ".zarray", ".zgroup")
-_METADATA = (*_NODES, ".zattrs", ".zmetadata")
 _DEEPEST = 16
 # Descriptions of groups and arrays that are kept: reading them takes longer than reading a box.
 _KEPT = 256
@@ -113,7 +112,7 @@ def _open(store: Any) -> Any:
 @functools.cache
 def _careful() -> type:
     """Return the class of stores that try again, and note what is not there."""
-    from zarr.storage import WrapperStore
+    from zarr.storage import LocalStore, WrapperStore
 
     class CarefulStore(WrapperStore[Any]):
         def __init__(self, store: Any) -> None:
@@ -133,6 +132,8 @@ def _careful() -> type:
                         raise remote.in_words(key, error) from error
                 await asyncio.sleep(wait)
             (self.absent.add if value is None else self.absent.discard)(key)
+            if value is not None and isinstance(self._store, LocalStore):
+                check_age(self._store.root / key)
             if value is not None and byte_range is None and _by_blosc(self.owner(key)):
                 _check_length(key, value)
             return value
@@ -142,7 +143,7 @@ def _careful() -> type:
             *place, name = key.split("/")
             places = ("/".join(place[:n]) for n in range(len(place), -1, -1))
             arrays = (self.arrays[p] for p in places if p in self.arrays)
-            return None if name in _METADATA else next(arrays, None)
+            return None if name in STORE_FILES else next(arrays, None)
 
     return CarefulStore
 
@@ -234,10 +235,12 @@ def _one_chunk(array: zarr.Array[Any], index: Sequence[Any]) -> np.ndarray | Non
     import google_crc32c
     from numcodecs import blosc
 
+    file = files.root / array.path / key
     try:
-        packed = (files.root / array.path / key).read_bytes()
+        packed = file.read_bytes()
     except OSError:
         return None  # which is said, or tried again, where Zarr reads it
+    check_age(file)
     # A view of bytes as NumPy's is the only one of which no copy is made.
     data = np.frombuffer(packed, np.uint8)
     if google_crc32c.value(data[:-4]) != int.from_bytes(packed[-4:], "little"):
