@@ -78,14 +78,11 @@ Opening = tuple[Path, int, list[str]]
 
 
 def opening(path: Path) -> Opening:
-    """Return what tells `unchanged` whether a file changes after now.
-
-    Of a directory these are stamps of what describes a store, and the time: the newest of what it
-    holds where a server's clock is ahead of that of this machine.
-    """
+    """Return the path, now, and stamps of the file, or of what describes a store in a directory."""
     if url_of(path):
         return path, 0, []
     files = [path / name for name in STORE_FILES] if path.is_dir() else [path]
+    # The clock of a server may be ahead of that of this machine.
     near = itertools.islice(path.iterdir(), _MOST) if path.is_dir() else files
     newest = max((p.lstat().st_mtime_ns for p in near), default=0)
     return path, max(time.time_ns(), newest), [stamp(p) for p in files if p.is_file()]
@@ -115,11 +112,7 @@ def unchanged(opened: Opening) -> Iterator[None]:
 
 
 def check_age(path: Path) -> None:
-    """Refuse what was read of a file that is newer than the opening of what it belongs to.
-
-    That is a chunk of a store, or the numbers that a header names: only when they are read is it
-    known which files these are.
-    """
+    """Refuse what was read of a file that is newer than the opening of a store, or a header."""
     if _SINCE.get() < math.inf and path.stat().st_mtime_ns > _SINCE.get():
         raise _changed(path)
 

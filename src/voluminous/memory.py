@@ -21,27 +21,22 @@ LOADING, KERNELS = 448 << 20, 128 << 20
 _NO_LIMIT = 1 << 60
 
 
-def check_memory(needed: int, what: str, advice: str) -> None:
-    """Refuse work that needs more bytes than are available."""
+def check_memory(needed: int, what: str, advice: str, free: int | None = None) -> None:
+    """Refuse work that needs more bytes than are available, or than are free."""
     if needed < _SMALL:
         return
-    free = available_memory()
+    free = available_memory() if free is None else free
     if needed > free:
-        raise _needed(needed, free, what, advice)
+        raise MemoryNeededError(
+            f"{what} needs {needed} bytes ({needed / 2**30:.2f} GiB), but only {free} bytes "
+            f"({free / 2**30:.2f} GiB) are available; {advice}"
+        )
 
 
-def check_address_space(needed: int, what: str) -> None:
-    """Refuse what libraries would end the process for: too little is left of its limits."""
+def check_limits(needed: int, what: str) -> None:
+    """Refuse what libraries would end the process for, where its limits leave too little."""
     free = min(_left_of_limits(), default=needed)
-    if needed > free:
-        raise _needed(needed, free, what, "raise the limits of the process (ulimit -v, ulimit -d)")
-
-
-def _needed(needed: int, free: int, what: str, advice: str) -> MemoryNeededError:
-    return MemoryNeededError(
-        f"{what} needs {needed} bytes ({needed / 2**30:.2f} GiB), but only {free} bytes "
-        f"({free / 2**30:.2f} GiB) are available; {advice}"
-    )
+    check_memory(needed, what, "raise the limits of the process (ulimit -v, ulimit -d)", free)
 
 
 def fits(needed: int) -> bool:
@@ -54,17 +49,17 @@ def available_memory(
 ) -> int:
     """Return the bytes that this process can take without swapping.
 
-    The least of what the machine has, what the limits of the process (``ulimit -v``, ``-d``) and
-    those of its control groups leave: of a batch job, or a container.
+    The least of what the machine has, and of what the limits of the process (``ulimit``) and those
+    of its control groups leave: of a batch job, or a container.
     """
     import psutil
 
-    machine = int(psutil.virtual_memory().available)
-    return max(0, min([machine, *_left_of_limits(), *_left_in_groups(process, groups)]))
+    left = *_left_of_limits(), *_left_in_groups(process, groups)
+    return max(0, min(int(psutil.virtual_memory().available), *left, sys.maxsize))
 
 
 def _left_of_limits() -> Iterator[int]:
-    """Yield what the process has left of its limits: where it is Linux, which enforces them."""
+    """Yield what the process has left of its limits, which Linux enforces."""
     if sys.platform == "linux":
         import resource
 

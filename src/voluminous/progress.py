@@ -68,9 +68,9 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
             kwargs["progress"] = report
             try:
                 return function(*args, **kwargs)
-            except MemoryNeededError:
-                raise
-            except MemoryError as error:  # of what was not foreseen
+            except MemoryError as error:
+                if isinstance(error, MemoryNeededError):
+                    raise
                 raise MemoryNeededError(
                     f"{function.__name__} needs more memory than there is ({error}); draw less at "
                     "once, or with memory=, where it takes that"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import DeviceError, InputError, check_name
 from ..llvm import OLDEST_LLVM, VARIABLE, WHEEL
-from ..memory import KERNELS, check_address_space
+from ..memory import KERNELS, check_limits
 from .jit import dr, missing_llvm
 
 
@@ -111,7 +111,7 @@ def get_backend(
         gpu = "cuda" if _has("cuda") else "metal"
         usable = _has(gpu) and (gpu == "cuda" or precision == "single")
         device = gpu if usable else "cpu"
-    check_address_space(KERNELS, "compiling and running kernels")
+    check_limits(KERNELS, "compiling and running kernels")
     return _backend(device, precision, derivatives)
 
 

@@ -128,7 +128,7 @@ def prepare(
         recursive=antialias == "radmc3d" and not volume.grid.is_rectilinear,
         pieces=pieces,
     )
-    check_pixels(frame.pixels, medium.channels, job.backend)
+    check_pixels(frame.pixels, medium, job.backend)
     if pieces is not None:
         pieces.plan(job.medium, solver, frame.pixels)
         pieces.report, job.progress = job.progress, silent

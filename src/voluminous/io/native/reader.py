@@ -36,8 +36,6 @@ ABOUT = (
     "A volume: /grid says where the cells are (its attribute 'order' how they are counted), "
     "/fields/NAME holds one value per cell in 'units'. Read it with voluminous.open(path)."
 )
-# Fields start at multiples of this, so that memory-mapped numbers are aligned.
-_ALIGNMENT = 64
 _PACKED: dict[str, Any] = {"chunks": True, "shuffle": True, "compression": "gzip"}
 
 
@@ -99,8 +97,7 @@ class NativeReader(ContentsReader):
         from ...packages import VERSION as SOFTWARE
 
         plain = plain_grid(volume.grid)
-        aligned = {"alignment_threshold": 1024, "alignment_interval": _ALIGNMENT}
-        with created(path, **aligned) as (file, sink):
+        with created(path) as (file, sink):
             marks = {"format": MARK, "version": VERSION, "about": ABOUT}
             file.attrs.update({**marks, "written_by": f"voluminous {SOFTWARE}"})
             grid = file.create_group(GRID)
