@@ -380,3 +380,31 @@ def test_a_picture_of_a_derivative_is_that_of_a_field_with_its_values(scheme, pr
 
     np.testing.assert_array_equal(picture('gradmag("f")'), picture("m"))
     assert picture("m").max() > 0.1
+
+
+def test_cellwise_expressions_are_one_field():
+    """In cells they are what they say; between them they are interpolated, as a field is."""
+    volume = vm.models.prestellar_core(8)
+    square = volume.evaluate("density**2")
+    name = "cellwise(density**2 * (2 cm3))"
+    np.testing.assert_allclose(volume.evaluate(name), 2.0 * square)
+    assert volume.field_unit("cellwise(density**2)") == u.cm**-6
+    volume["square"] = "density**2"
+    camera = vm.Orthographic(20, 30, resolution=16)
+    light = " * (1 erg cm3 / (s sr))"
+    pictures = [
+        vm.render(volume, vm.Coefficients(text + light, 0), camera, **options).intensity
+        for text in ("square", "cellwise(density**2)")
+        for options in ({}, {"memory": "1 GiB"})
+    ]
+    for picture in pictures[1:]:
+        np.testing.assert_allclose(picture, pictures[0], rtol=1e-5)
+    product = vm.render(volume, vm.Coefficients("density**2" + light, 0), camera).intensity
+    assert product.sum() < 0.9 * pictures[0].sum()
+
+
+def test_derivatives_of_expressions_with_units():
+    """The name of a field that is derived tells the units of numbers in it."""
+    volume = vm.models.prestellar_core(8)
+    found = volume.evaluate("gradmag(density * (2 cm3))")
+    np.testing.assert_allclose(found, 2.0 * volume.evaluate("gradmag(density)"))

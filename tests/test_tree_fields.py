@@ -158,6 +158,26 @@ def test_corners_at_jumps_of_level_are_of_second_order():
     assert (-np.diff(np.log2(errors)) > 1.8).all()
 
 
+@pytest.mark.parametrize("name", ["even", "refined"])
+def test_sums_over_cells_are_kept_if_asked_for(name):
+    """Values at corners that are limited to what is around them change the sum of a steep field.
+
+    What is left: corners at the surface and at jumps of level do not weigh all cells alike.
+    """
+    even = name == "even"
+    grid = vm.OctreeGrid(*[np.linspace(-1, 1, 17)] * 3) if even else around_a_shell(16)
+    radius, size = np.linalg.norm(grid.cell_centers(), axis=0), grid.cell_volumes
+    fields = [1.0 * (radius < 0.55), *([np.exp(-10 * radius)] if even else [])]
+    for data, field in zip(
+        CornerValues(grid, fields, get_backend("cpu", "double"), [True] * len(fields)).compute(),
+        fields,
+        strict=True,
+    ):
+        values = np.array(data).reshape(-1, 8)
+        assert np.sum(values.mean(axis=1) * size) == pytest.approx(np.sum(field * size), rel=1e-3)
+        assert values.min() >= 0.0
+
+
 def analytic(origins, directions, points=8001):
     """Return the intensity of the medium below, by the midpoint rule."""
     enter, leave = box_limits(np.array([[-1.0, 1.0]] * 3), origins, directions)

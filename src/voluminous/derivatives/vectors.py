@@ -36,8 +36,8 @@ def component(name: str, fields: Container[str], grid: Grid) -> DerivedField | N
 
 
 def is_component(derived: DerivedField) -> bool:
-    """Return True for components of vectors, False for derivatives."""
-    return derived.operation == "los" or derived.operation.startswith("along.")
+    """Return True for components of vectors and values of cells, False for derivatives."""
+    return derived.operation in ("los", "cellwise") or derived.operation.startswith("along.")
 
 
 def component_everywhere(volume: Any, derived: DerivedField) -> np.ndarray:
@@ -63,6 +63,8 @@ def component_of_cells(volume: Any, derived: DerivedField, first: int, last: int
 def _directions(volume: Any, derived: DerivedField, first: int, last: int) -> Sequence[np.ndarray]:
     """Return the cosines between a vector's components and the one that is asked for, (3, n)."""
     grid = volume.grid
+    if derived.operation == "cellwise":
+        return [np.ones(1)]
     if derived.operation == "los":
         return list(volume.sight.directions(first, last))
     system = [argument.text.rpartition("_")[2] for argument in derived.arguments]
@@ -84,7 +86,7 @@ def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     units = [volume.expression_unit(argument) for argument in derived.arguments]
     own = next((unit for unit in units if unit is not None), None)
     if own is None:
-        return None, [1.0, 1.0, 1.0]
+        return None, [1.0] * len(units)
     from astropy import units as u
 
     zero = Expression(0)

@@ -354,10 +354,10 @@ def _source_text(source: Any) -> str:
 class DerivedField(NamedTuple):
     """A field computed from others, not from their values in the same cell alone.
 
-    `operation` is ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``los``, the
-    component away from the observer; or ``along.x`` and the like, a component of a vector field
-    that is given by others. `arguments` are the differentiated expression, or the three components
-    of a vector; `name` is its name in `Expression.names`.
+    `operation` is ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``cellwise``;
+    ``los``, the component away from the observer; or ``along.x`` and the like, a component of a
+    vector field that is given by others. `arguments` are the expression in parentheses, or the
+    three components of a vector; `name` is its name in `Expression.names`.
     """
 
     name: str
@@ -371,7 +371,7 @@ def derived_field(name: str) -> DerivedField | None:
     if "(" not in name:  # most names are identifiers
         return None
     try:
-        tree, _ = parse(one_line(name))
+        tree, _ = parse(marked(one_line(name)))
     except ExpressionError:
         return None
     if not isinstance(tree, Derivative):

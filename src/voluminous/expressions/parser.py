@@ -5,8 +5,9 @@ place for a unit. Therefore ``los(velocity) / (0.2 km/s)`` is rewritten with ``0
 it is parsed, and the parser makes a `NumberWithUnit` of that.
 
 A derivative needs neighbouring cells, which no element-wise evaluation has. It therefore becomes a
-field whose name is its text, and `Volume` computes it. Vectors exist only while parsing: what
-remains are numbers computed from their components.
+field whose name is its text, and `Volume` computes it. So does ``cellwise(a)``, which is computed
+in cells and then interpolated as one field. Vectors exist only while parsing: what remains are
+numbers computed from their components.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ FUNCTIONS = {
     "los": Signature("los(v)", 1, 1),
 }
 _ONE = ("abs", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")
-for _name in (*_ONE, "grad", "gradmag", "laplacian"):
+for _name in (*_ONE, "cellwise", "grad", "gradmag", "laplacian"):
     FUNCTIONS[_name] = Signature(f"{_name}(x)", 1, 1)
 
 # Python's operators, by the methods of `Ops` that evaluate them; `**` is parsed by itself.
@@ -339,7 +340,7 @@ def _sum(nodes: Iterable[Node]) -> Node:
 
 
 def _derivative(operation: str, argument: Node) -> Derivative:
-    """Return the node of ``gradmag``, ``laplacian``, or a component such as ``grad.x``."""
+    """Return the node of ``gradmag``, ``cellwise``, or a component such as ``grad.x``."""
     function, dot, axis = operation.partition(".")
     return Derivative(f"{function}({text(argument)}){dot}{axis}", operation, argument)
 
@@ -491,7 +492,7 @@ class _Builder:
         match name:
             case "interp":
                 return self._interpolation(node)
-            case "gradmag" | "laplacian":
+            case "cellwise" | "gradmag" | "laplacian":
                 return self._use(_derivative(name, self._differentiated(node.args[0])), node)
             case "grad":
                 argument = self._differentiated(node.args[0])

@@ -406,8 +406,14 @@ class Grid:
                 "to consecutive leaves, CellBox((first,), (last,))"
             )
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
-        """Return fields as dual walks gather them, one for each array."""
+    def lattice(
+        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
+    ) -> list[Any]:
+        """Return fields as dual walks gather them, one for each array.
+
+        `sums` says of which fields the integral is to be the sum over cells, however steep they
+        are; by default of none.
+        """
         self.refuse("fields between its cells")
 
     def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:

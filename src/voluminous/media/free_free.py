@@ -11,8 +11,10 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import any_attenuation
 from ..errors import InputError, unknown_name
+from ..expressions import Expression
 from ..expressions.interval import Interval
 from .context import Context, MediumSample
+from .contract import Medium
 from .spectral import Bands, InCgs, Planck, SpectralMedium, given_field
 
 if TYPE_CHECKING:
@@ -51,9 +53,14 @@ class FreeFree(SpectralMedium):
     -----
     B. T. Draine, *Physics of the interstellar and intergalactic medium* (2011): emissivity equation
     10.1, Gaunt factor 10.8 (within 10 % for 0.14 < Z ν₉/T₄^1.5 < 250).
+
+    Between cells the product n_e n_i T^-1/2 is interpolated, not its factors, so that a thin medium
+    emits as much as its cells; and the mean temperature has this product as its weight. Expressions
+    of coordinates alone are evaluated where the ray is.
     """
 
     kind = "free-free"
+    _interpolated = False
 
     def __init__(
         self,
@@ -89,13 +96,43 @@ class FreeFree(SpectralMedium):
         return self._fields
 
     def heat(self) -> Sequence[InCgs]:
-        return self._fields[2:]
+        return self._fields[-1:]
+
+    def on_rays(self) -> Medium:
+        """Return the medium with its product as one field, for schemes that interpolate."""
+        if self._interpolated or self.bands is None:
+            return self
+        volume, own, bands = self.bands.volume, self._fields, self.bands
+        if not any(volume.given(q.expr.names) for q in own[:2]):
+            return self
+        given = (self.electrons, self.ions, self.temperature)
+        electrons, ions, warm = (f"({Expression(value).text})" for value in given)
+        dense, warm_too = (
+            [text for text in some if volume.expression_unit(Expression(text)) is not None]
+            for some in ((electrons, ions), (warm,))
+        )
+        low, high = own[2].extremes(bands)
+        if warm_too:  # what has no unit is in CGS units already
+            warm = f"({warm} / (1 K))"
+        pairs = f"{electrons} * {ions}"
+        weight = f"where({pairs} > 0, {pairs} * {warm} ** -0.5, 0)"
+        unit = ("", "1 / cm3", "1 / cm6")[len(dense)]
+        product = InCgs.of(f"cellwise({weight})", unit, "n_e n_i", volume)
+        mean = f"cellwise({weight} * {warm}) / cellwise({weight})"
+        temperature = InCgs.of(f"clip({mean}, {low!r}, {high!r})", "", "temperature", volume)
+        if not own[2].expr.names:
+            temperature = own[2]
+        medium = self.changed(_fields=(product, temperature), _interpolated=True)
+        return medium.at_frequencies(bands)
 
     def tuned(self, bands: Bands) -> SpectralMedium:
         volume, constants, nu = bands.volume, bands.constants, bands.frequencies
         is_radmc3d = (self.gaunt or constants.name) == "radmc3d"
-        per_cm3 = [(self.electrons, "electrons"), (self.ions, "ions")]
-        fields = [InCgs.of(value, "1 / cm3", what, volume) for value, what in per_cm3]
+        fields = self._fields
+        if not self._interpolated:
+            per_cm3 = [(self.electrons, "electrons"), (self.ions, "ions")]
+            densities = (InCgs.of(value, "1 / cm3", what, volume) for value, what in per_cm3)
+            fields = (*densities, *self.temperatures(volume))
         with np.errstate(over="ignore"):
             absorbs: Any = 0.2120 * nu**-2.1 * bands.length
         if not is_radmc3d:
@@ -105,7 +142,7 @@ class FreeFree(SpectralMedium):
             super()
             .tuned(bands)
             .changed(
-                _fields=(*fields, *self.temperatures(volume)),
+                _fields=fields,
                 _planck=Planck(bands),
                 _absorbs=np.asarray(absorbs),
                 _exponent=constants.planck_exponent * nu,
@@ -118,17 +155,19 @@ class FreeFree(SpectralMedium):
         return [self._absorbs, self._gaunt]
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        electrons, ions = (q.value(fields, context) for q in self._fields[:2])
-        temperature = self._fields[2].where(electrons, fields, context)
+        shared = math.prod(q.value(fields, context) for q in self._fields[:-1])
+        temperature = self._fields[-1].where(shared, fields, context)
         assert self._planck is not None
         bright = self._planck.values(self, temperature, context)
         log = dr.log(temperature)
         absorbs = self.row(context, "α", self._absorbs)
         if self._is_radmc3d:
-            shared = electrons * ions * dr.exp(-1.35 * log)
+            shared = shared * dr.exp((-0.85 if self._interpolated else -1.35) * log)
             alpha = [a * shared for a in absorbs]
         else:
-            shared, slope = electrons * ions * dr.exp(-0.5 * log), 1.5 * math.sqrt(3.0) / math.pi
+            slope = 1.5 * math.sqrt(3.0) / math.pi
+            if not self._interpolated:
+                shared = shared * dr.exp(-0.5 * log)
             alpha = []
             rows = (self.row(context, n, v) for n, v in (("x", self._exponent), ("g", self._gaunt)))
             for a, x, g in zip(absorbs, *rows, strict=True):
@@ -138,9 +177,12 @@ class FreeFree(SpectralMedium):
         return MediumSample([a * b for a, b in zip(alpha, bright, strict=True)], alpha)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        electrons, ions, warm = (q.value(fields, context) for q in self._fields)
+        *numbers, warm = (q.value(fields, context) for q in self._fields)
         assert self._planck is not None
-        pairs = electrons * ions
+        pairs = math.prod(numbers)
+        warm = Interval(warm.lo, warm.hi)  # undefined where there are no pairs
+        if self._interpolated:
+            pairs = pairs * Interval(*(np.sqrt(np.maximum(t, 0.0)) for t in (warm.lo, warm.hi)))
         low, high = (self._per_pair(t) for t in (warm.hi, warm.lo))  # it falls with temperature
         alpha = [pairs * Interval(a, b) for a, b in zip(low, high, strict=True)]
         between = self._planck.between(warm.lo, warm.hi)

@@ -78,7 +78,13 @@ def prepare(
     check_walk(solver, volume.grid)
     if pieces is not None:
         check_scheme_in_pieces(solver)
-    volume = volume.seen_by(camera) if pieces is None else pieces.seen_by(camera, medium.names)
+    if pieces is None:
+        volume = volume.seen_by(camera)
+    else:
+        drawn = with_each(medium, lambda part: part.on_rays()) if by_field else medium
+        volume = pieces.seen_by(
+            camera, {**dict.fromkeys(medium.names), **dict.fromkeys(drawn.names)}
+        )
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))

@@ -200,7 +200,9 @@ class CartesianGrid(StructuredGrid):
             return confined(self.edges, self.scale, backend, box=box)
         return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
+    def lattice(
+        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
+    ) -> list[Any]:
         lattices: list[Float] = room("rendering.sources.corner_layouts").cartesian_lattices(
             arrays, backend
         )

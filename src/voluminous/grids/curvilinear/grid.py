@@ -91,7 +91,9 @@ class CurvilinearGrid(SurfaceGrid, StructuredGrid):
         """True if azimuth spans a full circle."""
         return is_closed(self.edges[self.coordinates.index("phi")])
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
+    def lattice(
+        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
+    ) -> list[Any]:
         lattices: list[Any] = room("rendering.sources.corner_layouts").curvilinear_lattices(
             self, arrays, backend
         )

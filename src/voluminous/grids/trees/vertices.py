@@ -268,9 +268,11 @@ class LeafGrid(Grid):
     def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
         return cells_around(self, vertex, backend)
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
+    def lattice(
+        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
+    ) -> list[Any]:
         lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
-            self, arrays, backend
+            self, arrays, backend, sums
         )
         return lattices
 

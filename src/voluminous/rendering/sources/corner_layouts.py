@@ -12,6 +12,7 @@ import numpy as np
 from ...backend import Backend, dr
 from ...backend.types import Int, Mask
 from ...errors import InputError
+from ...expressions import derived_field
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
@@ -134,7 +135,7 @@ def _unit_of(low: float, high: float, backend: Backend) -> float:
 
 
 def tree_lattices(
-    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
+    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool]
 ) -> list[CornerPackets]:
     """Return the `Grid.lattice` of trees: values at the corners of their cells.
 
@@ -147,13 +148,18 @@ def tree_lattices(
         many = left[:_FIELDS] if fits(2 * corner_bytes(grid, _FIELDS, backend)) else left[:1]
         units = [_checked_unit(array, backend, 8 * grid.size) for array in many]
         scaled = [array / unit for array, unit in zip(many, units, strict=True)]
-        data = CornerValues(grid, scaled, backend).compute()
+        own = sums[len(made) : len(made) + len(many)]
+        data = CornerValues(grid, scaled, backend, own).compute()
         made += [CornerPackets(d, u, backend.packet(4)) for d, u in zip(data, units, strict=True)]
     return made
 
 
 def lattices_of_leaves(
-    leaves: LeavesWithGhosts, arrays: Sequence[np.ndarray], units: Sequence[float], backend: Backend
+    leaves: LeavesWithGhosts,
+    arrays: Sequence[np.ndarray],
+    units: Sequence[float],
+    backend: Backend,
+    sums: Sequence[bool] = (),
 ) -> list[CornerPackets]:
     """Return the lattices of a part of a tree, from fields divided by units."""
     from .vertex_values import CornerValues
@@ -161,7 +167,8 @@ def lattices_of_leaves(
     scaled = [array / unit for array, unit in zip(arrays, units, strict=True)]
     made: list[CornerPackets] = []
     while left := scaled[len(made) :]:
-        data = CornerValues(leaves, left[:1], backend).compute()
+        own = sums[len(made) :][:1]
+        data = CornerValues(leaves, left[:1], backend, own).compute()
         made.append(CornerPackets(data[0], units[len(made)], backend.packet(4)))
         dr.flush_malloc_cache()  # memory of slopes, and of all else
     return made
@@ -233,6 +240,12 @@ def make_faces(padded: np.ndarray, backend: Backend, unit: float) -> FacePackets
     return FacePackets(data, unit, dr.opaque(UInt, plane), backend.packet(4))
 
 
+def keeps_sums(name: str) -> bool:
+    """Return whether a field is interpolated so that its integral is the sum over cells."""
+    derived = derived_field(name)
+    return derived is not None and derived.operation == "cellwise"
+
+
 def get_lattices(evaluator: CellEvaluator, cache: Cache) -> dict[str, Any]:
     """Return all fields in the layouts that rays gather; cached with the volume."""
     volume, backend = evaluator.volume, evaluator.backend
@@ -240,7 +253,8 @@ def get_lattices(evaluator: CellEvaluator, cache: Cache) -> dict[str, Any]:
     keys = {n: ("lattice", n, backend, cache.statistics.digest(n)) for n in names}
     found = {name: cache.get(key) for name, key in keys.items()}
     lacking = [name for name in names if found[name] is None]
-    made = volume.grid.lattice([volume.array(name) for name in lacking], backend)
+    arrays = [volume.array(name) for name in lacking]
+    made = volume.grid.lattice(arrays, backend, list(map(keeps_sums, lacking)))
     for name, lattice in zip(lacking, made, strict=True):
         found[name] = cache.put(keys[name], lattice)
     return found

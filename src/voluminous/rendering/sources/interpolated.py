@@ -29,6 +29,7 @@ from .corner_layouts import (
     Corners,
     FieldLattice,
     get_lattices,
+    keeps_sums,
     lattices_of_leaves,
     make_nodes,
 )
@@ -194,7 +195,8 @@ class Interpolated:
         """Return the source in some leaves of a tree, given their values and those of ghosts."""
         part, units = copy.copy(self), [lattice.unit for lattice in self.lattices.values()]
         arrays = [fields[name] for name in self.lattices]
-        made = lattices_of_leaves(leaves, arrays, units, self.backend)
+        sums = list(map(keeps_sums, self.lattices))
+        made = lattices_of_leaves(leaves, arrays, units, self.backend, sums)
         part.lattices = dict(zip(self.lattices, made, strict=True))
         return part
 

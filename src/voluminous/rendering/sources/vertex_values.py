@@ -8,6 +8,11 @@ the mean then has a fourth-order error in the cell size, plain means a second-or
 is limited to the range of the surrounding cell values. At the surface of the domain only the cells
 inside contribute.
 
+To limit it adds to the sum over cells: 2 % to the square of the density of an HII region, which
+falls steeply. Fields of which sums are kept (``cellwise``) therefore have plain means among cells
+of equal size, where each cell gives all of its value to its corners; at level jumps it does not
+quite, and sums are kept if the field is not steep there.
+
 A vertex of one cell may lie inside a face or an edge of a larger one ("hanging"). It then takes the
 value interpolated in the largest such cell, from coarse to fine, so that neighbours of any sizes
 agree on their shared wall (the hanging-node constraints of finite elements).
@@ -60,15 +65,14 @@ class VertexStencil:
     box: list[Float]
     size: Float
 
-    def means(self) -> list[Float]:
+    def means(self, shares: Sequence[Float]) -> list[Float]:
         """Return the mean of each field, within the range of the cell values.
 
-        These are extrapolated to the vertex, or half-way where all cells are equally large.
+        These are extrapolated to the vertex, or by a share where all cells are equally large.
         """
-        share = dr.select(self.alike, 0.5, 1.0)
         result = []
-        for values, rises, least, most in self.sums:
-            mean = dr.fma(share, rises, values) / self.count
+        for share, (values, rises, least, most) in zip(shares, self.sums, strict=True):
+            mean = dr.fma(dr.select(self.alike, share, 1.0), rises, values) / self.count
             mean = dr.select(mean < least, least, mean)
             result.append(dr.select(mean > most, most, mean))
         return result
@@ -84,6 +88,8 @@ class CornerValues:
     grid : TreeCells or RefinedCells
     fields : sequence of float arrays, shape (cells,)
     backend : Backend
+    sums : sequence of bool, optional
+        Of which fields sums over cells are kept; by default of none.
 
     Raises
     ------
@@ -91,12 +97,23 @@ class CornerValues:
         If there is not enough memory.
     """
 
-    def __init__(self, grid: Any, fields: Sequence[np.ndarray], backend: Backend) -> None:
+    def __init__(
+        self,
+        grid: Any,
+        fields: Sequence[np.ndarray],
+        backend: Backend,
+        sums: Sequence[bool] = (),
+    ) -> None:
         advice = "use scheme='first-order', or a coarser or smaller volume"
         needed = corner_bytes(grid, len(fields), backend)
         check_memory(needed, "fields at the corners of cells", advice)
         self.grid, self.backend = grid, backend.with_precision("double")
         self.real = backend.Float
+        # Not literals, so that one kernel serves all fields.
+        self.shares = [
+            dr.opaque(self.backend.Float, 0.5 * (not kept))
+            for kept in sums or [False] * len(fields)
+        ]
         self.fields = [self.real(np.ascontiguousarray(f, dtype=backend.dtype)) for f in fields]
         self.boxes = VertexBoxes(grid, 0, grid.size, self.backend)
         self.derivatives = CellSlopes(grid, self.fields, backend, self.boxes)
@@ -128,7 +145,7 @@ class CornerValues:
         UInt = self.backend.UInt
         vertex = self.boxes.low(dr.arange(UInt, last - first) + dr.opaque(UInt, first))
         stencil = self._stencil(vertex)
-        values = [self.real(mean) for mean in stencil.means()]
+        values = [self.real(mean) for mean in stencil.means(self.shares)]
 
         def more(octant: Int) -> Mask:
             return (octant < 8) & ~stencil.hanging
@@ -159,7 +176,7 @@ class CornerValues:
                 continue
             vertex = self.boxes.corner(slot >> 3, slot & 7)
             stencil = self._stencil(vertex)
-            pairs = zip(self._inside(vertex, stencil), stencil.means(), strict=True)
+            pairs = zip(self._inside(vertex, stencil), stencil.means(self.shares), strict=True)
             values = [self.real(dr.select(stencil.hanging, *pair)) for pair in pairs]
             dr.eval(values)  # an array read while it is written would be copied
             for data, value in zip(self.data, values, strict=True):
