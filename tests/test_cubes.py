@@ -467,3 +467,29 @@ def test_optical_depths_that_wait_are_not_drawn_for_a_file(tmp_path):
     for suffix in (".fits", ".npz", ".exr"):
         cube.save(tmp_path / f"a{suffix}")
         assert vm.Image.load(tmp_path / f"a{suffix}").optical_depth is None
+
+
+def test_a_beam_narrower_than_a_pixel_is_refused():
+    """In both directions, whatever its unit; what is as wide as a pixel is drawn."""
+    cube = gaussian()
+    pixel = cube.pixel_size[0]
+    for beam in (0.9 * pixel, (30 * pixel, 0.5 * pixel), 1e-5 * u.arcsec):
+        with pytest.raises(vm.InputError, match=r"pixels wide.*resolution="):
+            cube.convolve(beam)
+    assert cube.convolve(pixel).provenance["beam"]["major"] == pytest.approx(pixel)
+
+
+@pytest.mark.parametrize("length", ["100 au", 100 * u.au, 100.0, 1 * u.arcsec])
+def test_a_scale_bar_of_a_given_length(length):
+    """Of pictures, rows, and channel maps (in arcsec); angles follow from the distance."""
+    cube = gaussian()
+    for axes, long in (
+        (cube.plot(channels=0, scale_bar=length), 100.0),
+        (cube.plot(scale_bar=length)[-1], 1.0),
+        (vm.plot_row([cube], scale_bar=length)[0], 100.0),
+    ):
+        (bar,) = axes.findobj(lambda artist: artist.get_gid() == "scale-bar")
+        assert np.ptp(bar.get_xdata()) == pytest.approx(long)
+    for wrong, told in (("1e9 au", "length up to"), ("long", "such as '100 au'"), ("3 K", "K")):
+        with pytest.raises(vm.VoluminousError, match=told):
+            cube.plot(channels=0, scale_bar=wrong)

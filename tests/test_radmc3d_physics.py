@@ -366,8 +366,11 @@ def test_models_that_draw_another_picture_are_refused(setting, words, message, f
     assert message in capsys.readouterr().err
 
 
-def test_scattering_needs_noscat(folder, capsys):
-    """A table with κ_scat: Monte Carlo, unless noscat is given; then κ_scat does not dim."""
+def test_scattering_needs_noscat(folder, capsys, recwarn):
+    """A table with κ_scat: Monte Carlo, unless noscat is given; then κ_scat does not dim.
+
+    In Python a warning tells of it, unless the model's settings leave scattering out.
+    """
     path, _, _ = folder("star_table", "first")
     (path / "radmc3d.inp").write_text("")
     table = np.loadtxt(path / "dustkappa_grain0.inp", skiprows=2)
@@ -380,6 +383,16 @@ def test_scattering_needs_noscat(folder, capsys):
         assert "give noscat" in capsys.readouterr().err
         dimmed = drawn(path, " ".join(words) + " tracetau")
         plain = drawn(path, " ".join(words) + " tracetau noscat")
+        assert not [one for one in recwarn if "albedo" in str(one.message)]
+        model, camera = vm.open(path), vm.Orthographic(resolution=2)
+        with pytest.warns(UserWarning, match="albedo of 0.67 at 10 micron"):
+            vm.observe(model, vm.Dust(model), camera, wavelengths=10.0)
+        recwarn.clear()
+        (path / "radmc3d.inp").write_text("scattering_mode_max = 0\n")
+        dust = vm.Dust(model)
+        vm.observe(model, dust, camera, wavelengths=10.0)
+        assert dust.scattering == "none"
+        assert not [one for one in recwarn if "albedo" in str(one.message)]
     finally:
         (path / "dustkappa_grain0.inp").write_text(kept)
     np.testing.assert_allclose(dimmed.intensity, 3.0 * plain.intensity, rtol=1e-12)

@@ -13,12 +13,13 @@ from voluminous.physics.constants import CODATA
 FREQUENCIES = np.array([1e11, 3e11, 1e12])
 TEMPERATURE, DENSITY, RADIUS = 20.0, 3e-15, 1e13
 PARSEC = (1 * u.pc).to_value("cm")
+JANSKYS = 1e23  # in one erg/s/cm²/Hz
 KAPPA = vm.Opacity.power_law(3.5, 870.0, 1.5)
 DUST = vm.Dust("rho", TEMPERATURE, KAPPA)
 
 
 def flux_of_ball(radius=RADIUS, within=np.inf, distance=PARSEC):
-    """Return the flux of a uniform isothermal ball, or of the part of it within a circle.
+    """Return the flux in Jy of a uniform isothermal ball, or of the part of it within a circle.
 
     I(p) = B (1 - exp(-2α √(R² - p²))); the integral over 2π p dp, with y = 2α √(R² - p²), has the
     primitive (y²/2 + (1 + y) exp(-y)) / 4α² (Osterbrock 1974, appendix 2, has it with y = 2αR).
@@ -31,7 +32,7 @@ def flux_of_ball(radius=RADIUS, within=np.inf, distance=PARSEC):
     inner = 2.0 * alpha * np.sqrt(max(radius**2 - within**2, 0.0))
     total = primitive(2.0 * alpha * radius) - primitive(inner)
     planck = CODATA.planck(FREQUENCIES, TEMPERATURE)
-    return 2.0 * np.pi * planck * total / (4.0 * alpha**2) / distance**2
+    return JANSKYS * 2.0 * np.pi * planck * total / (4.0 * alpha**2) / distance**2
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +53,8 @@ def cube():
 
 def test_a_ball_on_rings(shells):
     """The cavity of a thousandth holds 1e-9 of the ball."""
-    found = vm.spectrum(shells, DUST, incl=30, frequencies=FREQUENCIES, tolerance=1e-3)
-    assert found.unit == "erg / (Hz s cm2)" or u.Unit(found.unit).is_equivalent("Jy")
+    found = vm.spectrum(shells, DUST, incl=30, frequencies=FREQUENCIES, distance=1 * u.pc)
+    assert found.unit == "Jy"
     np.testing.assert_allclose(found.flux, flux_of_ball(), rtol=1e-3)
     near = vm.spectrum(shells, DUST, frequencies=FREQUENCIES, distance=0.1 * u.pc)
     np.testing.assert_allclose(near.flux, 100.0 * found.flux, rtol=1e-3)
@@ -77,7 +78,7 @@ def test_a_frame_around_a_cube(cube):
     alpha = DENSITY * KAPPA.absorption(FREQUENCIES)
     intensity = CODATA.planck(FREQUENCIES, TEMPERATURE) * -np.expm1(-alpha * RADIUS)
     found = vm.spectrum(cube, DUST, frequencies=FREQUENCIES, distance=1 * u.pc)
-    np.testing.assert_allclose(found.flux, intensity * (RADIUS / PARSEC) ** 2, rtol=1e-3)
+    np.testing.assert_allclose(found.flux, JANSKYS * intensity * (RADIUS / PARSEC) ** 2, rtol=1e-3)
     # Seen at an angle the flux does not depend on how it is turned in the picture.
     turned = [
         vm.spectrum(
@@ -85,6 +86,7 @@ def test_a_frame_around_a_cube(cube):
             DUST,
             vm.Orthographic(50, 20, posang, width=2 * RADIUS, resolution=64),
             frequencies=FREQUENCIES,
+            distance=1 * u.pc,
         ).flux
         for posang in (0, 35)
     ]
@@ -97,7 +99,7 @@ def test_thin_dust_weighs_what_its_flux_says(cube):
     found = vm.spectrum(cube, thin, incl=50, phi=20, frequencies=FREQUENCIES, distance=1 * u.pc)
     mass = 1e-6 * DENSITY * RADIUS**3
     expected = mass * KAPPA.absorption(FREQUENCIES) * CODATA.planck(FREQUENCIES, TEMPERATURE)
-    np.testing.assert_allclose(found.flux, expected / PARSEC**2, rtol=1e-3)
+    np.testing.assert_allclose(found.flux, JANSKYS * expected / PARSEC**2, rtol=1e-3)
 
 
 @pytest.mark.parametrize("shape", ["rings", "frame"])
@@ -107,12 +109,14 @@ def test_a_star_adds_its_flux(shape, shells, cube):
     radius, hot = 1e9, 5000.0
     star = vm.Stars([(0.0, 0.0, 0.0)], [vm.Blackbody(hot)], luminosities=[np.pi * radius**2])
     dark, lit = (
-        vm.spectrum(volume, DUST, frequencies=FREQUENCIES, objects=objects, tolerance=1e-3).flux
+        vm.spectrum(
+            volume, DUST, frequencies=FREQUENCIES, objects=objects, tolerance=1e-3, distance="1 pc"
+        ).flux
         for objects in ([], [star])
     )
     half = RADIUS if shape == "rings" else 0.5 * RADIUS
     through = np.exp(-DENSITY * KAPPA.absorption(FREQUENCIES) * half)
-    surface = np.pi * radius**2 * CODATA.planck(FREQUENCIES, hot) / PARSEC**2
+    surface = JANSKYS * np.pi * radius**2 * CODATA.planck(FREQUENCIES, hot) / PARSEC**2
     np.testing.assert_allclose(lit - dark, surface * through, rtol=2e-3)
 
 
@@ -136,6 +140,9 @@ def test_rings_of_one_ray(shells):
     ("arguments", "message"),
     [
         ({"distance": -1 * u.pc}, "distance must be positive"),
+        ({"distance": None}, "needs the distance of the observer"),
+        ({"camera": vm.Orthographic(), "incl": 30}, "give a camera, which has its angles"),
+        ({"camera": vm.Orthographic(), "phi": 0 * u.deg}, "give a camera, which has its angles"),
         ({"aperture": 0 * u.arcsec}, "aperture must be a positive angle or length"),
         ({"camera": vm.Perspective((0, 0, -9e13), (0, 0, 0))}, "picture of a vm.Orthographic"),
         ({"camera": vm.Orthographic(), "aperture": 1 * u.arcsec}, "give one of them"),
@@ -143,14 +150,14 @@ def test_rings_of_one_ray(shells):
 )
 def test_what_cannot_be_is_refused(arguments, message, cube):
     with pytest.raises(vm.InputError, match=message):
-        vm.spectrum(cube, DUST, frequencies=FREQUENCIES, **arguments)
+        vm.spectrum(cube, DUST, frequencies=FREQUENCIES, **{"distance": 1 * u.pc, **arguments})
 
 
 def test_a_tolerance_that_is_not_kept_warns(cube, monkeypatch):
     monkeypatch.setattr("voluminous.observing.spectra._FINEST", 128)
     far = vm.Orthographic(50, 20, width=6 * RADIUS, resolution=64)
     with pytest.warns(UserWarning, match="fluxes still change"):
-        vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-6)
+        vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-6, distance=1 * u.pc)
 
 
 def test_a_star_where_dust_is_dark():
@@ -161,9 +168,16 @@ def test_a_star_where_dust_is_dark():
     star = vm.Stars([(0.0, 0.0, 0.0)], [vm.Blackbody(5000.0)], radii=1e9, points=True)
     waves = [0.3, 1.0, 870.0]
     found = vm.spectrum(
-        haze, vm.Dust("rho", 10.0, KAPPA), wavelengths=waves, objects=star, tolerance=None
+        haze,
+        vm.Dust("rho", 10.0, KAPPA),
+        wavelengths=waves,
+        objects=star,
+        tolerance=None,
+        distance=1 * u.pc,
     )
-    expected = np.pi * 1e18 * CODATA.planck(2.99792458e14 / np.array(waves), 5000.0) / PARSEC**2
+    expected = (
+        JANSKYS * np.pi * 1e18 * CODATA.planck(2.99792458e14 / np.array(waves), 5000.0) / PARSEC**2
+    )
     np.testing.assert_allclose(found.flux, expected, rtol=1e-4)
 
 
@@ -179,8 +193,26 @@ def test_a_bright_centre_of_an_octree():
     density = 1e-20 * (1.0 + 1e6 * (radius < 0.004 * RADIUS))
     volume = vm.Volume(grid, rho=density * u.g / u.cm**3)
     found = vm.spectrum(
-        volume, DUST, incl=30, frequencies=FREQUENCIES, scheme="first-order", tolerance=1e-2
+        volume,
+        DUST,
+        incl=30,
+        frequencies=FREQUENCIES,
+        scheme="first-order",
+        tolerance=1e-2,
+        distance=1 * u.pc,
     )
     mass = float(np.sum(density * grid.cell_volumes))
     expected = mass * KAPPA.absorption(FREQUENCIES) * CODATA.planck(FREQUENCIES, TEMPERATURE)
-    np.testing.assert_allclose(found.flux, expected / PARSEC**2, rtol=1e-2)
+    np.testing.assert_allclose(found.flux, JANSKYS * expected / PARSEC**2, rtol=1e-2)
+
+
+def test_a_spectrum_has_the_unit_of_a_cube_s_total(cube):
+    """The same picture, summed by both."""
+    camera = vm.Orthographic(50, 20, width=2 * RADIUS, resolution=32)
+    how = {"frequencies": FREQUENCIES, "distance": 10 * u.pc}
+    total = vm.observe(cube, DUST, camera, **how).total()
+    found = vm.spectrum(cube, DUST, camera, tolerance=None, **how)
+    # Without a tolerance another scheme draws it, to 1e-4 of the brightest pixel.
+    np.testing.assert_allclose(found.flux, total.flux, rtol=1e-3)
+    assert found.unit == total.unit == "Jy"
+    assert found.distance == pytest.approx(10 * PARSEC)

@@ -284,6 +284,7 @@ class Session:
             "cutoff": 0.0,
             "objects": self.stars(),
             "antialias": antialias,
+            "_quiet": True,  # it is as RADMC-3D draws it
             **behind,
         }
 
@@ -293,7 +294,7 @@ class Session:
 
         parts: list[Medium] = []
         if self.dust:
-            parts.append(Dust(self.volume, scattering=self.scatters))
+            parts.append(Dust(self.volume, scattering=self.scatters or "none"))
         gas: dict[str, Any] = {}
         if species := int(self.setting("tgas_eq_tdust")):
             several = len(self.model.opacities) > 1
@@ -466,6 +467,7 @@ class Session:
     # --- spectra ------------------------------------------------------------------------------
 
     def _spectrum(self, **options: Any) -> Spectrum:
+        from ..image.formats.radmc3d import FLUX
         from ..observing import spectrum
 
         if self.request.aperture:
@@ -473,7 +475,7 @@ class Session:
         if self.request.circular:
             return self._of_rings(**options)
         given = {**self.how("radmc3d"), **options, "distance": PARSEC, "tolerance": None}
-        return spectrum(self.volume, self.medium(), self.camera(), **given)
+        return spectrum(self.volume, self.medium(), self.camera(), **given).to(FLUX)
 
     def _through_apertures(self, **options: Any) -> Spectrum:
         """Return fluxes of pictures within ``aperture_info.inp``'s circles.
@@ -537,11 +539,12 @@ class Session:
         return self._fluxes(total / PARSEC**2)
 
     def _fluxes(self, fluxes: np.ndarray) -> Spectrum:
+        from ..image.formats.radmc3d import FLUX
         from ..image.spectral_axis import SpectralAxis
         from ..image.spectrum import Spectrum
 
         axis = SpectralAxis(self.frequencies, "Hz")
-        return Spectrum(axis, fluxes, unit="erg / (s cm2 Hz)", distance=PARSEC)
+        return Spectrum(axis, fluxes, unit=FLUX, distance=PARSEC)
 
 
 def drawn(folder: Path, words: str, progress: Progress = None) -> Image | Spectrum:

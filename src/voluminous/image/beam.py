@@ -26,6 +26,8 @@ SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
 _REACH = 5.5
 # Maximum full width in sides of the image: the size of a kernel grows with the square.
 _WIDEST = 2.0
+# Least full width in pixels, and what rounding does to it.
+_NARROWEST = 1.0 - 1e-6
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
 # Channels that are convolved together.
@@ -56,11 +58,18 @@ def convolve(image: Image, beam: Any) -> Image:
         raise InputError(f"the image was convolved before, with {how['beam']}")
     beam = as_beam(beam)
     covariance = _in_pixels(image, beam)
-    widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / SIGMA / max(image.shape[:2])
+    narrow, wide = np.sqrt(np.linalg.eigvalsh(covariance)) / SIGMA
+    widest = wide / max(image.shape[:2])
     if not widest <= _WIDEST:
         raise InputError(
             f"the beam is {widest:.3g} times as wide as the image, expected at most {_WIDEST:g}; "
             "check its unit, or make a picture of a wider frame"
+        )
+    if not narrow >= _NARROWEST:
+        more = math.ceil(max(image.shape[:2]) / narrow)
+        raise InputError(
+            f"the beam is {narrow:.3g} pixels wide, so the picture cannot show it; expected one "
+            f"pixel at least: check its unit, or draw more pixels, such as resolution={more}"
         )
     kernel = _kernel(covariance)
     names = ("intensity", "transparency", "error", "lower", "upper")
@@ -187,9 +196,7 @@ def _kernel(covariance: np.ndarray) -> Any:
 
     (minor, major), axes = np.linalg.eigh(covariance)
     angle = math.atan2(axes[1, 1], axes[0, 1])
-    # A Gaussian narrower than a subpixel falls between the sample points of the average. With the
-    # width of a subpixel its sum is accurate to 1e-8, and 1e-6 of it leaves the pixel.
-    sigmas = [math.sqrt(max(v, _FINER**-2)) for v in (major, minor)]
+    sigmas = [math.sqrt(v) for v in (major, minor)]
     reach = [2 * math.ceil(_REACH * math.sqrt(v) + 0.5) + 1 for v in np.diag(covariance)]
     fine = {"mode": "oversample", "factor": _FINER} if sigmas[1] < _NARROW else {}
     return Gaussian2DKernel(*sigmas, theta=angle, x_size=reach[0], y_size=reach[1], **fine)

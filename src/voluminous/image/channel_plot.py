@@ -40,7 +40,7 @@ def plot_maps(
     ax: Any,
     *,
     unit: UnitLike,
-    scale_bar: bool,
+    scale_bar: Any,
     colorbar: bool,
     **options: Any,
 ) -> NDArray[Any]:
@@ -77,8 +77,7 @@ def plot_maps(
         axis.set_major_locator(MaxNLocator(4, prune="both"))
     corner.set(xlabel=names[0], ylabel=names[1])
     _draw_beam(corner, shown, extent)
-    if scale_bar:
-        add_scale_bar(panels[-1], shown, extent)
+    add_scale_bar(panels[-1], shown, extent, scale_bar)
     if colorbar and drawn is not None:
         unit_text = labelled("intensity", pretty_unit(shown.intensity_unit))
         figure = panels[0].get_figure()

@@ -147,7 +147,7 @@ class Cube(Image):
         ax: Any = None,
         *,
         unit: UnitLike = None,
-        scale_bar: bool = False,
+        scale_bar: Any = False,
         colorbar: bool = True,
         **options: Any,
     ) -> Any:
@@ -160,7 +160,7 @@ class Cube(Image):
             figure.
         unit : str or unit, optional
             As in `Image.plot`.
-        scale_bar, colorbar : bool
+        scale_bar, colorbar
             As in `Image.plot`.
         **options
             Those of `to_rgb`. ``channels`` or ``mix`` choose channels for one picture, as an

@@ -350,7 +350,7 @@ class Image:
         ax: Axes | None = None,
         *,
         unit: UnitLike = None,
-        scale_bar: bool = False,
+        scale_bar: Any = False,
         colorbar: bool = True,
         **options: Any,
     ) -> Axes:
@@ -365,8 +365,8 @@ class Image:
             is in use; otherwise a figure without a window, for ``ax.figure.savefig(...)``.
         unit : str or unit, optional
             Convert the image first, as with `to`: axes to ``"pc"``, or values to ``"Jy/sr"``.
-        scale_bar : bool
-            Add a bar of a round length, in the same unit.
+        scale_bar : bool, Quantity, str or float
+            Add a bar: True for a round length in the same unit, or a length such as ``"100 au"``.
         colorbar : bool
             Add a colour bar: of the intensities if one channel is shown, else of the medium's
             colours, if `provenance` contains them.
@@ -453,7 +453,8 @@ class Image:
         Raises
         ------
         InputError
-            For maps whose values are not additive, such as depths.
+            For maps whose values are not additive, such as depths; if the beam is narrower than a
+            pixel.
         UnitsError
             If the beam's unit is not the plane's.
         """

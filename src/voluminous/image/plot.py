@@ -21,7 +21,7 @@ _LONG_NUMBERS = (1e4, 1e6)  # longer ones become powers of ten
 
 
 def plot(
-    image: Image, ax: Axes | None, *, scale_bar: bool, colorbar: bool = True, **options: Any
+    image: Image, ax: Axes | None, *, scale_bar: Any, colorbar: bool = True, **options: Any
 ) -> Axes:
     """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
     from matplotlib.ticker import AutoLocator
@@ -58,8 +58,8 @@ def plot(
         locator, (low, high) = axes.xaxis.get_major_locator(), _LONG_NUMBERS
         if isinstance(locator, AutoLocator) and low <= max(map(abs, extent[:2])) < high:
             locator.set_params(nbins=4)  # or long tick labels would overlap
-    if scale_bar and (wcs is None or has_lengths(wcs)):
-        add_scale_bar(axes, image, extent)
+    if wcs is None or has_lengths(wcs):
+        add_scale_bar(axes, image, extent, scale_bar)
     return axes
 
 
@@ -100,13 +100,22 @@ def add_bars(
         bar.ax.set_facecolor(options.get("background") or "black")
 
 
-def add_scale_bar(axes: Axes, image: Image, extent: tuple[float, float, float, float]) -> None:
-    """Draw a bar of a round length into axes that show the image in `extent`."""
+def add_scale_bar(
+    axes: Axes, image: Image, extent: tuple[float, float, float, float], wanted: Any
+) -> None:
+    """Draw a bar into axes that show the image in `extent`: of a round length, or as wanted."""
     from matplotlib.patheffects import withStroke
 
+    from .annotate.marks import scale_bar_of
+
+    if wanted is None or wanted is False:
+        return
     left, right, bottom, top = extent
     shown = abs(image.extent[1] - image.extent[0])
     length = round_length(_BAR_PART * shown)
+    text = with_unit(length, image.unit)
+    if wanted is not True and (given := scale_bar_of(image, wanted)) is not None:
+        length, text = given
     start, level = left + _MARGIN * (right - left), bottom + _MARGIN * (top - bottom)
     end = start + (right - left) * length / shown
     # White with a dark outline is legible on any picture.
@@ -114,7 +123,7 @@ def add_scale_bar(axes: Axes, image: Image, extent: tuple[float, float, float, f
     look["color"] = "white"
     axes.plot([start, end], [level, level], linewidth=2, gid="scale-bar", **look)
     axes.annotate(
-        with_unit(length, image.unit),
+        text,
         ((start + end) / 2, level),
         xytext=(0, 4),
         textcoords="offset points",

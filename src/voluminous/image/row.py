@@ -40,7 +40,7 @@ def plot_row(
     *,
     titles: Sequence[str] = (),
     unit: UnitLike = None,
-    scale_bar: bool = False,
+    scale_bar: Any = False,
     colorbar: bool = True,
     **options: Any,
 ) -> NDArray[Any]:
@@ -59,8 +59,8 @@ def plot_row(
         One for each image.
     unit : str or unit, optional
         As in `Image.plot`. Default: the units of the first image.
-    scale_bar : bool
-        Add a bar of a round length to each.
+    scale_bar : bool, Quantity, str or float
+        Add a bar to each, as in `Image.plot`.
     colorbar : bool
         Add a colour bar; if the media of the images differ, one for each image.
     **options

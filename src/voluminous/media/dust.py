@@ -29,13 +29,15 @@ class Dust(SpectralMedium):
         Of each species; K without a unit.
     opacity : Opacity or list of these
         Of each species, per mass of dust.
-    scattering : bool
-        Scattering counts as extinction. Light that is scattered into a ray never counts.
+    scattering : {False, True, "none"}
+        Light that is scattered into a ray is not computed. False: scattering does not dim either;
+        True: it does. Both warn, when it is drawn, of an albedo that matters. ``"none"``: as False,
+        and meant so; the default for a model of RADMC-3D with ``scattering_mode_max = 0``.
 
     Raises
     ------
     InputError
-        If something is missing, or the numbers of species differ.
+        If something is missing, the numbers of species differ, or scattered light is asked for.
 
     Notes
     -----
@@ -56,9 +58,16 @@ class Dust(SpectralMedium):
         temperature: Any = None,
         opacity: Opacity | Sequence[Opacity] | None = None,
         *,
-        scattering: bool = False,
+        scattering: bool | str = False,
     ) -> None:
+        if not (isinstance(scattering, (bool, np.bool_)) or scattering == "none"):
+            raise InputError(
+                "light that is scattered is not computed yet: scattering is 'none', False, or True "
+                f"if it dims, got {scattering!r}; RADMC-3D has more"
+            )
         if hasattr(density, "grid"):
+            if opacity is None and scattering is False and _is_without_scattering(density):
+                scattering = "none"
             density, temperature, opacity = _of_model(density, temperature, opacity)
         if temperature is None or opacity is None:
             raise InputError(
@@ -81,7 +90,7 @@ class Dust(SpectralMedium):
             )
         self.density = tuple(given_field(v, "density") for v in rows[0])
         self.temperature = tuple(given_field(v, "temperature") for v in rows[1])
-        self.scattering = bool(scattering)
+        self.scattering = scattering if isinstance(scattering, str) else bool(scattering)
         self._fields: tuple[tuple[InCgs, InCgs], ...] = ()
         self._kappa = np.zeros((0, 2, 0))
         self._planck: Planck | None = None
@@ -95,13 +104,24 @@ class Dust(SpectralMedium):
     def heat(self) -> Sequence[InCgs]:
         return [temperature for _, temperature in self._fields]
 
+    def albedo(self, bands: Bands) -> np.ndarray:
+        """Return the part of extinction that is scattering, of the species with most, per channel.
+
+        None with ``scattering="none"``.
+        """
+        known = () if self.scattering == "none" else self.opacity
+        parts = [own.albedo(bands.frequencies, bands.constants) for own in known]
+        return np.asarray(np.max([np.zeros(len(bands.frequencies)), *parts], axis=0))
+
     def tuned(self, bands: Bands) -> SpectralMedium:
         densities = (InCgs.of(d, "g / cm3", "density", bands.volume) for d in self.density)
         kappa = []
         for own in self.opacity:
             absorbed = own.absorption(bands.frequencies, bands.constants)
-            lost = own.scattering(bands.frequencies, bands.constants) if self.scattering else 0.0
-            kappa.append([absorbed * bands.length, (absorbed + lost) * bands.length])
+            lost = absorbed
+            if self.scattering is True:
+                lost = own.extinction(bands.frequencies, bands.constants)
+            kappa.append([absorbed * bands.length, lost * bands.length])
         return (
             super()
             .tuned(bands)
@@ -130,7 +150,7 @@ class Dust(SpectralMedium):
             for c, bright in enumerate(emission[own]):
                 absorbed = rho * kappa[0][c]
                 j[c] = j[c] + absorbed * bright
-                alpha[c] = alpha[c] + (rho * kappa[1][c] if self.scattering else absorbed)
+                alpha[c] = alpha[c] + (rho * kappa[1][c] if self.scattering is True else absorbed)
         return MediumSample(j, alpha)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
@@ -144,6 +164,14 @@ class Dust(SpectralMedium):
                 j[c] = rho * kappa[0, c] * bright + j[c]
                 alpha[c] = rho * kappa[1, c] + alpha[c]
         return MediumSample(j, alpha)
+
+
+def _is_without_scattering(volume: Any) -> bool:
+    """Return whether a volume is a model of RADMC-3D whose settings leave scattering out."""
+    folder = getattr(volume, "meta", {}).get("radmc3d")
+    settings = {} if folder is None else model_of(volume, "vm.Dust(volume)").settings
+    mode = settings.get("scattering_mode_max", settings.get("scattering_mode", ""))
+    return str(mode) in ("0", "0.0")
 
 
 def _of_model(volume: Any, temperature: Any, opacity: Any) -> tuple[list[str], Any, Any]:

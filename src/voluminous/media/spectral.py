@@ -57,7 +57,8 @@ class Bands:
     constants : Constants
     volume : Volume
     extremes : callable
-        Returns the least and largest value of an expression in the volume.
+        Returns the least and largest value of an expression in the volume, or bounds of them; of
+        cells with ``in_cells=True``.
     once : bool
         They are drawn once: kernels and tables are not kept.
     """
@@ -67,7 +68,7 @@ class Bands:
     hottest: float
     constants: Constants
     volume: Volume
-    extremes: Callable[[Expression], tuple[float, float]]
+    extremes: Callable[..., tuple[float, float]]
     once: bool = False
 
     @property
@@ -371,15 +372,28 @@ def occupation(x: Float) -> Float:
 
 
 def hottest(medium: Medium, bands: Bands) -> float | None:
-    """Return the highest temperature in a volume of what emits; None if it is not known."""
-    found = [
-        q.extremes(bands)[1]
-        for part in medium.components()
-        if isinstance(part, SpectralMedium)
-        for q in part.temperatures(bands.volume)
-    ]
-    found = [t for t in found if math.isfinite(t) and t > 0.0]
-    return max(found, default=None)
+    """Return the highest temperature in a volume of what emits; None if it is not known.
+
+    Raises
+    ------
+    InputError
+        If one is below 0 K.
+    """
+    found = []
+    for part in medium.components():
+        if not isinstance(part, SpectralMedium):
+            continue
+        for q in part.temperatures(bands.volume):
+            low, high = q.extremes(bands)
+            if low < 0.0:  # a bound, unless it is in a cell
+                low = q.factor * bands.extremes(q.expr, in_cells=True)[0]
+            if low < 0.0:
+                raise InputError(
+                    f"temperatures are 0 K or more, but {q.expr.text!r} of {part.kind} is down to "
+                    f"{low:.6g} K: correct the field, or write max({q.expr.text}, 0)"
+                )
+            found.append(high)
+    return max((t for t in found if math.isfinite(t) and t > 0.0), default=None)
 
 
 # --- the arguments of media -----------------------------------------------------------------------
@@ -387,12 +401,15 @@ def hottest(medium: Medium, bands: Bands) -> float | None:
 
 def given_field(value: Any, what: str) -> Any:
     """Return an argument that is a field, an expression, a number or a quantity."""
-    if isinstance(value, (Expression, Real)) and not isinstance(value, bool):
+    if isinstance(value, Expression):
         return value
     if isinstance(value, str):
         return Expression(value)
     value = as_given(value, what)
-    if is_quantity(value) and np.ndim(value.value) == 0:
+    number = isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
+    if number or (is_quantity(value) and np.ndim(value.value) == 0):
+        if np.asarray(getattr(value, "value", value)) < 0.0:
+            raise InputError(f"{what} must not be negative, got {value}")
         return value
     raise InputError(
         f"{what} must be the name of a field, an expression, a number or a quantity (of several "

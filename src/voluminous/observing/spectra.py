@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from ..errors import InputError
 from ..geometry import CARTESIAN
 from ..image.spectrum import Spectrum
 from ..objects import SceneObject, Stars
+from ..physics.constants import constants_named
 from ..progress import Progress, with_progress
 from ..units import as_given, parse_unit, plain, radians
-from .cubes import observe
-from .light import check_distance, model_stars
+from .cells import JANSKY, beside_cells
+from .cubes import at_frequencies, bands_of, observe, warn_of_scattering
+from .light import check_distance, model_background, model_stars
 from .rings import Rings
 
 if TYPE_CHECKING:
@@ -30,7 +33,6 @@ _FIRST, _FINEST = 64, 1024
 # How a frame around a volume is turned. Along the edges of a box rows of pixels are inside or not;
 # at the angle of the golden ratio a box face-on changes by 7e-5 from 128 to 256 pixels, not 6e-3.
 _TURNED = math.degrees(math.atan(0.5 * (math.sqrt(5.0) - 1.0)))
-_FLUX = "erg / (s cm2 Hz)"
 # Fluxes in the wings of a line, as a part of the largest, from which on the tolerance is relative.
 _WINGS = 1e-2
 # Rings within the innermost wall of a grid.
@@ -43,8 +45,8 @@ def spectrum(
     medium: Medium,
     camera: Any = None,
     *,
-    incl: Any = 0.0,
-    phi: Any = 0.0,
+    incl: Any = None,
+    phi: Any = None,
     wavelengths: Any = None,
     frequencies: Any = None,
     velocities: Any = None,
@@ -64,13 +66,13 @@ def spectrum(
         As in `observe`.
     camera : Orthographic, optional
         The flux is that of this picture. Default: of the whole volume, or the aperture.
-    incl, phi : float or Quantity
-        Instead of a camera, as in `Orthographic`.
+    incl, phi : float or Quantity, optional
+        Instead of a camera, as in `Orthographic`. Default: 0.
     aperture : Quantity, optional
         Radius of a circle around the volume's centre (of spherical grids the origin): an angle, for
         which the distance is needed, or a length.
     distance : Quantity
-        Of the observer. Default: 1 pc.
+        Of the observer, such as ``140 * u.pc``: without it there is no flux.
     tolerance : float or None
         Error allowed in each flux: the picture is drawn again with more pixels, until fluxes change
         by no more than this fraction (of velocities, of a hundredth of the largest at least: wings
@@ -88,17 +90,19 @@ def spectrum(
     Returns
     -------
     Spectrum
-        Fluxes in erg/s/cm²/Hz: intensity times solid angle, summed.
+        Flux densities in Jy, as `Cube.total` has them: intensity times solid angle, summed.
 
     Warns
     -----
     UserWarning
-        If the finest picture does not keep the tolerance; it says by how much fluxes changed.
+        If the finest picture does not keep the tolerance; it says by how much fluxes changed. And
+        as in `observe`.
 
     Raises
     ------
     InputError, UnitsError
-        As in `observe`; if the camera is not at infinity, or an angle is given without a distance.
+        As in `observe`; if there is no distance, the camera is not at infinity, or angles are given
+        besides it.
 
     Notes
     -----
@@ -114,20 +118,36 @@ def spectrum(
     >>> sed = vm.spectrum(core, dust, wavelengths=[350, 870] * u.micron, distance=140 * u.pc)
     """
     given = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
+    quiet = options.pop("_quiet", False)
     check_distance(distance, volume)
+    if distance is None:
+        raise InputError(
+            "a flux needs the distance of the observer: distance=140 * u.pc; intensities, which "
+            "need none, are those of vm.observe"
+        )
     away = _distance(distance)
     if camera is None:
-        camera = _first_camera(volume, incl, phi, aperture, away)
+        tilt, turn = (0.0 if angle is None else angle for angle in (incl, phi))
+        camera = _first_camera(volume, tilt, turn, aperture, away)
+    elif incl is not None or phi is not None:
+        raise InputError(
+            f"give a camera, which has its angles, or incl= and phi=; got both: {camera!r} and "
+            f"incl={incl!r}, phi={phi!r}"
+        )
     elif aperture is not None or not isinstance(camera, Orthographic):
         raise InputError(
             "a spectrum is of a circle (aperture=) or of the picture of a vm.Orthographic; give "
             f"one of them, got {type(camera).__name__}"
         )
-    if distance is None and _is_angle(aperture):
-        raise InputError(f"an aperture of {aperture} needs the distance: distance=140 * u.pc")
     things = model_stars(volume) if objects is None else objects
     things = [things] if isinstance(things, SceneObject) else list(things)
-    options |= {"tolerance": tolerance, "progress": progress, **given}
+    options |= {
+        "tolerance": tolerance,
+        "progress": progress,
+        "_quiet": True,
+        "distance": away,
+        **given,
+    }
     cubes: list[Cube] = []
     stars = np.zeros(1)
     if isinstance(camera, Rings):
@@ -147,13 +167,35 @@ def spectrum(
         total = _converged(flux, camera, _method(volume, camera), tolerance, least)
     centimetres = 1.0 if volume.unit is None else float(volume.unit.to("cm"))
     (cube,) = cubes
+    told = {} if quiet else _remarks(volume, medium, camera, cube, total, things, aperture, options)
     return Spectrum(
         cube.spectral,
-        (total + stars) * (centimetres / away) ** 2,
-        unit=_FLUX,
+        (total + stars) * ((centimetres / away) ** 2 / JANSKY),
+        unit="Jy",
         distance=away,
-        provenance=cube.provenance,
+        provenance={**(cube.provenance or {}), **told},
     )
+
+
+def _remarks(
+    volume: Volume,
+    medium: Medium,
+    camera: Orthographic,
+    cube: Cube,
+    total: np.ndarray,
+    things: Sequence[SceneObject],
+    aperture: Any,
+    options: dict[str, Any],
+) -> dict[str, Any]:
+    """Warn as `observe` does, but once, and return what the provenance tells of cells."""
+    constants = constants_named(options.get("constants", "codata"))
+    bands = bands_of(volume, medium, cube.spectral.frequencies, constants)
+    tuned, behind = at_frequencies(medium, bands), options.get("background")
+    warn_of_scattering(tuned, bands, stacklevel=5)
+    behind = model_background(volume) if behind is None else behind
+    if things or aperture is not None or not (isinstance(behind, Real) and behind == 0.0):
+        return {}
+    return beside_cells(cube, total, tuned, bands, camera, options, stacklevel=5)
 
 
 def _method(volume: Volume, camera: Orthographic) -> str | None:
@@ -217,8 +259,6 @@ def _areas(camera: Orthographic, cube: Cube) -> Any:
 
 def _distance(distance: Any) -> float:
     """Return a distance in cm; plain numbers are in cm, too."""
-    if distance is None:
-        return float(parse_unit("pc").to("cm"))
     away = float(plain(as_given(distance, "distance", "140 pc"), parse_unit("cm"), "distance"))
     if not 0.0 < away < np.inf:
         raise InputError(f"distance must be positive and finite, got {distance!r}")

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..packages import room
 from ..units import as_given, is_listed, is_quantity, shown
 from ..value import Value
-from .constants import CODATA, Constants, Reals, constants_named, in_unit
+from .constants import CODATA, Constants, Reals, check_temperatures, constants_named, in_unit
 from .opacity import listed
 
 Indices = NDArray[np.int64]
@@ -153,6 +153,7 @@ class Molecule(Value):
         """
         constants = constants_named(constants)
         t = in_unit(temperature, "K", "temperature")
+        check_temperatures(t)
         if self.partition is not None:
             return np.asarray(np.interp(t, *self.partition))
         if constants.name == "radmc3d":

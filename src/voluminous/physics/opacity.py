@@ -123,6 +123,11 @@ class Opacity(Value):
         """Return the sum of absorption and scattering in cm²/g at frequencies (in Hz)."""
         return self.absorption(frequency, constants) + self.scattering(frequency, constants)
 
+    def albedo(self, frequency: Any, constants: str | Constants = CODATA) -> Reals:
+        """Return the part of the extinction that is scattering, from 0 to 1; 0 where it is none."""
+        lost = self.extinction(frequency, constants)
+        return self.scattering(frequency, constants) / np.where(lost > 0.0, lost, 1.0)
+
     def asymmetry(self, frequency: Any) -> Reals:
         """Return the mean cosine of the scattering angle: linear in log ν, constant beyond."""
         nu = CODATA.opacity_c / (MICRON * self.wavelengths)

@@ -14,7 +14,7 @@ from ...units import as_given, as_quantity, is_quantity, parse_unit, plain
 from ..arguments import known_unit
 from ..beam import sky_matrix
 from ..lengths import bar_length, labelled, number_text, readable, with_unit
-from ..sky import is_linear, label_axes, plain_axes
+from ..sky import is_linear, label_axes, plain_axes, plane_factor
 from ..tone import finite
 from .sheet import LINE, NUMBERS
 
@@ -176,7 +176,10 @@ def scale_bar_of(
         return None if is_wide(image) else bar_length(_PART * across, image.unit, shown)
     given = as_given(wanted, "scale_bar", "100 au")
     if is_quantity(given):
-        length = finite(plain(given, parse_unit(image.unit), "scale_bar"), "scale_bar")
+        own = parse_unit(image.unit)
+        factor = None if own is None else plane_factor(image, given.unit, own)  # of angles, too
+        length = plain(given, own, "scale_bar") if factor is None else factor * given.value
+        length = finite(length, "scale_bar")
         # Keep the unit that the user chose.
         text = with_unit(float(given.value), readable(1.0, str(given.unit))[1])
     else:
