@@ -493,3 +493,23 @@ def test_a_scale_bar_of_a_given_length(length):
     for wrong, told in (("1e9 au", "length up to"), ("long", "such as '100 au'"), ("3 K", "K")):
         with pytest.raises(vm.VoluminousError, match=told):
             cube.plot(channels=0, scale_bar=wrong)
+
+
+@pytest.mark.parametrize(
+    ("use", "told"),
+    [
+        (lambda cube: cube.total(beam=1 * u.arcsec), "per beam"),
+        (lambda cube: cube.to("K", beam=1 * u.arcsec), "per beam"),
+        (lambda cube: cube.moment(True), "0, 1 or 2"),
+        (lambda cube: cube.moment(1.5), "0, 1 or 2"),
+        (lambda cube: cube.position_velocity((0, 0), (500, 0), width=[1, 2]), "one number"),
+        (lambda cube: cube.position_velocity((0, 0), (500, 0), width=1e9), "at most"),
+        (lambda cube: cube.position_velocity((1e6, 0), (1e6 + 100, 0)), "does not meet"),
+        (lambda cube: cube.spectrum_at([0, 1], 0), "one number"),
+        (lambda cube: cube.spectrum_at("one", 0, pixel=True), "x must be"),
+        (lambda cube: cube.plot(channels=0, colorbar="left"), "True or False"),
+    ],
+)
+def test_arguments_are_obeyed_or_refused(use, told):
+    with pytest.raises(vm.VoluminousError, match=told):
+        use(gaussian())

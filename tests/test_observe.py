@@ -29,11 +29,37 @@ CO = vm.Molecule("CO", 28.0, [0.0, 3.845], [1, 3], "01", [1], [0], [7.203e-8], [
         (lambda: vm.observe(CORE, DUST, CAMERA, wavelengths=870, distance=140), "140 [*] u.pc"),
         (lambda: vm.spectrum(CORE, DUST, wavelengths=870, distance=140), "140 [*] u.pc"),
         (lambda: vm.Dust("density", [12, 13] * u.K, KAPPA), "of several species a list"),
+        (lambda: vm.Dust([], [], []), "there are 0 densities"),
+        (lambda: vm.Lines("density", CO, temperature=12, populations=3), "populations are"),
+        (lambda: vm.FreeFree("density", temperature=8e3, charge=-1), "charge of ions"),
+        (lambda: vm.FreeFree("density", temperature=8e3, charge=0 * u.K), "charge"),
+        (lambda: vm.Opacity([1, 2], [1, 2], [1, 2], asymmetry=[0.5, 2]), "1 at most"),
+        (lambda: vm.Opacity.power_law(3.5, 870, "steep"), "beta"),
+        (lambda: vm.observe(CORE, DUST, CAMERA, wavelengths=870, objects=3), "objects is a list"),
+        (lambda: vm.observe(CORE, DUST, CAMERA, wavelengths=870, background=-1), "negative"),
+        (lambda: vm.spectrum(3, DUST, wavelengths=870, distance="1 pc"), "needs a vm.Volume"),
+        (
+            lambda: vm.spectrum(CORE, DUST, wavelengths=870, distance=[1, 2] * u.pc),
+            "distance must be positive",
+        ),
+        (
+            lambda: vm.spectrum(
+                CORE, DUST, wavelengths=870, aperture=[1, 2] * u.arcsec, distance="1 pc"
+            ),
+            "one circle",
+        ),
     ],
 )
 def test_refusals_say_what_to_give(make, told):
     with pytest.raises(vm.InputError, match=told):
         make()
+
+
+@pytest.mark.parametrize("verb", [vm.observe, vm.spectrum])
+@pytest.mark.parametrize("option", ["resolution", "posang", "tolernace", "width"])
+def test_unknown_options_are_named(verb, option):
+    with pytest.raises(vm.errors.UnknownNameError, match=option):
+        verb(CORE, DUST, CAMERA, wavelengths=870, distance=140 * u.pc, **{option: 3})
 
 
 def test_a_spectral_function_returns_a_pair():
@@ -217,3 +243,22 @@ def test_pictures_that_agree_with_their_cells_say_nothing(recwarn):
         cube = vm.observe(volume, medium, camera, wavelengths=1000.0, **more)
         assert "cells" not in cube.provenance
     assert not [one for one in recwarn if "cells" in str(one.message)]
+
+
+def test_what_is_given_beside_a_model_is_obeyed():
+    """Zero is a number, and a temperature that is given is not that of the model."""
+    model = vm.Volume(CORE.grid)
+    for name in ("numberdens_CO", "gas_temperature", "microturbulence", "electron_numdens"):
+        model[name] = np.ones(CORE.grid.shape)
+    for axis in "xyz":
+        model[f"gas_velocity_{axis}"] = np.ones(CORE.grid.shape)
+    gas = vm.Lines(model, CO, temperature=0.0, turbulence=0.0)
+    assert (gas.temperature, gas.turbulence, gas.velocity) == (0.0, 0.0, "gas_velocity")
+    ionised = vm.FreeFree(model, 2.0, 8000.0)
+    assert (ionised.electrons.text, ionised.ions, ionised.temperature) == (
+        "electron_numdens",
+        2.0,
+        8000.0,
+    )
+    with pytest.raises(vm.InputError, match="no ion_numdens"):
+        vm.FreeFree(model)

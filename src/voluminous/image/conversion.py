@@ -89,6 +89,10 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
     from astropy import units as u
 
     target = u.dimensionless_unscaled if target is None else target
+    if beam is not None and u.beam not in (*own.decompose().bases, *target.decompose().bases):
+        raise UnitsError(
+            f"beam= is for units per beam, but it is from {own} to {target}: leave it out"
+        )
     if own.is_equivalent(target):  # both units are per beam, or neither is
         return float(own.to(target))
     message = f"intensities in {own} cannot be converted to {target or 'no unit'}"

@@ -37,14 +37,21 @@ def cut(cube: Cube, points: Any, width: Any) -> Image:
         raise InputError("a cut needs two channels or more that are evenly spaced")
     step = float(np.abs(cube.pixel_size).min())
     wide = 0.0 if width is None else float(on_plane(cube, width, "width"))
-    if not 0.0 <= wide < np.inf:
-        raise InputError(f"width must be one positive length, got {shown(width)}")
+    left, right, bottom, top = cube.extent
+    most = abs(right - left) + abs(top - bottom)
+    if not 0.0 <= wide <= most:
+        raise InputError(
+            f"width must be a positive length, at most {most:.6g} {cube.unit}, which is more than "
+            f"the cube, got {shown(width)}"
+        )
     count = int(lengths.sum() / step + _ROUNDING)
     if not count:
         raise InputError(f"the path is shorter than a pixel, got {shown(points)}")
     offsets = step * (np.arange(count, dtype=np.float64) + 0.5)
     columns, rows, weights = _samples(cube, corners, lengths, offsets, wide)
     values = _weighted(cube, columns, rows, weights, len(offsets))
+    if np.isnan(values).all() and not np.isnan(cube.intensity).all():
+        raise InputError(f"the path does not meet the cube, got {shown(points)}")
     wcs = _wcs(cube, step, (len(offsets), cube.channels))
     how = {"path": corners.tolist(), "width": wide, "unit": cube.unit}
     return Image(

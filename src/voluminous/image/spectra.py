@@ -40,7 +40,7 @@ def image_of(cube: Cube, values: Array, unit: Any, **how: Any) -> Image:
 
 def moment(cube: Cube, order: int, threshold: Any = None) -> Image:
     """Return a moment; see `Cube.moment`."""
-    if order not in (0, 1, 2):
+    if isinstance(order, (bool, float)) or order not in (0, 1, 2):
         raise InputError(f"the order of a moment is 0, 1 or 2, got {order!r}")
     velocities, widths = cube.spectral.velocities, _widths(cube)
     # Close to the middle of the band, differences lose no digits.
@@ -177,7 +177,7 @@ def channel_maps(cube: Cube, count: int | None) -> Cube:
 def spectrum_at(cube: Cube, x: Any, y: Any, pixel: bool) -> Spectrum:
     """Return the spectrum of one pixel; see `Cube.spectrum_at`."""
     if pixel:
-        column, row = x, y
+        column, row = (plain(value, None, name) for value, name in ((x, "x"), (y, "y")))
     else:
         column, row = (_nearest(cube, value, axis) for axis, value in enumerate((x, y)))
     ny, nx, _ = cube.shape
@@ -205,10 +205,13 @@ def _nearest(cube: Cube, value: Any, axis: int) -> int:
 
 
 def on_plane(cube: Cube, value: Any, what: str) -> Any:
-    """Return places along x or y in the unit of the image plane, also of angles."""
+    """Return a place along x or y in the unit of the image plane, also of an angle."""
     given, own = unit_of(value), parse_unit(cube.unit)
     factor = None if given is None or own is None else plane_factor(cube, given, own)
-    return plain(value, own, what) if factor is None else factor * plain(value, given, what)
+    found = plain(value, own, what) if factor is None else factor * plain(value, given, what)
+    if np.ndim(found):
+        raise InputError(f"{what} must be one number, got {shown(value)}")
+    return found
 
 
 def _edges(cube: Cube) -> str:

@@ -78,7 +78,7 @@ class Dust(SpectralMedium):
         self.opacity = tuple(opacity) if isinstance(opacity, (list, tuple)) else (opacity,)
         count = len(rows[0])
         rows[1] = rows[1] * count if len(rows[1]) == 1 else rows[1]
-        if len(rows[1]) != count or len(self.opacity) != count:
+        if not count or len(rows[1]) != count or len(self.opacity) != count:
             raise InputError(
                 f"there are {count} densities of dust, {len(rows[1])} temperatures and "
                 f"{len(self.opacity)} opacities; give one of each for every species"

@@ -10,9 +10,10 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..units import plain
 from .context import Context, MediumSample
 from .contract import Medium
 from .spectral import Bands, InCgs, Planck, SpectralMedium, given_field
@@ -72,18 +73,25 @@ class FreeFree(SpectralMedium):
         gaunt: str | None = None,
     ) -> None:
         if hasattr(electrons, "grid"):
-            names = ("electron_numdens", "ion_numdens", "gas_temperature")
-            if missing := [name for name in names if name not in electrons.fields]:
-                raise InputError(f"the volume has no {', '.join(missing)}, for free-free emission")
-            electrons, ions, temperature = names
+            names = {
+                "electron_numdens": None,
+                "ion_numdens": ions,
+                "gas_temperature": temperature,
+            }
+            lacking = [n for n, v in names.items() if v is None and n not in electrons.fields]
+            if lacking:
+                raise InputError(f"the volume has no {', '.join(lacking)}, for free-free emission")
+            electrons, ions, temperature = (n if v is None else v for n, v in names.items())
         if temperature is None:
             raise InputError("free-free emission needs the temperature of the gas: temperature='T'")
-        if gaunt is not None and gaunt not in _GAUNT:
-            raise unknown_name("Gaunt factor", gaunt, _GAUNT)
+        if gaunt is not None:
+            check_name("Gaunt factor", gaunt, _GAUNT)
         self.electrons = given_field(electrons, "electrons")
         self.ions = self.electrons if ions is None else given_field(ions, "ions")
         self.temperature = given_field(temperature, "temperature")
-        self.charge, self.gaunt = float(charge), gaunt
+        self.charge, self.gaunt = plain(charge, None, "charge"), gaunt
+        if not (isinstance(self.charge, float) and 0.0 < self.charge < math.inf):
+            raise InputError(f"the charge of ions must be a positive number, got {charge!r}")
         self._fields: tuple[InCgs, ...] = ()
         self._planck: Planck | None = None
         self._absorbs = self._exponent = self._gaunt = np.zeros(0)

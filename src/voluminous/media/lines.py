@@ -135,12 +135,12 @@ class Lines(SpectralMedium):
                 density, molecule = f"numberdens_{molecule}", known[molecule]
             else:
                 density = f"numberdens_{molecule.name}"
-            given = {
-                "temperature": temperature or _in(volume, "gas_temperature"),
-                "velocity": velocity or ("gas_velocity" if _has_velocity(volume) else None),
-                "turbulence": turbulence or _in(volume, "microturbulence"),
-            }
-            temperature, velocity, turbulence = given.values()
+            if temperature is None:
+                temperature = _in(volume, "gas_temperature")
+            if velocity is None and _has_velocity(volume):
+                velocity = "gas_velocity"
+            if turbulence is None:
+                turbulence = _in(volume, "microturbulence")
         if not hasattr(molecule, "einstein_a"):
             raise InputError(
                 f"lines need a vm.Molecule, such as vm.Molecule.open('co.dat'), got {molecule!r}"
@@ -149,6 +149,11 @@ class Lines(SpectralMedium):
         if not (velocity is None or isinstance(velocity, str) or is_vector):
             raise InputError(
                 f"velocity must be a vector's name or three of x, y, z, got {velocity!r}"
+            )
+        if not (populations is None or isinstance(populations, (str, list, tuple))):
+            raise InputError(
+                "populations are the stem of fields' names, or an expression for each level, got "
+                f"{populations!r}"
             )
         if temperature is None:
             raise InputError("lines need the temperature of the gas: temperature='T'")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, MemoryNeededError
+from ..errors import InputError, MemoryNeededError, check_name
 from ..expressions import Expression, IntervalOps
 from ..image import Image
 from ..image.cube import Cube
@@ -19,7 +20,6 @@ from ..media.contract import Medium
 from ..media.lines import Lines
 from ..media.spectral import Bands, SpectralMedium, hottest
 from ..media.sum import with_each
-from ..objects import SceneObject
 from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
 from ..rendering import render
@@ -36,7 +36,7 @@ from .light import (
     intensities,
     lit,
     model_background,
-    model_stars,
+    scene_objects,
     with_room_for,
 )
 
@@ -135,13 +135,7 @@ def observe(
     >>> vm.observe(core, dust, wavelengths=[870.0, 1300.0]).shape
     (400, 400, 2)
     """
-    if not isinstance(volume, Volume):
-        raise InputError(f"observe needs a vm.Volume first, got {type(volume).__name__}")
-    if not isinstance(medium, Medium):
-        raise InputError(
-            "observe needs a medium (vm.Dust, vm.Lines, vm.FreeFree, …) second, got "
-            f"{type(medium).__name__}"
-        )
+    check_arguments("observe", volume, medium, options)
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
     check_distance(distance, volume)
     if memory is not None:
@@ -149,8 +143,7 @@ def observe(
         volume = Outline.of(volume)
         options["memory"] = memory
     known = constants_named(constants)
-    things = model_stars(volume) if objects is None else objects
-    things = [things] if isinstance(things, SceneObject) else list(things)
+    things = scene_objects(objects, volume)
     behind = model_background(volume) if background is None else background
     moving = any(
         isinstance(part, Lines) and part.velocity is not None for part in medium.components()
@@ -199,6 +192,19 @@ def observe(
     given = {**options, "memory": memory}
     told = beside_cells(cube, total, tuned, bands, camera, given, stacklevel=4)
     return cube.replace(provenance={**(cube.provenance or {}), **told}) if told else cube
+
+
+def check_arguments(verb: str, volume: Any, medium: Any, options: Iterable[str]) -> None:
+    """Refuse what is no volume or medium, and options that `render` does not have."""
+    if not isinstance(volume, Volume):
+        raise InputError(f"{verb} needs a vm.Volume first, got {type(volume).__name__}")
+    if not isinstance(medium, Medium):
+        raise InputError(
+            f"{verb} needs a medium (vm.Dust, vm.Lines, vm.FreeFree, …) second, got "
+            f"{type(medium).__name__}"
+        )
+    for name in options:
+        check_name("option", name, inspect.signature(render).parameters)
 
 
 def warn_of_scattering(medium: Medium, bands: Bands, stacklevel: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from ..errors import InputError
 from ..objects import SceneObject, Stars
 from ..objects.values import is_spectrum
 from ..packages import room
-from ..units import is_quantity, parse_unit, plain, unit_of
+from ..units import is_quantity, parse_unit, plain, shown, unit_of
 
 if TYPE_CHECKING:
     from ..media.spectral import Bands
@@ -40,6 +41,16 @@ def model_stars(volume: Volume) -> list[SceneObject]:
             points=True,
         )
     ]
+
+
+def scene_objects(objects: Any, volume: Volume) -> list[SceneObject]:
+    """Return what is drawn besides the medium: by default the stars of the volume's model."""
+    things = model_stars(volume) if objects is None else objects
+    if isinstance(things, SceneObject):
+        return [things]
+    if not isinstance(things, Iterable):
+        raise InputError(f"objects is a list of stars, spheres, lines …, got {things!r}")
+    return list(things)
 
 
 def model_background(volume: Volume) -> Any:
@@ -110,6 +121,8 @@ def intensities(light: Any, bands: Bands) -> np.ndarray:
             f"expected an intensity, or {len(bands.unit)} (one per frequency), got shape "
             f"{found.shape}"
         )
+    if np.any(found < 0.0):
+        raise InputError(f"an intensity must not be negative, got {shown(light)}")
     return np.asarray(found / bands.unit)
 
 

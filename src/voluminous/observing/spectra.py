@@ -19,8 +19,8 @@ from ..physics.constants import constants_named
 from ..progress import Progress, with_progress
 from ..units import as_given, parse_unit, plain, radians
 from .cells import JANSKY, beside_cells
-from .cubes import at_frequencies, bands_of, observe, warn_of_scattering
-from .light import check_distance, model_background, model_stars
+from .cubes import at_frequencies, bands_of, check_arguments, observe, warn_of_scattering
+from .light import check_distance, model_background, scene_objects
 from .rings import Rings
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ def spectrum(
     """
     given = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
     quiet = options.pop("_quiet", False)
+    check_arguments("spectrum", volume, medium, set(options) - {"constants"})
     check_distance(distance, volume)
     if distance is None:
         raise InputError(
@@ -139,8 +140,7 @@ def spectrum(
             "a spectrum is of a circle (aperture=) or of the picture of a vm.Orthographic; give "
             f"one of them, got {type(camera).__name__}"
         )
-    things = model_stars(volume) if objects is None else objects
-    things = [things] if isinstance(things, SceneObject) else list(things)
+    things = scene_objects(objects, volume)
     options |= {
         "tolerance": tolerance,
         "progress": progress,
@@ -259,10 +259,10 @@ def _areas(camera: Orthographic, cube: Cube) -> Any:
 
 def _distance(distance: Any) -> float:
     """Return a distance in cm; plain numbers are in cm, too."""
-    away = float(plain(as_given(distance, "distance", "140 pc"), parse_unit("cm"), "distance"))
-    if not 0.0 < away < np.inf:
+    away = plain(as_given(distance, "distance", "140 pc"), parse_unit("cm"), "distance")
+    if np.ndim(away) or not 0.0 < away < np.inf:
         raise InputError(f"distance must be positive and finite, got {distance!r}")
-    return away
+    return float(away)
 
 
 def _first_camera(volume: Volume, incl: Any, phi: Any, aperture: Any, away: float) -> Orthographic:
@@ -296,6 +296,8 @@ def _is_angle(aperture: Any) -> bool:
 def _aperture(aperture: Any, away: float, unit: Any) -> float:
     """Return the radius of an aperture in the grid's unit."""
     given = as_given(aperture, "aperture", "2 arcsec")
+    if np.ndim(getattr(given, "value", given)):
+        raise InputError(f"an aperture is the radius of one circle, got {aperture!r}")
     if _is_angle(given):
         centimetres = away * float(radians(given, "aperture"))
         radius = centimetres if unit is None else centimetres / float(unit.to("cm"))

@@ -92,11 +92,12 @@ class Opacity(Value):
         for label, given in columns.items():
             unit = None if label == "asymmetry" else _CM2_G
             row = np.zeros(len(waves)) if given is None else listed(given, unit, f"{what}: {label}")
-            low = -1.0 if label == "asymmetry" else 0.0
-            if row.shape != waves.shape or not np.all(np.isfinite(row) & (row >= low)):
+            low, high = (-1.0, 1.0) if label == "asymmetry" else (0.0, np.finfo(float).max)
+            if row.shape != waves.shape or not np.all((row >= low) & (row <= high)):
                 raise InputError(
-                    f"{what}: {label} must be one finite number, {low:g} or more, for each of the "
-                    f"{len(waves)} wavelengths, got {shown(given)}"
+                    f"{what}: {label} must be one finite number, {low:g} or more"
+                    f"{' and 1 at most' * (high == 1.0)}, for each of the {len(waves)} "
+                    f"wavelengths, got {shown(given)}"
                 )
             rows[label] = row[order]
         self.name = str(name)
@@ -217,12 +218,13 @@ class Opacity(Value):
         """
         (at,) = listed([wavelength], "micron", "wavelength").tolist()
         (value,) = listed([kappa], _CM2_G, "kappa").tolist()
+        (beta,) = listed([beta], None, "beta").tolist()
         if not (at > 0.0 and value >= 0.0 and np.isfinite(beta)):
             raise InputError(
                 f"expected a positive wavelength, an opacity and an index, got {wavelength!r}, "
                 f"{kappa!r}, {beta!r}"
             )
-        return cls(_POWER_LAW, value * (_POWER_LAW / at) ** -float(beta), name=name)
+        return cls(_POWER_LAW, value * (_POWER_LAW / at) ** -beta, name=name)
 
     @classmethod
     def published(cls, name: str) -> Opacity:
