@@ -507,7 +507,6 @@ def test_a_scale_bar_of_a_given_length(length):
         (lambda cube: cube.position_velocity((1e6, 0), (1e6 + 100, 0)), "does not meet"),
         (lambda cube: cube.spectrum_at([0, 1], 0), "one number"),
         (lambda cube: cube.spectrum_at("one", 0, pixel=True), "x must be"),
-        (lambda cube: cube.plot(channels=0, colorbar="left"), "True or False"),
     ],
 )
 def test_arguments_are_obeyed_or_refused(use, told):

@@ -193,6 +193,28 @@ def test_thin_free_free_is_as_bright_as_its_cells(kind, unit, gaunt):
         np.testing.assert_allclose(total, cells, rtol=1e-2)
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("plain", None, "T"),
+        ("n", 1e3 / u.cm**3, "T"),
+        ("plain", "2 * n", 8000 * u.K),
+        ("n * hot", None, "n * hot * T / (n * hot)"),  # nothing in a vacuum
+    ],
+)
+def test_free_free_of_fields_with_units_and_without(given):
+    """Also where the temperature is 0/0, which is where nothing shines."""
+    volume = ionised("cartesian")
+    volume["plain"] = volume.array("n")
+    camera, medium = vm.Orthographic(57, 33, resolution=64), vm.FreeFree(*given)
+    cells, found = (
+        vm.observe(volume, medium, camera, frequencies=[5e9, 1e12], scheme=scheme)
+        for scheme in ("first-order", "post-classified")
+    )
+    totals = [cube.intensity.sum((0, 1), float) for cube in (found, cells)]
+    np.testing.assert_allclose(*totals, rtol=2e-3)  # pixels are a quarter of cells
+
+
 def test_free_free_in_pieces_and_of_formulas():
     """Products are computed chunk by chunk; formulas of coordinates are exact along the ray."""
     volume = ionised("cartesian")

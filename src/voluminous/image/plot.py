@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-
-from ..errors import InputError
 from ..figures import add_color_bar, new_figure
 from .lengths import labelled, pretty_unit, round_length, with_unit
 from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
@@ -30,8 +27,6 @@ def plot(
     from matplotlib.ticker import AutoLocator
 
     check_options("display option", options, OPTIONS)
-    if not isinstance(colorbar, (bool, np.bool_)):
-        raise InputError(f"colorbar is True or False, got {colorbar!r}")
     axes = new_axes(image) if ax is None else ax
     wcs, extent = image.wcs, image.extent
     labels = [labelled(name, image.unit) for name in "xy"]

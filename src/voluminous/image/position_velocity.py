@@ -40,10 +40,7 @@ def cut(cube: Cube, points: Any, width: Any) -> Image:
     left, right, bottom, top = cube.extent
     most = abs(right - left) + abs(top - bottom)
     if not 0.0 <= wide <= most:
-        raise InputError(
-            f"width must be a positive length, at most {most:.6g} {cube.unit}, which is more than "
-            f"the cube, got {shown(width)}"
-        )
+        raise InputError(f"width must be a positive length, at most {most:.6g}, got {shown(width)}")
     count = int(lengths.sum() / step + _ROUNDING)
     if not count:
         raise InputError(f"the path is shorter than a pixel, got {shown(points)}")

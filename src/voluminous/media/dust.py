@@ -104,14 +104,12 @@ class Dust(SpectralMedium):
     def heat(self) -> Sequence[InCgs]:
         return [temperature for _, temperature in self._fields]
 
-    def albedo(self, bands: Bands) -> np.ndarray:
-        """Return the part of extinction that is scattering, of the species with most, per channel.
-
-        None with ``scattering="none"``.
-        """
-        known = () if self.scattering == "none" else self.opacity
+    def albedo(self) -> np.ndarray:
+        """Return the albedo of the species with the highest per channel; 0 if meant to be none."""
+        bands, known = self.bands, () if self.scattering == "none" else self.opacity
+        assert bands is not None
         parts = [own.albedo(bands.frequencies, bands.constants) for own in known]
-        return np.asarray(np.max([np.zeros(len(bands.frequencies)), *parts], axis=0))
+        return np.asarray(np.max([np.zeros(self.channels), *parts], axis=0))
 
     def tuned(self, bands: Bands) -> SpectralMedium:
         densities = (InCgs.of(d, "g / cm3", "density", bands.volume) for d in self.density)

@@ -73,11 +73,7 @@ class FreeFree(SpectralMedium):
         gaunt: str | None = None,
     ) -> None:
         if hasattr(electrons, "grid"):
-            names = {
-                "electron_numdens": None,
-                "ion_numdens": ions,
-                "gas_temperature": temperature,
-            }
+            names = {"electron_numdens": None, "ion_numdens": ions, "gas_temperature": temperature}
             lacking = [n for n, v in names.items() if v is None and n not in electrons.fields]
             if lacking:
                 raise InputError(f"the volume has no {', '.join(lacking)}, for free-free emission")
@@ -115,21 +111,20 @@ class FreeFree(SpectralMedium):
             return self
         given = (self.electrons, self.ions, self.temperature)
         electrons, ions, warm = (f"({Expression(value).text})" for value in given)
-        dense, warm_too = (
-            [text for text in some if volume.expression_unit(Expression(text)) is not None]
-            for some in ((electrons, ions), (warm,))
-        )
-        low, high = own[2].extremes(bands)
-        if warm_too:  # what has no unit is in CGS units already
-            warm = f"({warm} / (1 K))"
-        pairs = f"{electrons} * {ions}"
-        weight = f"where({pairs} > 0, {pairs} * {warm} ** -0.5, 0)"
-        unit = ("", "1 / cm3", "1 / cm6")[len(dense)]
-        product = InCgs.of(f"cellwise({weight})", unit, "n_e n_i", volume)
-        mean = f"cellwise({weight} * {warm}) / cellwise({weight})"
-        temperature = InCgs.of(f"clip({mean}, {low!r}, {high!r})", "", "temperature", volume)
-        if not own[2].expr.names:
-            temperature = own[2]
+        # What has no unit is in CGS units already.
+        known = [volume.expression_unit(Expression(e)) is not None for e in (electrons, ions, warm)]
+        warm = f"({warm} / (1 K))" if known[2] else warm
+        pairs, unit = f"{electrons} * {ions}", ("", "1 / cm3", "1 / cm6")[known[0] + known[1]]
+        weights = [
+            f"cellwise(where({pairs} > 0 and {warm} > 0, {pairs} * {warm} ** {power}, 0))"
+            for power in (-0.5, 0.5)
+        ]
+        product = InCgs.of(weights[0], unit, "n_e n_i", volume)
+        temperature = own[2]
+        if temperature.expr.names:
+            low, high = temperature.extremes(bands)
+            mean = f"clip({weights[1]} / {weights[0]}, {low!r}, {high!r})"
+            temperature = InCgs.of(mean, "", "temperature", volume)
         medium = self.changed(_fields=(product, temperature), _interpolated=True)
         return medium.at_frequencies(bands)
 

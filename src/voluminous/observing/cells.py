@@ -1,4 +1,4 @@
-"""The light of all cells of a thin medium, beside that of its picture."""
+"""What is told beside a picture: light that is scattered, and the light of all cells."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..backend import get_backend
 from ..cameras import Orthographic
+from ..media import Dust
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
 from ..rendering.sources.channel_layout import PerChannel, blocks_of
@@ -17,101 +18,94 @@ from .rings import Rings
 
 if TYPE_CHECKING:
     from ..image.cube import Cube
-    from ..media.contract import Medium
-    from ..media.spectral import Bands
 
-# An optical depth that takes less than 5 % of the light; and the difference that is told.
-_THIN, _DIFFERENCE = 0.1, 0.01
-# The part of the light that may come from outside of the frame.
-_OUTSIDE = 1e-3
-# Options with which not all cells are in memory, or others are drawn.
+# What scatters less changes the light of dust by less than 1 % where no star shines on it:
+# S = (1 - ω) B + ω J with J up to B (Rybicki & Lightman 1979, section 1.7).
+_LEAST_ALBEDO = 0.01
+# An optical depth that takes up to 5 % of the light, the difference that is told, and the part of
+# the light that may come from beside the frame.
+_THIN, _DIFFERENCE, _BESIDE = 0.1, 0.01, 1e-3
+# Options with which cells are not in memory, or others are drawn.
 _OTHERS = ("memory", "executor", "checkpoint", "level", "view")
 # In erg/s/cm²/Hz.
 JANSKY = 1e-23
 
 
+def warn_of_scattering(medium: Any, stacklevel: int) -> None:
+    """Warn if dust scatters light at the frequencies of a medium: it is not in the picture."""
+    for part in medium.components():
+        albedo = part.albedo() if isinstance(part, Dust) else np.zeros(1)
+        if albedo.max() <= _LEAST_ALBEDO:
+            continue
+        constants, nu = part.bands.constants, part.bands.frequencies[albedo.argmax()]
+        warnings.warn(
+            f"dust has an albedo of {albedo.max():.2g} at {1e4 * constants.c / nu:.4g} micron, and "
+            "light that is scattered into the line of sight is not computed: take RADMC-3D for "
+            "it, or say vm.Dust(…, scattering='none') where it does not matter",
+            stacklevel=stacklevel,
+        )
+        return
+
+
 def beside_cells(
-    cube: Cube,
-    total: np.ndarray,
-    medium: Medium,
-    bands: Bands,
-    camera: Any,
-    options: Mapping[str, Any],
-    stacklevel: int,
+    cube: Cube, total: np.ndarray, medium: Any, camera: Any, options: Mapping[str, Any], level: int
 ) -> dict[str, Any]:
     """Return the light of cells where a thin picture has another, for its provenance, and warn.
 
-    Parameters
-    ----------
-    total : array, shape (channel,)
-        Of the picture, the sum of intensities times areas of pixels, in erg/s/Hz/sr but for the
-        volume's unit of length, squared.
-    options : dict
-        Of `render`: of parts of a volume, and of coarser levels, nothing is told.
-
-    Notes
-    -----
-    Where the optical depth τ is small the light is ∫ j dV, less by τ/2 at most. It is compared in
-    channels with τ < 0.1 of pictures that show all of a volume in memory, from infinity; not of
-    moving lines, of which a channel shows few cells.
+    `total` are sums of intensities times areas of pixels, in the volume's unit of length; `options`
+    those of `render`; `level` is the warning's. Where the optical depth τ is small the light is
+    ∫ j dV, less by τ/2 at most. It is compared in pictures of all of a volume in memory, from
+    infinity; not of moving lines, of which a channel shows few cells.
     """
-    camera = first_camera(bands.volume) if camera is None else camera
-    clear = cube.transparency  # of very many channels there is none
-    others = any(options.get(name) is not None for name in _OTHERS)
+    clear, others = cube.transparency, any(options.get(name) is not None for name in _OTHERS)
+    camera = first_camera(medium.components()[0].bands.volume) if camera is None else camera
+    # Of very many channels there is no transparency.
     if clear is None or others or medium.sight or not isinstance(camera, Orthographic):
         return {}
     depth = -np.log(np.maximum(np.min(clear, axis=(0, 1)), 1e-30)) + np.zeros(len(total))
-    thin = depth < _THIN
-    if not thin.any():
+    if not (depth < _THIN).any():
         return {}
-    light, outside = _light_of_cells(medium, bands, camera)
-    thin &= (light > 0.0) & (outside <= _OUTSIDE * light)
+    light, beside = _light_of_cells(medium, camera)
+    thin = (depth < _THIN) & (light > 0.0) & (beside <= _BESIDE * light)
     ratio = np.where(thin, total, 1.0) / np.where(thin, light, 1.0)
-    # What is absorbed is no difference.
-    off = np.maximum(ratio - 1.0, 1.0 - 0.5 * depth - ratio) * thin
+    off = np.maximum(ratio - 1.0, 1.0 - 0.5 * depth - ratio) * thin  # not what is absorbed
     if not off.max() > _DIFFERENCE:
         return {}
-    factor, unit = bands.length**2, "erg / (s Hz sr)"
+    centimetres = medium.components()[0].bands.length
+    factor, unit = centimetres**2, "erg / (s Hz sr)"
     if cube.distance is not None:
-        factor, unit = factor / cube.distance**2 / JANSKY, "Jy"
+        factor, unit = (centimetres / cube.distance) ** 2 / JANSKY, "Jy"
     worst = int(off.argmax())
     warnings.warn(
         f"the picture has {factor * total[worst]:.4g} {unit} at "
         f"{cube.spectral.wavelengths[worst]:.5g} micron, its cells have "
-        f"{factor * light[worst]:.4g}, though the medium is thin: fields are interpolated between "
-        "cells before they are multiplied, or pixels miss cells (antialias='adaptive'). "
-        "scheme='first-order' draws cells as they are; an expression cellwise(a * b) is "
-        "interpolated as one field, as in temperature='cellwise(density * T) / density'",
-        stacklevel=stacklevel,
+        f"{factor * light[worst]:.4g}, though the medium is thin: fields are interpolated before "
+        "they are multiplied, or pixels miss cells (antialias='adaptive'). scheme='first-order' "
+        "draws cells as they are; cellwise(a * b) is interpolated as one field, as in "
+        "temperature='cellwise(density * T) / density'",
+        stacklevel=level,
     )
     told = [float(factor * v) if t else None for v, t in zip(light, thin, strict=True)]
     return {"cells": {"light": told, "unit": unit}}
 
 
-def _light_of_cells(
-    medium: Medium, bands: Bands, camera: Orthographic
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return Σ j V per channel, and the part of it from cells beside the frame."""
-    volume = bands.volume.seen_by(camera)
-    grid, backend = volume.grid, get_backend("auto", "single")
-    frame = None if isinstance(camera, Rings) else camera.frame(grid)
+def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
+    """Return Σ j V per channel, and that of cells beside the frame, shape (2, channel)."""
+    bands = medium.components()[0].bands
+    grid, backend = bands.volume.grid, get_backend("auto", "single")
     sums = np.zeros((2, medium.channels))
-    for block in blocks_of(medium.channels):
-        part = medium.block(block.start, block.stop)
-        evaluator = CellEvaluator(volume, part, PerChannel(part), backend)
+    for block in blocks_of(medium.channels):  # the last may overlap
+        part, own = medium.block(block.start, block.stop), np.zeros((2, block.stop - block.start))
+        evaluator = CellEvaluator(bands.volume, part, PerChannel(part), backend)
         for first in range(0, grid.size, SLAB):
             last = min(first + SLAB, grid.size)
-            values, _ = evaluator.classify(first, last - first)
-            bright = np.nan_to_num([np.array(v) for v in values[: part.channels]])
-            light = bright * grid.cell_volumes.reshape(-1)[first:last] / grid.scale
+            values = evaluator.classify(first, last - first)[0][: part.channels]
+            light = np.nan_to_num(values) * grid.cell_volumes.reshape(-1)[first:last] / grid.scale
             beside = np.zeros(last - first, bool)
-            if frame is not None:
-                u, v, _ = camera.project(grid.cell_centers(first, last), grid)
-                place = np.abs(np.stack([u, v]) - np.array(frame.shift)[:, None])
-                beside = (place > 0.5 * np.array(frame.width)[:, None]).any(axis=0)
-            sums[:, block] = sums[:, block] * (first > 0) + [
-                light.sum(axis=1),
-                light[:, beside].sum(axis=1),
-            ]
-    light, outside = sums * bands.unit
-    return light, outside
+            if not isinstance(camera, Rings):
+                frame, place = camera.frame(grid), grid.cell_centers(first, last)
+                away = np.abs(np.stack(camera.project(place, grid)[:2]).T - frame.shift)
+                beside = (away > 0.5 * np.array(frame.width)).any(axis=1)
+            own += [light.sum(axis=1), light[:, beside].sum(axis=1)]
+        sums[:, block] = own
+    return np.asarray(sums * bands.unit)

@@ -15,7 +15,6 @@ from ..expressions import Expression, IntervalOps
 from ..image import Image
 from ..image.cube import Cube
 from ..image.spectral_axis import SpectralAxis
-from ..media import Dust
 from ..media.contract import Medium
 from ..media.lines import Lines
 from ..media.spectral import Bands, SpectralMedium, hottest
@@ -29,7 +28,7 @@ from ..rendering.outline import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..units import unit_of
 from ..volume import Volume
-from .cells import beside_cells
+from .cells import beside_cells, warn_of_scattering
 from .light import (
     INTENSITY,
     check_distance,
@@ -47,9 +46,6 @@ if TYPE_CHECKING:
 _TOGETHER = 64
 # Groups of so few are not made smaller.
 _FEWEST = 8
-# What scatters less changes the light of dust by less than 1 % where no star shines on it:
-# S = (1 - ω) B + ω J with J up to B (Rybicki & Lightman 1979, section 1.7).
-_LEAST_ALBEDO = 0.01
 # The name of a field that is computed chunk by chunk for its range.
 _VALUE = "value in a cell"
 # Values between cells, as a part of the largest in a cell.
@@ -123,9 +119,8 @@ def observe(
     Warns
     -----
     UserWarning
-        If dust scatters light at the frequencies, which is not computed; if an optically thin
-        picture of all of a volume in memory has 1 % more or less light than the cells, which is
-        then in its provenance; if no channel is near a line.
+        If dust scatters light at the frequencies; if an optically thin picture of all of a volume
+        in memory has 1 % more or less light than its cells, which is then in the provenance.
 
     Examples
     --------
@@ -155,7 +150,7 @@ def observe(
     tuned, count = at_frequencies(medium, bands), len(axis)
     _warn_of_lines(tuned, bands)
     if not _quiet:
-        warn_of_scattering(tuned, bands, stacklevel=4)
+        warn_of_scattering(tuned, stacklevel=4)
     together = count if memory is not None or count <= _TOGETHER else _group(count)
     report, light = reporter(), intensities(behind, bands)
 
@@ -189,8 +184,7 @@ def observe(
     if _quiet or things or np.any(light):
         return cube
     total = cube.intensity.sum(axis=(0, 1), dtype=np.float64) * cube.pixel_area
-    given = {**options, "memory": memory}
-    told = beside_cells(cube, total, tuned, bands, camera, given, stacklevel=4)
+    told = beside_cells(cube, total, tuned, camera, {**options, "memory": memory}, 4)
     return cube.replace(provenance={**(cube.provenance or {}), **told}) if told else cube
 
 
@@ -205,22 +199,6 @@ def check_arguments(verb: str, volume: Any, medium: Any, options: Iterable[str])
         )
     for name in options:
         check_name("option", name, inspect.signature(render).parameters)
-
-
-def warn_of_scattering(medium: Medium, bands: Bands, stacklevel: int) -> None:
-    """Warn if dust scatters light at the frequencies: what is scattered is not in the picture."""
-    parts = [part.albedo(bands) for part in medium.components() if isinstance(part, Dust)]
-    albedo = np.max([np.zeros(len(bands.frequencies)), *parts], axis=0)
-    most = int(albedo.argmax())
-    if albedo[most] > _LEAST_ALBEDO:
-        warnings.warn(
-            f"dust has an albedo of {albedo[most]:.2g} at "
-            f"{1e4 * bands.constants.c / bands.frequencies[most]:.4g} micron, and light that is "
-            "scattered into the line of sight is not computed: only emission is shown, and stars "
-            "behind dust. Take RADMC-3D for scattered light; where it does not matter, say "
-            "vm.Dust(…, scattering='none')",
-            stacklevel=stacklevel,
-        )
 
 
 def _warn_of_lines(medium: Medium, bands: Bands) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,11 +14,10 @@ from ..errors import InputError
 from ..geometry import CARTESIAN
 from ..image.spectrum import Spectrum
 from ..objects import SceneObject, Stars
-from ..physics.constants import constants_named
 from ..progress import Progress, with_progress
 from ..units import as_given, parse_unit, plain, radians
-from .cells import JANSKY, beside_cells
-from .cubes import at_frequencies, bands_of, check_arguments, observe, warn_of_scattering
+from .cells import JANSKY, beside_cells, warn_of_scattering
+from .cubes import check_arguments, observe, tuned
 from .light import check_distance, model_background, scene_objects
 from .rings import Rings
 
@@ -167,7 +165,14 @@ def spectrum(
         total = _converged(flux, camera, _method(volume, camera), tolerance, least)
     centimetres = 1.0 if volume.unit is None else float(volume.unit.to("cm"))
     (cube,) = cubes
-    told = {} if quiet else _remarks(volume, medium, camera, cube, total, things, aperture, options)
+    told: dict[str, Any] = {}
+    if not quiet:
+        how = {"frequencies": cube.spectral.frequencies}
+        bright = tuned(volume, medium, constants=options.get("constants", "codata"), **how)
+        warn_of_scattering(bright, stacklevel=4)
+        dark = options.get("background") is None and not np.any(model_background(volume))
+        if dark and not things and aperture is None:
+            told = beside_cells(cube, total, bright, camera, options, 4)
     return Spectrum(
         cube.spectral,
         (total + stars) * ((centimetres / away) ** 2 / JANSKY),
@@ -175,27 +180,6 @@ def spectrum(
         distance=away,
         provenance={**(cube.provenance or {}), **told},
     )
-
-
-def _remarks(
-    volume: Volume,
-    medium: Medium,
-    camera: Orthographic,
-    cube: Cube,
-    total: np.ndarray,
-    things: Sequence[SceneObject],
-    aperture: Any,
-    options: dict[str, Any],
-) -> dict[str, Any]:
-    """Warn as `observe` does, but once, and return what the provenance tells of cells."""
-    constants = constants_named(options.get("constants", "codata"))
-    bands = bands_of(volume, medium, cube.spectral.frequencies, constants)
-    tuned, behind = at_frequencies(medium, bands), options.get("background")
-    warn_of_scattering(tuned, bands, stacklevel=5)
-    behind = model_background(volume) if behind is None else behind
-    if things or aperture is not None or not (isinstance(behind, Real) and behind == 0.0):
-        return {}
-    return beside_cells(cube, total, tuned, bands, camera, options, stacklevel=5)
 
 
 def _method(volume: Volume, camera: Orthographic) -> str | None:

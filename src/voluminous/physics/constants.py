@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, check_name
+from ..errors import check_name
 from ..units import as_quantity, is_quantity, plain
 
 Reals = NDArray[np.float64]
@@ -61,24 +61,12 @@ class Constants:
         Returns
         -------
         numpy.ndarray
-            In erg / (s cm2 Hz sr); 0 where the frequency is not positive, and at 0 K.
-
-        Raises
-        ------
-        InputError
-            If a temperature is below 0 K.
+            In erg / (s cm2 Hz sr); 0 where the frequency or the temperature is not positive.
         """
         nu, t = in_unit(frequency, "Hz", "frequency"), in_unit(temperature, "K", "temperature")
-        check_temperatures(t)
         with np.errstate(all="ignore"):  # both ends are limits: exp overflows, 0 / 0
             value = self.planck_factor * nu**3 / np.expm1(self.planck_exponent * nu / t)
         return np.where((nu > 0.0) & (t > 0.0), value, 0.0)
-
-
-def check_temperatures(kelvin: Reals) -> None:
-    """Refuse temperatures below 0 K; NaN is none."""
-    if np.any(kelvin < 0.0):
-        raise InputError(f"temperatures are 0 K or more, got {np.nanmin(kelvin):.6g} K")
 
 
 def in_unit(values: Any, unit: str | None, what: str) -> Reals:

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..packages import room
 from ..units import as_given, is_listed, is_quantity, shown
 from ..value import Value
-from .constants import CODATA, Constants, Reals, check_temperatures, constants_named, in_unit
+from .constants import CODATA, Constants, Reals, constants_named, in_unit
 from .opacity import listed
 
 Indices = NDArray[np.int64]
@@ -153,7 +153,8 @@ class Molecule(Value):
         """
         constants = constants_named(constants)
         t = in_unit(temperature, "K", "temperature")
-        check_temperatures(t)
+        if np.any(t < 0.0):
+            raise InputError(f"temperatures are 0 K or more, got {np.nanmin(t):.6g} K")
         if self.partition is not None:
             return np.asarray(np.interp(t, *self.partition))
         if constants.name == "radmc3d":
