@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from os import PathLike
 from typing import Any
@@ -92,7 +93,7 @@ class Opacity(Value):
         for label, given in columns.items():
             unit = None if label == "asymmetry" else _CM2_G
             row = np.zeros(len(waves)) if given is None else listed(given, unit, f"{what}: {label}")
-            low, high = (-1.0, 1.0) if label == "asymmetry" else (0.0, np.finfo(float).max)
+            low, high = (-1.0, 1.0) if label == "asymmetry" else (0.0, sys.float_info.max)
             if row.shape != waves.shape or not np.all((row >= low) & (row <= high)):
                 raise InputError(
                     f"{what}: {label} must be one finite number, {low:g} or more"
