@@ -139,13 +139,8 @@ def spectrum(
             f"one of them, got {type(camera).__name__}"
         )
     things = scene_objects(objects, volume)
-    options |= {
-        "tolerance": tolerance,
-        "progress": progress,
-        "_quiet": True,
-        "distance": away,
-        **given,
-    }
+    options |= {"tolerance": tolerance, "progress": progress, **given}
+    options |= {"distance": away, "_quiet": True}
     cubes: list[Cube] = []
     stars = np.zeros(1)
     if isinstance(camera, Rings):

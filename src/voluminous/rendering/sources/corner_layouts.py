@@ -12,7 +12,6 @@ import numpy as np
 from ...backend import Backend, dr
 from ...backend.types import Int, Mask
 from ...errors import InputError
-from ...expressions import derived_field
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
@@ -32,6 +31,9 @@ _LARGEST_QUADS = 1 << 29
 # Number of fields whose values at tree corners are computed at once: four take 0.4 of the time of
 # four computed one by one.
 _FIELDS = 4
+
+# How names of fields begin whose integral is to be the sum over cells.
+KEEPS_SUMS = "cellwise("
 
 # Corners of a dual cell: values[x][y][z].
 Corners = list[list[list[Any]]]
@@ -240,12 +242,6 @@ def make_faces(padded: np.ndarray, backend: Backend, unit: float) -> FacePackets
     return FacePackets(data, unit, dr.opaque(UInt, plane), backend.packet(4))
 
 
-def keeps_sums(name: str) -> bool:
-    """Return whether a field is interpolated so that its integral is the sum over cells."""
-    derived = derived_field(name)
-    return derived is not None and derived.operation == "cellwise"
-
-
 def get_lattices(evaluator: CellEvaluator, cache: Cache) -> dict[str, Any]:
     """Return all fields in the layouts that rays gather; cached with the volume."""
     volume, backend = evaluator.volume, evaluator.backend
@@ -254,7 +250,7 @@ def get_lattices(evaluator: CellEvaluator, cache: Cache) -> dict[str, Any]:
     found = {name: cache.get(key) for name, key in keys.items()}
     lacking = [name for name in names if found[name] is None]
     arrays = [volume.array(name) for name in lacking]
-    made = volume.grid.lattice(arrays, backend, list(map(keeps_sums, lacking)))
+    made = volume.grid.lattice(arrays, backend, [n.startswith(KEEPS_SUMS) for n in lacking])
     for name, lattice in zip(lacking, made, strict=True):
         found[name] = cache.put(keys[name], lattice)
     return found

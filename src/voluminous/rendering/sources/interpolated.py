@@ -26,10 +26,10 @@ from ..cache import Cache
 from .cells import CellEvaluator, along_sight, ray_coordinates
 from .channel_layout import PerChannel, some_channels
 from .corner_layouts import (
+    KEEPS_SUMS,
     Corners,
     FieldLattice,
     get_lattices,
-    keeps_sums,
     lattices_of_leaves,
     make_nodes,
 )
@@ -195,7 +195,7 @@ class Interpolated:
         """Return the source in some leaves of a tree, given their values and those of ghosts."""
         part, units = copy.copy(self), [lattice.unit for lattice in self.lattices.values()]
         arrays = [fields[name] for name in self.lattices]
-        sums = list(map(keeps_sums, self.lattices))
+        sums = [name.startswith(KEEPS_SUMS) for name in self.lattices]
         made = lattices_of_leaves(leaves, arrays, units, self.backend, sums)
         part.lattices = dict(zip(self.lattices, made, strict=True))
         return part
