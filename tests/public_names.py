@@ -96,7 +96,7 @@ CALLS = {
     "Stars": (vm.Stars, {"positions": [[0, 0, 0]], "radii": 0.1}),
     "Table": (
         vm.Table,
-        {**WITH, "values": [0, 1], "colors": [1, 2], "opacities": [0, 1]},
+        {"expr": "a", "values": [0, 1], "colors": [1, 2], "opacities": [0, 1]},
     ),
     "Volume": (vm.Volume, {"grid": VOLUME.grid, "fields": {"a": np.zeros((4, 4, 4))}}),
     "channels": (vm.channels, {"first": -1, "last": 1, "count": 3}),

@@ -37,7 +37,7 @@ def tried(name, strange):
     taken, needed = parameters(call)
     raw = []
     for argument in taken:
-        if argument in ELSEWHERE:
+        if argument in ELSEWHERE or argument.startswith("_"):
             continue
         for value in strange:
             others = {one: value for one in needed if one not in given}

@@ -130,7 +130,7 @@ def parse_unit(unit: Any) -> Any:
     if unit is None or (isinstance(unit, str) and unit == ""):
         return None
     try:
-        if not isinstance(unit, complex):
+        if not isinstance(unit, (complex, tuple)):
             return _known_unit(unit)
         raise TypeError
     except (TypeError, OverflowError):  # lists and the like cannot be looked up

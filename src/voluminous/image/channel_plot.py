@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, check_flag
 from ..figures import new_figure
 from ..units import UnitLike
 from .beam import SIGMA, beam_in_pixels, sky_matrix
@@ -78,6 +78,7 @@ def plot_maps(
     corner.set(xlabel=names[0], ylabel=names[1])
     _draw_beam(corner, shown, extent)
     add_scale_bar(panels[-1], shown, extent, scale_bar)
+    check_flag("colorbar", colorbar)
     if colorbar and drawn is not None:
         unit_text = labelled("intensity", pretty_unit(shown.intensity_unit))
         figure = panels[0].get_figure()

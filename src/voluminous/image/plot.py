@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, cast
 
+from ..errors import check_flag
 from ..figures import add_color_bar, new_figure
 from .lengths import labelled, pretty_unit, round_length, with_unit
 from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
@@ -49,6 +50,7 @@ def plot(
             axes.set_anchor("W")
     else:
         drawn = axes.imshow(image.to_rgb(**options), **place)
+    check_flag("colorbar", colorbar)
     if colorbar:
         add_bars(axes, image, options, drawn, own=ax is None)
     if on_sky:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, check_flag
 from ..figures import new_figure
+from ..units import is_listed
 from .cube import Cube
 from .image import Image
 from .plot import add_bars, new_axes
@@ -78,6 +79,9 @@ def plot_row(
     UnitsError
         If an image cannot be converted to the unit of the first.
     """
+    if not is_listed(images):
+        raise InputError(f"plot_row draws a list of images, got {images!r}")
+    check_flag("colorbar", colorbar)
     shown = _in_one_unit(list(images), unit)
     check_options("display option", options, OPTIONS)
     if not any(options.get(name) is not None for name in ("channels", "mix", "colormap")):
@@ -97,6 +101,8 @@ def plot_row(
         _, brightest = mixed_channels(together.intensity, channels, mix)
         common["exposure"] = automatic_exposure(brightest)
     axes = _axes(shown, ax)
+    if not is_listed(titles):
+        raise InputError(f"titles are a list of texts, got {titles!r}")
     names = list(titles) or [""] * len(shown)
     if len(names) != len(shown):
         raise InputError(f"titles must be one for each of {len(shown)} images, got {len(names)}")

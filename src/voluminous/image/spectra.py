@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, UnitsError
+from ..errors import InputError, UnitsError, check_flag
 from ..units import is_count, parse_unit, plain, shown, unit_of
 from .conversion import conversion, rows_of
 from .image import Image
@@ -40,7 +40,7 @@ def image_of(cube: Cube, values: Array, unit: Any, **how: Any) -> Image:
 
 def moment(cube: Cube, order: int, threshold: Any = None) -> Image:
     """Return a moment; see `Cube.moment`."""
-    if isinstance(order, (bool, float)) or order not in (0, 1, 2):
+    if type(order) not in (int, np.int64) or order not in (0, 1, 2):
         raise InputError(f"the order of a moment is 0, 1 or 2, got {order!r}")
     velocities, widths = cube.spectral.velocities, _widths(cube)
     # Close to the middle of the band, differences lose no digits.
@@ -89,7 +89,7 @@ def _widths(cube: Cube) -> Axis:
 
 def subtract_continuum(cube: Cube, channels: Any, order: int) -> Cube:
     """Return the cube without its continuum; see `Cube.subtract_continuum`."""
-    if order not in (0, 1):
+    if type(order) not in (int, np.int64) or order not in (0, 1):
         raise InputError(f"order must be 0 (a mean) or 1 (a straight line), got {order!r}")
     free = _chosen(cube.channels, channels)
     if len(free) <= order:
@@ -176,11 +176,14 @@ def channel_maps(cube: Cube, count: int | None) -> Cube:
 
 def spectrum_at(cube: Cube, x: Any, y: Any, pixel: bool) -> Spectrum:
     """Return the spectrum of one pixel; see `Cube.spectrum_at`."""
+    check_flag("pixel", pixel)
     if pixel:
         column, row = (plain(value, None, name) for value, name in ((x, "x"), (y, "y")))
     else:
         column, row = (_nearest(cube, value, axis) for axis, value in enumerate((x, y)))
     ny, nx, _ = cube.shape
+    if np.ndim(column) or np.ndim(row):
+        raise InputError(f"x and y are one number each, got {shown(x)} and {shown(y)}")
     if not (0 <= column < nx and 0 <= row < ny and int(column) == column and int(row) == row):
         raise InputError(
             f"there is no pixel at ({shown(x)}, {shown(y)}): the cube has {nx} x {ny} pixels, from "

@@ -60,7 +60,7 @@ class Dust(SpectralMedium):
         *,
         scattering: bool | str = False,
     ) -> None:
-        if not (isinstance(scattering, (bool, np.bool_)) or scattering == "none"):
+        if not isinstance(scattering, (bool, np.bool_)) and repr(scattering) != "'none'":
             raise InputError(
                 "light that is scattered is not computed yet: scattering is 'none', False, or True "
                 f"if it dims, got {scattering!r}; RADMC-3D has more"

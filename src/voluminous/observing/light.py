@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from ..errors import InputError
 from ..objects import SceneObject, Stars
 from ..objects.values import is_spectrum
 from ..packages import room
-from ..units import is_quantity, parse_unit, plain, shown, unit_of
+from ..units import is_listed, is_quantity, parse_unit, plain, shown, unit_of
 
 if TYPE_CHECKING:
     from ..media.spectral import Bands
@@ -48,7 +47,7 @@ def scene_objects(objects: Any, volume: Volume) -> list[SceneObject]:
     things = model_stars(volume) if objects is None else objects
     if isinstance(things, SceneObject):
         return [things]
-    if not isinstance(things, Iterable):
+    if not is_listed(things):
         raise InputError(f"objects is a list of stars, spheres, lines …, got {things!r}")
     return list(things)
 
@@ -88,7 +87,7 @@ def check_distance(distance: Any, volume: Volume) -> None:
         return
     width = float(np.ptp(volume.grid.bounds, axis=1).max())
     width *= 1.0 if volume.unit is None else float(volume.unit.to("cm"))
-    if 0.0 < float(distance) < _NEAREST * width:
+    if 0.0 < distance < _NEAREST * width:  # type: ignore[operator]
         raise InputError(
             f"plain numbers are centimetres: the observer is {distance} cm from a volume of "
             f"{width:.2g} cm; give distance={distance} * u.pc"

@@ -15,7 +15,7 @@ from ..geometry import CARTESIAN
 from ..image.spectrum import Spectrum
 from ..objects import SceneObject, Stars
 from ..progress import Progress, with_progress
-from ..units import as_given, parse_unit, plain, radians
+from ..units import as_given, is_listed, parse_unit, plain, radians
 from .cells import JANSKY, beside_cells, warn_of_scattering
 from .cubes import check_arguments, observe, tuned
 from .light import check_distance, model_background, scene_objects
@@ -275,7 +275,7 @@ def _is_angle(aperture: Any) -> bool:
 def _aperture(aperture: Any, away: float, unit: Any) -> float:
     """Return the radius of an aperture in the grid's unit."""
     given = as_given(aperture, "aperture", "2 arcsec")
-    if np.ndim(getattr(given, "value", given)):
+    if is_listed(getattr(given, "value", given)) or isinstance(given, range):
         raise InputError(f"an aperture is the radius of one circle, got {aperture!r}")
     if _is_angle(given):
         centimetres = away * float(radians(given, "aperture"))

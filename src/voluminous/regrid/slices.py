@@ -281,6 +281,7 @@ def _size(
         corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1).T - middle
         return 2 * float(np.abs(corners @ right).max()), 2 * float(np.abs(corners @ up).max())
     size = np.asarray(plain(width, grid.unit, "width"))
+    size = np.where(size < 1e300, size, np.inf)
     if size.shape not in ((), (2,)) or not np.all(np.isfinite(size)) or size.min() <= 0:
         raise InputError(f"width must be a positive number or a pair of them, got {width!r}")
     w, h = np.broadcast_to(size, (2,)).tolist()
