@@ -14,6 +14,7 @@ from scipy.spatial import Voronoi, cKDTree
 
 import voluminous as vm
 from voluminous.backend import dr, from_host
+from voluminous.backend.functions import loop
 from voluminous.errors import InputError
 from voluminous.grids.box_walk import BoxWalk, make_axis
 from voluminous.grids.contract import CellBox, Grid, Segment
@@ -223,7 +224,7 @@ class VoronoiWalk(BoxWalk):
 
         start = dr.gather(UInt, self.first, cell, active)
         state = Search(start, self._square(cell, place, active), cell)
-        (state,) = dr.while_loop((state,), unsure, nearer, label="nearest point")
+        (state,) = loop((state,), unsure, nearer, label="nearest point")
         return state.cell
 
     def _square(self, cell: Any, place: list[Any], active: Any) -> Any:
@@ -255,7 +256,7 @@ class VoronoiWalk(BoxWalk):
 
         start = dr.gather(UInt, self.first, cursor.cell, active)
         state = Search(start, Wide(dr.inf) + 0 * track.entry, cursor.cell)
-        (state,) = dr.while_loop((state,), left, look, label="planes ahead")
+        (state,) = loop((state,), left, look, label="planes ahead")
         wall = dr.maximum(self.backend.Float(state.best), cursor.t)
         t = dr.minimum(wall, track.leave)
         segment = Segment(cursor.cell, t - cursor.t, cursor.t, t, active, None)

@@ -60,7 +60,15 @@ def test_branches_of_schemes_and_media_can_be_differentiated():
     source = ROOT / "src/voluminous"
     files = [path for room in ("schemes", "media") for path in (source / room).glob("*.py")]
     assert files
-    assert not [path.name for path in files if "dr.if_stmt" in path.read_text(encoding="utf-8")]
+    assert not [path.name for path in files if "if_else" in path.read_text(encoding="utf-8")]
+
+
+def test_loops_and_branches_of_kernels_raise_what_was_raised_in_them():
+    """Those of Dr.Jit turn Ctrl-C into a RuntimeError."""
+    sources = [*(ROOT / "src/voluminous").rglob("*.py"), *(ROOT / "examples").rglob("*.py")]
+    raw = re.compile(r"dr\.(while_loop|if_stmt)\(")
+    assert len(sources) > 100
+    assert not [path for path in sources if raw.search(path.read_text(encoding="utf-8"))]
 
 
 @pytest.mark.parametrize("name", [n for n in vm.__all__ if n != "__version__"])

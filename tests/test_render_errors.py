@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import sys
 
 import numpy as np
 import pytest
 
 import voluminous as vm
+from voluminous.media import Medium
 
 GRID = vm.CartesianGrid.uniform((3, 4, 5), (-1, 1))
 CAMERA = vm.Orthographic(30, 40, resolution=8)
@@ -143,6 +146,111 @@ def test_functions_that_return_something_else(volume, function, told):
 def test_functions_that_fail_raise_their_own_error(volume):
     medium = vm.Medium.from_function(lambda d: 1 / 0, ["density"], channels=1)
     refused(ZeroDivisionError, "division", volume, medium, CAMERA)
+
+
+class Fails(Medium):
+    """A medium whose coefficients cannot be traced."""
+
+    channels, grey, names = 1, True, ("density",)
+
+    def __init__(self, error):
+        self.error = error
+
+    def ranges(self, fields, context):
+        return MEDIUM.ranges(fields, context)
+
+    def coefficients(self, fields, context):
+        raise self.error
+
+    def key(self):
+        return None
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt, SystemExit, MemoryError, vm.InputError, RuntimeError]
+)
+def test_what_is_raised_while_a_kernel_is_traced_is_raised(volume, scheme, error):
+    """Dr.Jit wraps it in a RuntimeError for each loop that is being recorded."""
+    raised, cause = error("stop"), OSError("why")
+    raised.__cause__ = cause
+    with pytest.raises(error, match="stop") as caught:
+        vm.render(volume, Fails(raised), CAMERA, scheme=scheme)
+    assert caught.value is raised
+    assert raised.__cause__ is cause
+
+
+SHELL = vm.Gaussian("density", 0.5, 0.1, (1, 0.5, 0.2), 0.5, 0.1)
+POINTS = np.random.default_rng(2).random((60, 3))
+CURVED = vm.SphericalGrid(np.linspace(0.2, 1, 5), np.linspace(0, 3, 5), np.linspace(0, 6, 5))
+VERBS = {
+    "render": lambda v: vm.render(v, SHELL, CAMERA).intensity,
+    "second order": lambda v: vm.render(v, MEDIUM, CAMERA, scheme="second-order").intensity,
+    "bounds": lambda v: vm.render(v, SHELL, CAMERA, bounds=True).upper,
+    "in pieces": lambda v: vm.render(v, SHELL, CAMERA, memory="1 GiB").intensity,
+    "fluxes": lambda v: vm.render(v, MEDIUM, CAMERA, antialias="radmc3d").intensity,
+    "column": lambda v: vm.column(v, "density", CAMERA).intensity,
+    "exact column": lambda v: vm.column(v, "density", CAMERA, method="exact").intensity,
+    "maximum": lambda v: vm.project(v, "density", CAMERA, "max").intensity,
+    "probe": lambda v: np.array([vm.probe(v, MEDIUM, CAMERA, (4, 4)).tau]),
+}
+KINDS = {
+    "uniform": lambda: filled(vm.CartesianGrid.uniform(6, (0, 1))),
+    "particles": lambda: vm.Volume.from_particles(POINTS, np.ones(60), unit="pc"),
+    "spherical": lambda: filled(CURVED),
+}
+
+
+def filled(grid):
+    return vm.Volume(grid, density=np.random.default_rng(1).random(grid.shape) + 0.1)
+
+
+@contextlib.contextmanager
+def interrupted(moment=sys.maxsize):
+    """Press Ctrl-C when a number of functions have been called; count them."""
+    calls = [0]
+
+    def profile(frame, event, argument):
+        # What a generator that is closed raises is lost in Python.
+        calls[0] += event == "call" and frame.f_code.co_name != "<genexpr>"
+        if calls[0] == moment:
+            sys.setprofile(None)
+            raise KeyboardInterrupt
+
+    sys.setprofile(profile)
+    try:
+        yield calls
+    finally:
+        sys.setprofile(None)
+
+
+def check_interrupts(verb, kind, count):
+    expected, volume = VERBS[verb](KINDS[kind]()), KINDS[kind]()
+    with interrupted() as calls:
+        VERBS[verb](volume)
+    # Not the last ones: how many there are depends on what is in caches.
+    for moment in np.linspace(1, 0.9 * calls[0], count).astype(int):
+        volume = KINDS[kind]()
+        with pytest.raises(KeyboardInterrupt), interrupted(moment):
+            VERBS[verb](volume)
+        np.testing.assert_array_equal(VERBS[verb](volume), expected)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_ctrl_c_takes_effect_at_any_moment_and_the_next_picture_is_right(verb):
+    check_interrupts(verb, "uniform", 20)
+
+
+@pytest.mark.parametrize("kind", ["particles", "spherical"])
+def test_ctrl_c_takes_effect_where_grids_need_loops_of_their_own(kind):
+    check_interrupts("render", kind, 20)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("verb", VERBS)
+def test_ctrl_c_at_many_moments(verb, kind):
+    check_interrupts(verb, kind, 300)
 
 
 def test_progress_may_cancel_and_the_next_render_is_unharmed(volume):

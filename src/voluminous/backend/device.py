@@ -28,9 +28,9 @@ PRECISIONS = ("single", "double")
 DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Backend:
-    """The array types of one device in one precision; part of the keys of caches.
+    """The array types of one device in one precision, of which there is one; part of cache keys.
 
     Attributes
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from .jit import dr
 from .types import Float, Int, Mask
 
 Result = TypeVar("Result")
+Call = TypeVar("Call", bound=Callable[..., Any])
 # Cody & Waite split of ln 2: n·LN2_HIGH is exact for the n that occur, in either precision.
 _LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
 _LN2_LOW = {"single": -2.12194440e-4, "double": 1.90821492927058770002e-10}
@@ -18,6 +19,27 @@ _LN2_LOW = {"single": -2.12194440e-4, "double": 1.90821492927058770002e-10}
 _TERMS = {"single": 7, "double": 14}
 # Up to this depth one polynomial suffices for attenuation.
 THIN = 0.3466
+
+
+def _raising(call: Call) -> Call:
+    """Return a function of Dr.Jit that raises what traced code raised, Ctrl-C for example.
+
+    Dr.Jit wraps that in a RuntimeError, once per enclosing loop or branch.
+    """
+
+    def called(*args: Any, **options: Any) -> Any:
+        try:
+            return call(*args, **options)
+        except RuntimeError as error:
+            first: BaseException = error
+            while str(first).startswith(("dr.", "drjit.")) and first.__cause__ is not None:
+                first = first.__cause__
+            raise first from first.__cause__
+
+    return cast("Call", called)
+
+
+loop, if_else = _raising(dr.while_loop), _raising(dr.if_stmt)
 
 
 def branch(
@@ -34,7 +56,7 @@ def branch(
     if records(cond):
         both: Result = dr.select(cond, true_fn(*args), false_fn(*args))
         return both
-    result: Result = dr.if_stmt(args, cond, true_fn, false_fn)
+    result: Result = if_else(args, cond, true_fn, false_fn)
     return result
 
 
@@ -138,7 +160,7 @@ def first_true(count: int, UInt: Any, holds: Callable[[Int], Mask]) -> Int:
         return low < high
 
     ends = dr.zeros(UInt, lanes), dr.zeros(UInt, lanes) + dr.opaque(UInt, count)
-    return dr.while_loop(ends, undecided, halve, label="search")[0]
+    return loop(ends, undecided, halve, label="search")[0]
 
 
 # 2^r for |r| <= ½, fitted to 8e-8.

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-from ..backend.functions import any_attenuation
+from ..backend.functions import any_attenuation, loop
 from ..backend.types import Float, Mask
 from ..expressions.traced_interval import TracedInterval, positive
 from ..grids.contract import Segment
@@ -191,7 +191,7 @@ class Bracket(Scheme):
         begin = dr.select(source.jumps(cubics, before), real(-1), 0)
         begin = dr.select(segment.active, begin, 1)
         state = BracketState(begin, real(1), real(0), nothing)
-        (state,) = dr.while_loop((state,), going_on, step, label="bracket")
+        (state,) = loop((state,), going_on, step, label="bracket")
         after = [
             dr.select(segment.active, there, here)
             for there, here in zip(source.ends(cubics), before, strict=True)

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr, from_host, get_backend
+from ..backend.functions import loop
 from ..backend.types import Float, Int, Mask
 from ..geometry import CARTESIAN
 from ..memory import check_memory
@@ -188,7 +189,7 @@ class CellSlopes:
             dr.full(self.backend.Bool, False, count),
             dr.full(self.backend.Bool, False, count),
         )
-        (state,) = dr.while_loop((state,), more, step, label="slopes")
+        (state,) = loop((state,), more, step, label="slopes")
         found = [solved(state.matrix, right) for right in state.right]
         return found, state.alone, state.aside
 
@@ -409,7 +410,7 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
         [real(zeros) for _ in _ENTRIES],
         [real(zeros) for _ in range(_COUNT)],
     )
-    (state,) = dr.while_loop((state,), more, step, label="quadratic fit")
+    (state,) = loop((state,), more, step, label="quadratic fit")
     found = _solved(dict(zip(_ENTRIES, state.matrix, strict=True)), state.right)
     first = [g / w for g, w in zip(found[:3], width, strict=True)]
     return first, [h / (w * w) for h, w in zip(found[3:6], width, strict=True)]

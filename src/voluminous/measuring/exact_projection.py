@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..backend import Float, Int, Mask, dr, from_host
+from ..backend.functions import loop
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -266,6 +267,6 @@ def _shadows(
         return number < dr.opaque(UInt, rows)
 
     start = dr.zeros(UInt, lanes), dr.zeros(real, lanes)
-    dr.while_loop(start, more, step, label="shadows")
+    loop(start, more, step, label="shadows")
     dr.eval(parts, numbers)
     return [part.numpy() for part in parts], numbers.numpy()

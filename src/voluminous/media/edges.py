@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..backend import Int, dr
-from ..backend.functions import precision_of
+from ..backend.functions import loop, precision_of
 from ..backend.types import Float, Mask
 from .panel import may_turn
 
@@ -175,7 +175,7 @@ def _searched(panel: Panel, expr: Expression, level: Int) -> _Search:
         )
 
     end: _Search
-    (end,) = dr.while_loop((start,), going_on, step, label="passage")
+    (end,) = loop((start,), going_on, step, label="passage")
     return end
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..backend import dr, from_host, get_backend
+from ..backend.functions import loop
 from ..backend.types import Float, Int
 from ..grids import OctreeGrid
 from ..memory import fits
@@ -152,7 +153,7 @@ class Overlaps:
 
         state = dr.zeros(UInt, dr.width(own)), dr.zeros(UInt, dr.width(own))
         inside = lambda node, count: node < self.end  # noqa: E731
-        walked: tuple[Int, Int] = dr.while_loop(state, inside, step, label="overlaps")
+        walked: tuple[Int, Int] = loop(state, inside, step, label="overlaps")
         return walked
 
     def weights(self, particle: np.ndarray, node: np.ndarray) -> np.ndarray:
@@ -186,7 +187,7 @@ class Overlaps:
         nothing = dr.zeros(single.Float, dr.width(number))
         state = (single.UInt(nothing), [single.UInt(nothing) for _ in counts], nothing)
         more = lambda k, index, total: k < number  # noqa: E731
-        total = dr.while_loop(state, more, add, label="kernel")[2]
+        total = loop(state, more, add, label="kernel")[2]
         least = dr.opaque(single.Float, _FAINT * self.kernel.peak)
         total = dr.select(total < least * single.Float(number), 0.0, total)
         return np.array(total * (steps[0] * steps[1] * steps[2]) * self.kernel.norm)

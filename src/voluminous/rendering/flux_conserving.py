@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import Backend, dr, from_host
+from ..backend.functions import loop
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..geometry import CYLINDRICAL, SPHERICAL
@@ -143,7 +144,7 @@ class MinCellWidth:
             return (WidthState(cursor, dr.select(narrower, width, state.least)),)
 
         state = WidthState(cursor, self.initial(sight, dr.width(ray.direction)))
-        (state,) = dr.while_loop((state,), inside, step, label="min_cell_width")
+        (state,) = loop((state,), inside, step, label="min_cell_width")
         return np.asarray(state.least, np.float64) * self.unit
 
     def sight(self, ray: Ray) -> Any:

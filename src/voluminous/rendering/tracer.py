@@ -348,10 +348,7 @@ class RayTracer:
     def march(self, ray: Ray) -> MarchState:
         """Return the final state of rays, not evaluated."""
         before, backward = RayState(self.nothing()), self.job.backward
-        try:
-            state = march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
-        except RuntimeError as error:
-            raise _innermost(error) from None
+        state = march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
         if self.results:
             state = replace(state, path=Path(state.carried[: len(self.results)], [], []))
         return state
@@ -425,13 +422,6 @@ def exhausted(batches: Generator[Any, None, Result]) -> Result:
         except StopIteration as end:
             result: Result = end.value
             return result
-
-
-def _innermost(error: BaseException) -> BaseException:
-    """Return the original error of a traced loop: Dr.Jit wraps it once per enclosing loop."""
-    while isinstance(error, RuntimeError) and error.__cause__ is not None:
-        error = error.__cause__
-    return error
 
 
 def reverse(ray: Ray) -> Ray:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import attenuation, horner, precision_of
+from ..backend.functions import attenuation, horner, loop, precision_of
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
@@ -105,7 +105,7 @@ class OlsonKunasz(VertexScheme):
                 return k < count
 
             start = nothing, begin, empty_path(type(segment.length), 1, 1)
-            *_, path = dr.while_loop(start, going_on, step, label="doppler steps")
+            *_, path = loop(start, going_on, step, label="doppler steps")
             found.emission += path.emission
             found.transparency += path.transparency
             found.depth += path.depth

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import branch, precision_of, records
+from ..backend.functions import branch, loop, precision_of, records
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from ..media.edges import edges_ahead, first_edge
@@ -213,7 +213,7 @@ def _in_panels(
     first = (ray.fields.own(0.0) if source.looks_inside else {}, values[0])
     state = _State(real(0), real(1.0 if source.edges else 0.5), first, nothing)
     end: _State
-    end, *_ = dr.while_loop((state, *arguments), going_on, step, label="panels")
+    end, *_ = loop((state, *arguments), going_on, step, label="panels")
     return end.path
 
 

@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import branch, horner, precision_of
+from ..backend.functions import branch, horner, loop, precision_of
 from ..backend.types import Float, Int, Mask
 from .base import Coefficients, Solution, VertexScheme
 
@@ -164,7 +164,7 @@ def _thick(a_front: list[Float], a_back: list[Float], depth: list[Float]) -> lis
         def more(k: Int, sums: list[Float]) -> Mask:
             return k < count
 
-        _, sums = dr.while_loop((index(0), sums), more, body)
+        _, sums = loop((index(0), sums), more, body)
     return [v for k, tau in enumerate(depth) for v in (*sums[2 * k : 2 * k + 2], dr.exp(-tau))]
 
 

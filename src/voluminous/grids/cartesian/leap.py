@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import Int, dr, from_host
-from ...backend.functions import branch
+from ...backend.functions import branch, loop
 from ...backend.types import Float, Mask
 from ..box_walk import AxisTrack
 from ..lanes import least, lesser, nearest
@@ -155,7 +155,7 @@ def leap(way: Way, cursor: Any) -> Leap:
     def cross(state: Search) -> tuple[Search]:
         return (way.cross(state),)
 
-    (end,) = dr.while_loop((start,), searching, cross, label="leap")
+    (end,) = loop((start,), searching, cross, label="leap")
     # Most rays are where something is, and stay: what the others need is computed in a branch.
     index = branch(
         args=(cursor.index, end.block, end.t),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import dr, from_host
-from ...backend.functions import branch
+from ...backend.functions import branch, loop
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
 from ..contract import Corners, Ray, Segment, Walk
@@ -273,7 +273,7 @@ class CurvilinearWalk(Walk):
             return self._jump(track, count, t)
 
         def beyond(cursor: Any) -> tuple[Any]:
-            count, t = dr.while_loop((cursor.count, cursor.t), in_gap, jump, label="gap")
+            count, t = loop((cursor.count, cursor.t), in_gap, jump, label="gap")
             return (self._standing(track, count, t, cursor.inside & (t < track.leave)),)
 
         def stay(cursor: Any) -> tuple[Any]:

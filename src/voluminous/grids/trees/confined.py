@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...backend import dr
+from ...backend.functions import loop
 from ...backend.types import Int, Mask
 from ..contract import CellBox, Landing, Ray, Segment, Walk
 from .tree import NONE
@@ -53,7 +54,7 @@ class ConfinedWalk(Walk):
             def beyond(cursor: TreeCursor) -> tuple[TreeCursor]:
                 return (self.whole.next(track, cursor)[1],)
 
-            (cursor,) = dr.while_loop((cursor,), self._in_hole, beyond, label="first holes")
+            (cursor,) = loop((cursor,), self._in_hole, beyond, label="first holes")
         return track, self._confined(cursor)
 
     def next(self, track: Any, cursor: TreeCursor) -> tuple[Segment, TreeCursor]:
@@ -77,7 +78,7 @@ class ConfinedWalk(Walk):
             return (self.next(track, cursor)[1],)
 
         there: TreeCursor
-        (there,) = dr.while_loop((cursor,), inside, step, label="beyond")
+        (there,) = loop((cursor,), inside, step, label="beyond")
         return there
 
     def chord(self, track: Any, segment: Segment) -> Any:

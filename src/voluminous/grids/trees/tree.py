@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ...backend import dr
+from ...backend.functions import if_else, loop
 from ...backend.types import Float, Int, Mask
 
 if TYPE_CHECKING:
@@ -304,7 +305,7 @@ class TreeLookup:
             return self.find(place(), way, unknown)
 
         near = replace(cell, number=number, low=reached)
-        entered: Cell = dr.if_stmt((near,), unknown, found, _same)
+        entered: Cell = if_else((near,), unknown, found, _same)
         return entered
 
     def _root(self, index: list[Int], way: Orientation) -> Int:
@@ -344,10 +345,10 @@ class TreeLookup:
 
         if len(self.tree.units) == 2:
             # A branch: vectors of rays are often in entries that are no blocks, all of them.
-            return dr.if_stmt((entry, level), is_block(entry, level), down, _unchanged)
+            return if_else((entry, level), is_block(entry, level), down, _unchanged)
         # A loop may not change what all lanes share.
         level = dr.select(active, level, 0)
-        return dr.while_loop((entry, level), is_block, down, label="descent")
+        return loop((entry, level), is_block, down, label="descent")
 
 
 def _same(cell: Cell) -> Cell:

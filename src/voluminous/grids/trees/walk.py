@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...backend import dr
-from ...backend.functions import precision_of, unit_interval
+from ...backend.functions import loop, precision_of, unit_interval
 from ...backend.types import Float, Int, Mask
 from ...geometry import is_uniform
 from ..box_walk import AxisTrack, BoxWalk
@@ -269,7 +269,7 @@ class TreeFieldWalk(TreeWalk):
         def step(cursor: TreeCursor) -> tuple[TreeCursor]:
             return (self.next(track, cursor)[1],)
 
-        (there,) = dr.while_loop((cursor,), self._in_hole, step, label="holes")
+        (there,) = loop((cursor,), self._in_hole, step, label="holes")
         return HoleLanding(there, moved, self)
 
     def _in_hole(self, cursor: TreeCursor) -> Mask:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +27,7 @@ _WORTHWHILE = 0.05
 _CHUNK = 1 << 20
 
 
-@dataclass(frozen=True)
-class Window:
+class Window(NamedTuple):
     """The cells that affect a block of 2^bits steps of a walk, along each axis."""
 
     # Number of cells before the first and after the last of the block itself.

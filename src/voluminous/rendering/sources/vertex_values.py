@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import Backend, dr, from_host
+from ...backend.functions import loop
 from ...backend.types import Float, Int, Mask
 from ...derivatives import CellSlopes
 from ...grids.trees.tree import Cell
@@ -157,7 +158,7 @@ class CornerValues:
             return (octant + 1,)
 
         # One loop gives one kernel; consecutive scatters would give one kernel each.
-        dr.while_loop((dr.zeros(UInt, dr.width(vertex)),), more, write, label="share")
+        loop((dr.zeros(UInt, dr.width(vertex)),), more, write, label="share")
         dr.eval(self.data)
 
     def _complete(self, level: int) -> None:
@@ -215,7 +216,7 @@ class CornerValues:
         )
         octant = dr.zeros(self.backend.UInt, lanes)
         stencil: VertexStencil
-        _, stencil = dr.while_loop((octant, start), more, add, label="stencil")
+        _, stencil = loop((octant, start), more, add, label="stencil")
         return stencil
 
     def _with_cell(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.functions import loop
 from ...backend.types import Float, Int, Mask
 from ...expressions import Expression
 from ...expressions.interval import Interval
@@ -181,7 +182,7 @@ class _Cubes:
 
         lanes = dr.width(first[0])
         state = (dr.zeros(UInt, lanes), dr.full(backend.Bool, True, lanes))
-        _, good = dr.while_loop(state, going_on, body, label="coarse")
+        _, good = loop(state, going_on, body, label="coarse")
         return good
 
     def _fields(self, node: list[Int]) -> dict[str, Float]:
