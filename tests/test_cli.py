@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -168,6 +169,88 @@ def test_ctrl_c_leaves_no_half_written_file(scene, tmp_path, capsys, monkeypatch
     assert capsys.readouterr().err == "voluminous: interrupted\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.png", "scene.toml"]
     assert (tmp_path / "scene.png").read_bytes() == b"old"
+
+
+# Writes, tells it, and is then still busy, whatever the format.
+SLOWLY = """
+import contextlib, sys, threading, time
+from voluminous import files
+
+plain = files._naming_if_full
+
+@contextlib.contextmanager
+def slow(path, temporary):
+    with plain(path, temporary):
+        yield
+        print("half", flush=True)
+        # Frames are written by a thread, for which the program waits.
+        time.sleep(60 if threading.current_thread() is threading.main_thread() else 1)
+
+files._naming_if_full = slow
+"""
+WRITES = {
+    "render": ["render", "scene.toml"],
+    "convert": ["convert", "data.npz", "data.zarr"],
+    "convert to a file": ["convert", "data.npz", "data.vti"],
+    "movie": ["movie", "scene.toml", "--orbit", "360", "--frames", "2", "-o", "film.gif"],
+}
+
+
+@pytest.fixture
+def half_written(scene, tmp_path):
+    """Return a function that starts a process, and returns it when it has written half of it."""
+    values = np.random.default_rng(0).random((4, 5, 6))
+    np.savez(tmp_path / "data.npz", density=values)
+
+    def start(code, *arguments):
+        command = [sys.executable, "-c", SLOWLY + code, *arguments]
+        started = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE)
+        assert started.stdout.readline() == b"half\n"
+        assert [path.name for path in tmp_path.rglob(".*.part*")]
+        return started
+
+    return start
+
+
+COMMAND = "from voluminous.cli import main; sys.exit(main())"
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no such signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("verb", WRITES)
+def test_the_end_of_a_job_leaves_nothing_half_written(half_written, tmp_path, verb, name):
+    before = sorted(tmp_path.iterdir())
+    with half_written(COMMAND, *WRITES[verb]) as started:
+        started.send_signal(getattr(signal, name))
+        assert started.wait(60) == 128 + getattr(signal, name)
+    left = [path for path in tmp_path.iterdir() if path.name != "film.gif.frames"]
+    assert sorted(left) == before
+    assert not list(tmp_path.rglob(".*"))
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no such signals")
+def test_what_nohup_starts_survives_the_terminal(half_written):
+    ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+    with half_written(ignoring + COMMAND, *WRITES["render"]) as started:
+        started.send_signal(signal.SIGHUP)
+        with pytest.raises(subprocess.TimeoutExpired):
+            started.wait(1)
+        started.kill()
+
+
+@pytest.mark.parametrize("target", ["data.zarr", "data.h5", "picture.png"])
+def test_what_a_killed_program_leaves_goes_when_the_same_is_written_again(
+    half_written, tmp_path, target
+):
+    code = "import voluminous as vm; v = vm.open('data.npz')\n"
+    code += f"(v if {target!r}[0] == 'd' else vm.render(v)).save({target!r})"
+    with half_written(code) as started:
+        started.kill()
+    (left,) = tmp_path.rglob(".*.part*")
+    volume = vm.open(tmp_path / "data.npz")
+    (vm.render(volume) if target == "picture.png" else volume).save(tmp_path / target)
+    assert not left.exists()
+    assert not list(tmp_path.rglob(".*"))
 
 
 # progress

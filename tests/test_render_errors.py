@@ -196,7 +196,7 @@ VERBS = {
 }
 KINDS = {
     "uniform": lambda: filled(vm.CartesianGrid.uniform(6, (0, 1))),
-    "particles": lambda: vm.Volume.from_particles(POINTS, np.ones(60), unit="pc"),
+    "particles": lambda: vm.Volume.from_particles(POINTS, np.ones(60)),
     "spherical": lambda: filled(CURVED),
 }
 
@@ -250,7 +250,9 @@ def test_ctrl_c_takes_effect_where_grids_need_loops_of_their_own(kind):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("verb", VERBS)
 def test_ctrl_c_at_many_moments(verb, kind):
-    check_interrupts(verb, kind, 300)
+    if kind == "spherical" and verb in ("in pieces", "exact column"):
+        pytest.skip("refused on such a grid")
+    check_interrupts(verb, kind, 100)
 
 
 def test_progress_may_cancel_and_the_next_render_is_unharmed(volume):

@@ -60,3 +60,25 @@ def test_no_warning_where_anything_shows_or_other_things_are_drawn(volume):
 def test_a_volume_needs_a_grid(grid):
     with pytest.raises(InputError, match="grid"):
         vm.Volume(grid)
+
+
+CO = vm.Molecule("CO", 28.0, [0.0, 3.845], [1, 3], "01", [1], [0], [7.203e-8], [115.2712018e9])
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_channels_beside_a_line_are_no_reason_to_warn(scheme):
+    """Of many channels, which are drawn in groups, those of some groups show nothing."""
+    grid = vm.CartesianGrid.uniform(4, (-1, 1), unit="au")
+    gas = vm.Volume(grid, n=np.full(grid.shape, 1e3))
+    medium = vm.Lines("n", CO, temperature=20.0)
+    camera = vm.Orthographic(30, 20, resolution=3)
+    options = {"scheme": scheme}
+    line = vm.channels(-300, 300, 151, line="CO 1-0")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert vm.observe(gas, medium, camera, velocities=line, **options).intensity.max() > 0
+    beside = vm.channels(200, 300, 151, line="CO 1-0")
+    with pytest.warns(UserWarning) as caught:
+        vm.observe(gas, medium, camera, velocities=beside, **options)
+    own = [w for w in caught if "shows nothing" in str(w.message)]
+    assert [w.filename for w in own] == [__file__]

@@ -98,9 +98,15 @@ class _Field:
     owned: bool = False
     sealed: int | None = None
     origin: tuple[Path, str, str] | None = None
+    again: Callable[[], np.ndarray] | None = None  # in other processes, in place of `load`
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "sealed": None}  # numbers are those of one process
+        read = self.array is not None and self.pieces is None
+        state = {**vars(self), "sealed": None}  # numbers are those of one process
+        state["load"] = None if read else self.again or self.load
+        if self.again and self.pieces and getattr(self.pieces.read, "func", None) is _part_of_file:
+            state["pieces"] = Pieces(functools.partial(_part_of_file, self.again))
+        return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -139,11 +145,13 @@ class Fields(MutableMapping[str, np.ndarray]):
         self,
         reading: Callable[[], AbstractContextManager[None]],
         origin: tuple[Path, str, str] | None = None,
+        again: Callable[[str], np.ndarray] | None = None,
     ) -> None:
         """Read within a context that explains errors; remember the file and how it is read."""
         self.reading = reading
-        for name in self._fields:
+        for name, field in self._fields.items():
             self.set_origin(name, origin)
+            field.again = None if again is None else functools.partial(again, name)
 
     def origin(self, name: str) -> tuple[Path, str, str] | None:
         """Return the file that a field is from, and how it is read; None if it was set."""

@@ -171,8 +171,8 @@ class Sent:
             data = pickle.dumps(make)
         except Exception as error:
             raise InputError(
-                f"{what} cannot be sent to other processes ({type(error).__name__}: {error}); give "
-                "the path of its file, or save it as .zarr or .h5 first"
+                f"{what} cannot be sent to other processes ({type(error).__name__}: {error}); read "
+                "its fields first, volume.load(), or save it as .zarr or .h5 and open that"
             ) from error
         return cls(hashlib.sha256(data).hexdigest(), data)
 

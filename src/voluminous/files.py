@@ -27,6 +27,10 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _MOST = 10_000
 # Seconds after which nobody is still writing.
 _STALE = 3600.0
+# Bytes for which there is space where a disk is not full.
+_LITTLE = 1 << 20
+# How often, and after which seconds, a directory is removed in which others still write.
+_TRIES, _PAUSE = 10, 0.05
 _URL = re.compile("(https?|s3|gs|gcs|az|abfs):/{1,2}")
 _SPACE = re.compile("no space left|not enough space|quota exceeded|file too large", re.IGNORECASE)
 
@@ -162,28 +166,64 @@ def replacing(path: Path) -> Iterator[Path]:
     always either the old file or the complete new one. A symbolic link is followed, not replaced.
     """
     target = Path(os.path.realpath(path))
-    word = f"{_this_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
-    temporary = target.with_name(_temporary_name(target, word))
-    with _naming(path):
-        _check_place(path, target)
-        temporary.touch()
-        temporary.unlink()
-    try:
-        with naming_if_full(path):
+    with _beside(target) as temporary:
+        with naming_unwritable(path):
+            _check_place(path, target)
+            temporary.touch()
+            temporary.unlink()
+        with _naming_if_full(path, temporary):
             yield temporary
-        with _naming(path):
+        with naming_unwritable(path):
             if target.exists():
                 shutil.copymode(target, temporary)
             os.replace(temporary, target)
+
+
+@contextmanager
+def new_directory(path: Path) -> Iterator[Path]:
+    """Give a temporary directory to write to, which becomes `path` at the end; see `replacing`."""
+    target = Path(os.path.realpath(path))
+    with _beside(target) as temporary:
+        _check_new(path, target)
+        with naming_unwritable(path):
+            temporary.mkdir()
+        with _naming_if_full(path, temporary):
+            yield temporary
+        _check_new(path, target)  # others may have written it meanwhile
+        with naming_unwritable(path):
+            with suppress(OSError):
+                target.rmdir()
+            os.rename(temporary, target)
+
+
+@contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    """Give a temporary name; at the end remove what has it, and what killed programs left."""
+    remove_unfinished([target])
+    word = f"{_this_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
+    temporary = target.with_name(_temporary_name(target, word))
+    try:
+        yield temporary
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            _remove(temporary)
+
+
+def _remove(path: Path) -> None:
+    for _ in range(_TRIES):
+        if not path.is_dir():
+            path.unlink(missing_ok=True)
+            return
+        # Threads of a library may still be writing to it.
+        shutil.rmtree(path, ignore_errors=True)
+        time.sleep(_PAUSE)
 
 
 def _temporary_name(target: Path, word: str) -> str:
     return f".{target.stem[:40]}.{word}.part{target.suffix}"
 
 
-# A word of `replacing`: the machine, the process and a random number.
+# A word of a temporary name: the machine, the process and a random number.
 _TEMPORARY = re.compile(r"(\..*\.)([0-9a-f]{8})-(\d+)-[0-9a-f]{12}(\.part.*)", re.DOTALL)
 
 
@@ -191,60 +231,90 @@ def _this_machine() -> str:
     return f"{zlib.crc32(platform.node().encode()):08x}"
 
 
-def unfinished(paths: Iterable[Path]) -> list[Path]:
-    """Return the temporary files for some paths that `replacing` left where it was killed.
+def remove_unfinished(paths: Iterable[Path]) -> None:
+    """Remove what programs left that were killed while they wrote some files or directories.
 
-    Those that a process may be writing at this moment are left out: a process that runs on this
-    machine, or one of another that has written in the last hour.
+    What a process may be writing at this moment is left alone: one that runs on this machine, or
+    that of another which has written to a file in the last hour, or to a directory at any time.
     """
     import psutil
 
     targets = [Path(os.path.realpath(path)) for path in paths]
     ends = {(t.parent, *_temporary_name(t, "/").split("/")) for t in targets}
-    left = []
     for directory in {target.parent for target in targets}:
         for file in directory.glob(".*.part*"):
             found = _TEMPORARY.fullmatch(file.name)
             if found is None or (directory, found[1], found[4]) not in ends:
                 continue
-            with suppress(FileNotFoundError):  # written meanwhile
+            with suppress(OSError):  # written meanwhile
                 if found[2] == _this_machine():
                     dead = not psutil.pid_exists(int(found[3]))
                 else:
-                    dead = time.time() - file.stat().st_mtime > _STALE
-                left += [file] if dead else []
-    return left
+                    dead = file.is_file() and time.time() - file.stat().st_mtime > _STALE
+                if dead:
+                    _remove(file)
 
 
 @contextmanager
-def naming_if_full(path: Path) -> Iterator[None]:
+def _naming_if_full(path: Path, temporary: Path) -> Iterator[None]:
     """Name the file that cannot be written where a disk is full, whatever a library raises then."""
     try:
         yield
     except VoluminousError:
         raise
     except Exception as error:
-        cause: BaseException | None = error
-        while cause is not None:  # the reason may be that of an error it came from
-            if getattr(cause, "errno", None) in _NO_SPACE or _SPACE.search(str(cause)):
-                raise UnwritablePathError(
-                    f"cannot save {path}: there is no space left; make some, or give another "
-                    "directory"
-                ) from error
-            cause = cause.__cause__ or cause.__context__
+        if _is_about_space(error) or _is_full(temporary):
+            raise UnwritablePathError(
+                f"cannot save {path}: there is no space left; make some, or give another directory"
+            ) from error
+        if isinstance(error, OSError) and str(error.filename).startswith(str(temporary)):
+            with naming_unwritable(path):
+                raise
         raise
 
 
+def _is_about_space(error: BaseException | None) -> bool:
+    while error is not None:  # the reason may be that of an error it came from
+        if getattr(error, "errno", None) in _NO_SPACE or _SPACE.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _is_full(temporary: Path) -> bool:
+    """Return whether no more can be written where something has failed; not all libraries tell."""
+    try:
+        with open(temporary / "more" if temporary.is_dir() else temporary, "ab") as file:
+            file.write(bytes(_LITTLE))
+    except OSError as error:
+        return error.errno in _NO_SPACE
+    return False
+
+
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
+def naming_unwritable(path: Path) -> Iterator[None]:
+    """Name the file or directory that cannot be written, and say what to do."""
     try:
         yield
     except VoluminousError:
         raise
     except OSError as error:
         raise UnwritablePathError(
-            f"cannot save {path}: {error.strerror}; give another name or directory"
+            f"cannot save {path}: {error.strerror or error}; give another name or directory"
         ) from error
+
+
+def make_directory(path: Path) -> None:
+    """Make a directory, and those it is in, unless they are there."""
+    with naming_unwritable(path):
+        path.mkdir(parents=True, exist_ok=True)
+
+
+def _check_new(path: Path, target: Path) -> None:
+    with naming_unwritable(path):
+        if target.exists() and (not target.is_dir() or any(target.iterdir())):
+            raise InputError(f"{path} is there already; give a new name, or remove it first")
+        check_parent(path, target)
 
 
 def _check_place(path: Path, target: Path) -> None:
@@ -253,6 +323,15 @@ def _check_place(path: Path, target: Path) -> None:
     if target.exists() and not target.is_file():
         raise UnwritablePathError(
             f"cannot save {path}: it is a device, a pipe or a socket; give the name of a file"
+        )
+    check_parent(path, target)
+
+
+def check_parent(path: Path, target: Path) -> None:
+    """Check that a file or directory is to be made in one that is there."""
+    if target.parent.exists() and not target.parent.is_dir():
+        raise UnwritablePathError(
+            f"cannot save {path}: {target.parent} is a file; give the name of a directory"
         )
     if not target.parent.is_dir():
         raise MissingPathError(

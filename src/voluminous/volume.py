@@ -379,13 +379,15 @@ class Volume(Evaluation):
         self,
         reading: Callable[[], AbstractContextManager[None]],
         origin: tuple[Path, str, str] | None = None,
+        again: Callable[[str], np.ndarray] | None = None,
     ) -> None:
         """Read deferred fields within a context that adds the file name to errors.
 
         `origin` is the file of all fields that there are, how it is read, and its stamp when it
-        was opened (empty for a directory); see `fingerprint`.
+        was opened (empty for a directory); see `fingerprint`. `again` reads a field in other
+        processes, where the functions of a reader may not go.
         """
-        self._fields.guard(reading, origin)
+        self._fields.guard(reading, origin, again)
 
     def set_unit(self, name: str, unit: Any) -> None:
         """Set the unit of a field; its values do not change."""

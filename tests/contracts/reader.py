@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import pickle
 import shutil
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from voluminous.io import find_reader, open
+from voluminous.io.registry import open_lazily
 
 
 class ReaderContract:
@@ -62,6 +64,19 @@ class ReaderContract:
         np.testing.assert_array_equal(renamed.array("other"), volume.array(name))
         with pytest.raises(vm.errors.UnknownNameError):
             open(path, "no_such_field", **self.options)
+
+    def test_it_goes_to_processes_that_stand_elsewhere(self, path, tmp_path_factory, monkeypatch):
+        """Nothing is read before it is there; of what was read, the arrays go."""
+        monkeypatch.chdir(path.parent)
+        volume = open_lazily(path.name, **self.options)
+        sent, told = pickle.dumps(volume.unread()), volume.fingerprint()
+        expected = {name: volume.array(name) for name in volume.fields}
+        again = pickle.dumps(volume.unread())
+        monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+        for other in map(pickle.loads, (sent, again)):
+            assert other.fingerprint() == told
+            for name, values in expected.items():
+                np.testing.assert_array_equal(other.array(name), values)
 
     def test_cut_short(self, path):
         for victim, part in itertools.product(self.victims(path), self.cuts):

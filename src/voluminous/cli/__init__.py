@@ -9,10 +9,13 @@ import argparse
 import contextlib
 import io
 import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from types import ModuleType
+from typing import Any
 
 from ..errors import VoluminousError
 from ..packages import VERSION
@@ -55,7 +58,8 @@ FAILED, INTERRUPTED = 2, 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
 
-    0 on success, 1 if `doctor` reports a problem, 2 after an error, 130 after Ctrl-C.
+    0 on success, 1 if `doctor` reports a problem, 2 after an error, 130 after Ctrl-C; a SystemExit
+    with 128 and the signal's number after SIGTERM or SIGHUP, as shells tell it.
     """
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character shows a question mark instead of failing.
@@ -64,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser().parse_args(argv)
     args.argv = list(sys.argv[1:] if argv is None else argv)
     try:
-        with _plain_warnings():
+        with _plain_warnings(), _ended_by_signals():
             code = int(COMMANDS[args.command].run(args))
         print(end="", flush=True)
         return code
@@ -81,6 +85,28 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"voluminous: error: {str(error) or type(error).__name__}", file=sys.stderr)
         return FAILED
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Remove what is half written where a batch system ends a job, or a terminal is closed."""
+
+    def end(number: int, frame: Any) -> None:
+        raise SystemExit(128 + number)
+
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    usual = [
+        n for n in map(signal.Signals.__getitem__, names) if signal.getsignal(n) == signal.SIG_DFL
+    ]
+    if threading.current_thread() is not threading.main_thread():
+        usual = []  # others cannot receive signals; nohup ignores SIGHUP
+    for number in usual:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in usual:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextlib.contextmanager

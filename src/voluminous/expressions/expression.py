@@ -27,6 +27,7 @@ from .tree import (
     Derivative,
     Earlier,
     Field,
+    InUnit,
     Node,
     NumberWithUnit,
     Steps,
@@ -244,7 +245,9 @@ class Expression:
     def __repr__(self) -> str:
         return f"Expression({self.text!r})"
 
-    def __reduce__(self) -> tuple[type[Expression], tuple[str]]:
+    def __reduce__(self) -> tuple[Any, ...]:
+        if any(isinstance(node, InUnit) for node in nodes(self.tree)):
+            return Expression.of_tree, (self.tree, self.names, self.text)  # in plain numbers
         return Expression, (self.text,)
 
 

@@ -49,6 +49,8 @@ from .zarr.ome import OMEZarrReader
 from .zarr.store import forget
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..volume import Volume
 
 # General formats come last, because codes store specific layouts in them.
@@ -163,17 +165,36 @@ def open_lazily(
     level = 0 if "level" in reader.options else options.pop("level", 0)
     with placed(shown):
         check_options(reader, options)
-    opened = opening(path if url_of(path) else path.absolute())
+    place = path if url_of(path) else path.absolute()  # for processes that stand elsewhere
+    opened = opening(place)
     guard = functools.partial(reading, shown, reader.description, opened)
     with guard():
-        volume = reader.read(path, fields, **options)
+        volume = reader.read(place, fields, **options)
     known = opened[2][0] if opened[0].is_file() else ""
-    volume.explain_reading(guard, (opened[0], repr((fields, format, options)), known))
+    again = _OpenedAgain(place, fields, format, options)
+    volume.explain_reading(guard, (opened[0], repr((fields, format, options)), known), again)
     volume.own()
     if level == 0:
         return volume
     with placed(shown):
         return volume.level(level)
+
+
+class _OpenedAgain:
+    """A file as other processes open it, once, for the fields that are read there."""
+
+    def __init__(self, *told: Any) -> None:
+        self.told = told
+        self.volume: Volume | None = None
+
+    def __reduce__(self) -> Any:
+        return _OpenedAgain, self.told
+
+    def __call__(self, name: str) -> np.ndarray:
+        if self.volume is None:
+            path, fields, format, options = self.told
+            self.volume = open_lazily(path, fields, format=format, **options)
+        return self.volume.with_arrays({}).array(name)  # of which no copy stays here
 
 
 def readers() -> tuple[Reader, ...]:

@@ -21,7 +21,15 @@ from ..colormaps import get_colormap
 from ..digest import content_key
 from ..errors import InputError, check_name
 from ..executors import Sent, as_executor, run_tasks
-from ..files import as_path, missing, replacing, seen_from, stamp, unfinished
+from ..files import (
+    as_path,
+    check_parent,
+    make_directory,
+    remove_unfinished,
+    replacing,
+    seen_from,
+    stamp,
+)
 from ..image import Image
 from ..io import open as open_volume
 from ..media.contract import Medium
@@ -142,7 +150,7 @@ def movie(
     film = _Film.of(volume, medium, cameras, options, {} if picture is None else picture, finish)
     own = _share(share, film.count)
     paths = film.paths = _paths(target, film.count)
-    _remove_partial([*paths, target])
+    remove_unfinished([*paths, target])
     report: Any = progress
     film.take(executor)
     if suffix not in ENCODERS or keep_frames:
@@ -151,7 +159,7 @@ def movie(
         film.fix_display(lambda done: report(0, len(own)))
     film.draw(own, report)
     if executor is not None:
-        _remove_partial(paths)  # of workers that were killed
+        remove_unfinished(paths)  # of workers that were killed
     if share is not None and not all(map(film.is_made, range(film.count))):
         return [paths[k] for k in own]
     if suffix not in ENCODERS:
@@ -170,11 +178,10 @@ def _paths(target: Path, count: int) -> list[Path]:
     if target.suffix.lower() in PICTURES:
         return [target.with_name(f"{target.stem}_{k}{target.suffix}") for k in numbers]
     frames = target.with_name(f"{target.name}.frames") if target.suffix else target
-    if not frames.parent.is_dir():
-        raise missing(frames.parent)
+    check_parent(target, frames)
     if frames.exists() and not frames.is_dir():
         raise InputError(f"{frames} is a file; give a directory for the frames, or a suffix")
-    frames.mkdir(exist_ok=True)
+    make_directory(frames)
     return [frames / f"{k}.png" for k in numbers]
 
 
@@ -451,7 +458,3 @@ def _itself(volume: Volume) -> Volume:
     return volume
 
 
-def _remove_partial(paths: list[Path]) -> None:
-    """Remove what programs left that were killed while they wrote a file."""
-    for left in unfinished(paths):
-        left.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import warnings
 from collections.abc import Callable, Iterable
@@ -22,7 +23,8 @@ from ..media.sum import with_each
 from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
 from ..rendering import render
-from ..rendering.cache import Cache
+from ..rendering.cache import Cache, VolumeStatistics
+from ..rendering.empty_picture import keeping, warn_caller
 from ..rendering.options import check_in_pieces
 from ..rendering.outline import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
@@ -100,7 +102,7 @@ def observe(
         As in `render`.
     **options
         Those of `render`: ``scheme``, ``tolerance``, ``precision``, ``samples``, ``antialias``,
-        ``device``, ``cutoff`` …
+        ``device``, ``cutoff``, ``executor`` …
 
     Returns
     -------
@@ -134,9 +136,10 @@ def observe(
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
     check_distance(distance, volume)
     if memory is not None:
+        options["memory"] = memory
+    if any(options.get(name) is not None for name in ("memory", "executor", "checkpoint")):
         check_in_pieces(volume, medium)
         volume = Outline.of(volume)
-        options["memory"] = memory
     known = constants_named(constants)
     things = scene_objects(objects, volume)
     behind = model_background(volume) if background is None else background
@@ -161,21 +164,25 @@ def observe(
         def reported(done: int, total: int) -> None:
             report(part.start * total + (part.stop - part.start) * done, count * total)
 
-        return render(
-            volume,
-            tuned if part == slice(0, count) else tuned.block(part.start, part.stop),
-            camera,
-            objects=tuple(lit(thing, own) for thing in things),
-            background=light[..., part] if light.ndim and light.shape[-1] == count else light,
-            progress=reported,
-            **options,
-        )
+        with keeping(empty):
+            return render(
+                volume,
+                tuned if part == slice(0, count) else tuned.block(part.start, part.stop),
+                camera,
+                objects=tuple(lit(thing, own) for thing in things),
+                background=light[..., part] if light.ndim and light.shape[-1] == count else light,
+                progress=reported,
+                **options,
+            )
 
     while True:
         firsts = range(0, count, together)
         groups = [slice(first, min(first + together, count)) for first in firsts]
+        empty: list[str] = []
         try:
             cube = _cube(draw, groups, bands, axis, medium, distance)
+            if len(empty) == len(groups):
+                warn_caller(empty[0])
             break
         except MemoryNeededError:  # which is found before anything is drawn
             if memory is None or together <= _FEWEST:
@@ -322,6 +329,25 @@ def spectral_axis(
     raise failed
 
 
+def _extremes(
+    volume: Volume, statistics: VolumeStatistics, expr: Expression, in_cells: bool = False
+) -> tuple[float, float]:
+    """Return the least and largest value of an expression in a volume."""
+    fields = {name: statistics.range_of(name) for name in expr.names}
+    with np.errstate(all="ignore"):
+        found = IntervalOps().number(expr.evaluate(IntervalOps(), fields))
+    low, high = float(found.lo), float(found.hi)
+    if in_cells or not (np.isfinite(low + high) and not np.any(found.nan)):
+        # Of p/ρ beside a vacuum there is no bound; fields between cells may be beyond these.
+        if isinstance(volume, Outline):
+            values = volume.computing({_VALUE: expr}).extremes(_VALUE)
+        else:
+            values = np.asarray(volume.evaluate(expr), dtype=np.float64)
+        values = values[np.isfinite(values)]
+        low, high = values.min(initial=np.inf), _BEYOND * values.max(initial=-np.inf)
+    return float(low), float(high)
+
+
 def bands_of(
     volume: Volume, medium: Medium, frequencies: np.ndarray, constants: Constants
 ) -> Bands:
@@ -332,23 +358,7 @@ def bands_of(
     InputError
         If a part of the medium is not spectral.
     """
-    statistics = Cache(volume).statistics
-
-    def extremes(expr: Expression, in_cells: bool = False) -> tuple[float, float]:
-        fields = {name: statistics.range_of(name) for name in expr.names}
-        with np.errstate(all="ignore"):
-            found = IntervalOps().number(expr.evaluate(IntervalOps(), fields))
-        low, high = float(found.lo), float(found.hi)
-        if in_cells or not (np.isfinite(low + high) and not np.any(found.nan)):
-            # Of p/ρ beside a vacuum there is no bound; fields between cells may be beyond these.
-            if isinstance(volume, Outline):
-                values = volume.computing({_VALUE: expr}).extremes(_VALUE)
-            else:
-                values = np.asarray(volume.evaluate(expr), dtype=np.float64)
-            values = values[np.isfinite(values)]
-            low, high = values.min(initial=np.inf), _BEYOND * values.max(initial=-np.inf)
-        return float(low), float(high)
-
+    extremes = functools.partial(_extremes, volume, Cache(volume).statistics)
     wrong = [part for part in medium.components() if not isinstance(part, SpectralMedium)]
     if wrong:
         raise InputError(

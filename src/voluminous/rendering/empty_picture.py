@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 
@@ -10,6 +14,7 @@ from ..media.ranges import RangeContext
 from ..units import unit_name
 from .job import RenderJob
 
+_kept: ContextVar[list[str] | None] = ContextVar("kept", default=None)
 # Coefficients below this fraction of their peak do not count.
 _TAIL = 1e-3
 _NOT_MET = (
@@ -34,4 +39,26 @@ def warn_of_nothing(job: RenderJob) -> None:
             reason = "; ".join(dict.fromkeys(values) or ["it is transparent in this volume"])
             if values:
                 reason += ". Choose values in that range; vm.suggest_medium(volume, ...) finds some"
-    warnings.warn(f"the picture shows nothing of the medium: {reason}", stacklevel=6)
+    message = f"the picture shows nothing of the medium: {reason}"
+    if (kept := _kept.get()) is None:
+        warn_caller(message)
+    else:
+        kept.append(message)
+
+
+@contextmanager
+def keeping(messages: list[str]) -> Iterator[None]:
+    """Keep what is told of a part of the channels: others may show the medium."""
+    token = _kept.set(messages)
+    try:
+        yield
+    finally:
+        _kept.reset(token)
+
+
+def warn_caller(message: str) -> None:
+    """Warn where this package is called from, however many frames that is away."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("voluminous"):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..digest import content_key
 from ..executors import as_executor, run_tasks
-from ..files import as_path, replacing
+from ..files import as_path, make_directory, replacing
 from .march import RayState, arrays_in, mapped
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Sweep:
         data = io.BytesIO()
         np.savez(data, np.array(lists), *arrays_in(states))
         self.used.add(file.parent)
-        file.parent.mkdir(parents=True, exist_ok=True)
+        make_directory(file.parent)
         with replacing(file) as temporary, temporary.open("wb") as opened:
             opened.write(_checksum(file, data.getvalue()) + data.getvalue())
             opened.flush()

@@ -7,6 +7,7 @@ third edition), sections 5 (chunks) and 9 (filters); for 8 bits it is faster tha
 from __future__ import annotations
 
 import functools
+import io
 import struct
 import zlib
 from pathlib import Path
@@ -112,8 +113,9 @@ def write_jpeg(
     else:
         pixels = _annotated(image, annotate, display).rgba[..., :3]
     # No chroma subsampling: thin coloured lines on black would fade.
-    picture = Pillow.fromarray(np.ascontiguousarray(pixels[::-1]))
-    picture.save(path, "JPEG", quality=quality, subsampling=0)
+    picture, content = Pillow.fromarray(np.ascontiguousarray(pixels[::-1])), io.BytesIO()
+    picture.save(content, "JPEG", quality=quality, subsampling=0)
+    path.write_bytes(content.getvalue())  # Pillow does not notice where a disk is full
 
 
 def read_jpeg(path: Path) -> dict[str, Any]:

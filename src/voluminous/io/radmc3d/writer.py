@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError, UnitsError
 from ...expressions import Expression
-from ...files import MissingPathError, replacing
+from ...files import MissingPathError, make_directory, replacing
 from ...units import is_quantity, parse_unit, plain
 from ..contract import FieldChoice
 from .encodings import BinaryOut, TextOut
@@ -88,7 +88,7 @@ def write(
     if there and not overwrite:
         listed = ", ".join(path.name for path in there)
         raise InputError(f"{directory} has {listed} already; give overwrite=True to replace that")
-    directory.mkdir(exist_ok=True)
+    make_directory(directory)
     # All files are written, then moved into place, so that fields and grid always match.
     with ExitStack() as stack:
         for path in written:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import warnings
 from numbers import Real
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
 from ...packages import require
 from ..axes import cartesian
 from ..scanners.placement import direction_of
@@ -20,8 +19,6 @@ from .library import heard, vtk
 
 if TYPE_CHECKING:
     from ...volume import Volume
-
-_OUT_OF_DISK_SPACE = 20007  # vtkErrorCode.h
 
 
 def write_image(volume: Volume, path: Path) -> None:
@@ -85,9 +82,8 @@ def _write(volume: Volume, mesh: Any, path: Path, kind: str) -> None:
     try:
         with heard():
             writer.Write()
-    finally:
-        if writer.GetErrorCode() == _OUT_OF_DISK_SPACE:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+    except FileFormatError as error:  # it does not tell why
+        raise OSError(errno.EIO, "VTK could not write it", str(path)) from error
 
 
 def _columns(volume: Volume) -> list[tuple[str, tuple[str, ...]]]:
