@@ -78,7 +78,7 @@ def test_channels_beside_a_line_are_no_reason_to_warn(scheme):
         warnings.simplefilter("error")
         assert vm.observe(gas, medium, camera, velocities=line, **options).intensity.max() > 0
     beside = vm.channels(200, 300, 151, line="CO 1-0")
-    with pytest.warns(UserWarning) as caught:
+    with pytest.warns(UserWarning, match="shows nothing") as caught:
         vm.observe(gas, medium, camera, velocities=beside, **options)
     own = [w for w in caught if "shows nothing" in str(w.message)]
     assert [w.filename for w in own] == [__file__]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -104,8 +105,6 @@ class _Field:
         read = self.array is not None and self.pieces is None
         state = {**vars(self), "sealed": None}  # numbers are those of one process
         state["load"] = None if read else self.again or self.load
-        if self.again and self.pieces and getattr(self.pieces.read, "func", None) is _part_of_file:
-            state["pieces"] = Pieces(functools.partial(_part_of_file, self.again))
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:

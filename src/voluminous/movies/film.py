@@ -456,5 +456,3 @@ def _sent(given: Any, executor: Any) -> Any:
 
 def _itself(volume: Volume) -> Volume:
     return volume
-
-
