@@ -173,16 +173,16 @@ def test_the_file_explains_itself(tmp_path):
     volume.meta["time"] = 1.5
     volume.save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
-        assert dict(file.attrs)["format"] == "voluminous volume"
+        assert dict(file.attrs)["format"] == b"voluminous volume"
         assert file.attrs["version"] == 1
         assert set(file) == {"grid", "fields", "meta"}
-        assert file["grid"].attrs["type"] == "octree"
-        assert file["grid"].attrs["unit"] == "pc"
-        assert "children of a cell" in file["grid"].attrs["order"]
+        assert file["grid"].attrs["type"] == b"octree"
+        assert file["grid"].attrs["unit"] == b"pc"
+        assert b"children of a cell" in file["grid"].attrs["order"]
         np.testing.assert_array_equal(file["grid/levels"], [0] + 8 * [1])
         np.testing.assert_array_equal(file["grid/x"], [0, 1, 2])
         np.testing.assert_array_equal(file["fields/density"], np.arange(9.0))
-        assert file["fields/density"].attrs["units"] == "g / cm3"
+        assert file["fields/density"].attrs["units"] == b"g / cm3"
         assert json.loads(file["meta"].asstr()[()]) == {"time": 1.5}
 
 

@@ -42,6 +42,15 @@ def as_path(path: object) -> Path:
     raise InputError(f"expected the path of a file, got {type(path).__name__}{how_to_take(path)}")
 
 
+def check_readable(path: Path) -> None:
+    """Refuse what is neither a file nor a directory: pipes are waited for, and devices endless."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            f"{path} is a pipe, a socket or a device, expected a file; copy what comes out of it "
+            "into one"
+        )
+
+
 def url_of(path: Path) -> str:
     """Return the URL (http, https, s3, gs, az) that a path stands for; empty for a local path.
 
@@ -138,6 +147,7 @@ class MissingPathError(InputError, FileNotFoundError):
 
 def missing(path: Path) -> MissingPathError:
     """Return the error for a path that does not exist; names the nearest that does."""
+    check_readable(path)
     parts = [path, *path.parents]
     first = next((k for k, part in enumerate(parts) if part.exists()), len(parts))
     if not 0 < first < len(parts):
@@ -341,6 +351,7 @@ def check_parent(path: Path, target: Path) -> None:
 
 def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
     """Check that a file exists, is not empty and starts with one of the `magic` bytes."""
+    check_readable(path)
     try:
         with open(path, "rb") as file:
             start = file.read(max(len(m) for m in magic))

@@ -47,7 +47,9 @@ def reading(path: Path | str, expectation: str, opened: Opening | None = None) -
     except (VoluminousError, ImportError):
         raise  # not the file's fault
     except MemoryError as error:
-        raise MemoryNeededError(f"{path}: reading it needs more memory than there is") from error
+        raise MemoryNeededError(
+            f"{path}: there is not enough memory ({error}); read a coarser copy, or fewer fields"
+        ) from error
     except Exception as error:
         if type(error).__module__.startswith("astropy.units"):
             raise UnitsError(f"{path}: {error}; give other units") from error

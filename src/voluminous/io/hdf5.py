@@ -12,14 +12,14 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import FileFormatError, MissingPackageError
-from ..files import url_of
+from ..files import check_readable, url_of
 from ..memory import check_memory
 from . import remote
 from .payload import inside
@@ -47,6 +47,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
     import h5py
 
     if not (url := url_of(path)):
+        check_readable(path)
         with filters(), h5py.File(path, "r") as file:
             yield file
         return
@@ -66,6 +67,7 @@ def first_bytes(path: Path, length: int) -> bytes:
     """Return the first bytes of a file, or of one at a URL."""
     if url_of(path):
         return remote.head_of(path, length)
+    check_readable(path)
     with open(path, "rb") as file:
         return file.read(length)
 
@@ -127,17 +129,47 @@ def data_set(path: Path, group: h5py.Group, name: str) -> Any:
     return item
 
 
-def check_place(path: Path, item: h5py.Dataset) -> None:
-    """Refuse external values, and virtual ones from outside of the file's directory."""
+# Virtual data sets whose sources were looked at: file, time of its last change, and name.
+_SOUND: set[tuple[str, int, str]] = set()
+# Virtual data sets may have virtual sources, so many times.
+_DEEPEST = 8
+
+
+def check_place(path: Path, item: h5py.Dataset, above: tuple[Any, ...] = ()) -> None:
+    """Refuse external values, and virtual ones from outside of the directory or from themselves."""
+    import h5py
+
     if item.external:
         raise FileFormatError(
             f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
             "copy them into one file with h5repack"
         )
-    if item.is_virtual:
-        for source in item.virtual_sources():
-            if source.file_name != ".":
-                inside(path.parent, source.file_name)
+    if not item.is_virtual:
+        return
+    known = (str(path), 0 if url_of(path) else path.stat().st_mtime_ns, item.name)
+    if known in _SOUND:
+        return
+    own = (path.resolve(), h5py.h5o.get_info(item.id).addr)
+    if own in above or len(above) == _DEEPEST:
+        raise FileFormatError(
+            f"the values of {item.name} are virtual, and come from itself, or from others through "
+            f"{_DEEPEST} virtual data sets; write the values themselves"
+        )
+    for name, place in {(s.file_name, s.dset_name) for s in item.virtual_sources()}:
+        there = path if name == "." else inside(path.parent, name)
+        with nullcontext(item.file) if name == "." else opened(there) as file:
+            if isinstance(source := file.get(place), h5py.Dataset):
+                check_place(there, source, (*above, own))
+    _SOUND.add(known)
+
+
+def check_places(path: Path) -> None:
+    """Check all data sets of a file that a library reads, if it is HDF5 (and not on a server)."""
+    if not url_of(path) and is_hdf5(first_bytes(path, _STARTS[-1] + len(MAGIC))):
+        with opened(path) as file:
+            file.visititems(
+                lambda _, item: check_place(path, item) if hasattr(item, "is_virtual") else None
+            )
 
 
 def data_sets(path: Path, group: h5py.Group) -> tuple[dict[str, Any], dict[str, str]]:
@@ -198,6 +230,14 @@ def read(item: h5py.Dataset, column: int | None = None) -> np.ndarray:
     warn_of_missing(item)
     values = item[()] if column is None else item[:, column]
     return np.asarray(values, item.dtype.newbyteorder("="))
+
+
+def fixed(content: str) -> np.ndarray:
+    """Return a text of fixed length: others are in a heap, of whose damage HDF5 hangs."""
+    import h5py
+
+    encoded = content.encode()
+    return np.array(encoded, h5py.string_dtype("utf-8", max(len(encoded), 1)))
 
 
 def text(attribute: Any) -> str:

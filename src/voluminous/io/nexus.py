@@ -15,12 +15,16 @@ import numpy as np
 
 from ..errors import FileFormatError, unknown_name
 from ..packages import require
-from .hdf5 import check_place, holds, opened, text
+from .hdf5 import check_places, holds, opened, text
 from .labelled.convert import LabelledReader
 
 if TYPE_CHECKING:
     import h5py
     import xarray
+
+
+# Groups that lead to the one that is shown: in fact an entry, and what it shows.
+_DEEPEST = 8
 
 
 class NeXusReader(LabelledReader):
@@ -44,10 +48,11 @@ class NeXusReader(LabelledReader):
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
         xarray = require("xarray", self.extra, "reading NeXus")
+        check_places(path)
         with opened(path) as file:
             known, shown = _groups(file), file
-            while text(shown.attrs.get("default")) in shown:
-                shown = shown[text(shown.attrs.get("default"))]
+            for _ in range(_DEEPEST):  # a group may name itself
+                shown = dict(_members(shown)).get(text(shown.attrs.get("default")), shown)
             first = shown.name.strip("/") if shown.name.strip("/") in known else next(iter(known))
             place = first if group is None else group.strip("/")
             if place not in known:
@@ -106,7 +111,6 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
         if getattr(item, "shape", None) == shape and item.dtype.kind in "fiub":
             if item.file.filename != group.file.filename:
                 raise FileFormatError(f"the values of {name} are in another file")
-            check_place(path, item)
             attributes = {"units": text(item.attrs.get("units"))}
             attributes["ancillary_variables"] = f"errors {name}_errors"
             variables[name] = (names, _lazy(xarray, item), attributes)

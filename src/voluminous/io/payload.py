@@ -14,7 +14,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..files import check_age
+from ..files import check_age, check_readable
 from ..memory import check_memory
 
 # Magic bytes of compressed files, and the functions that open them.
@@ -118,6 +118,7 @@ def inside(directory: Path, name: str) -> Path:
     path = (directory / name).resolve()
     if not path.is_relative_to(directory.resolve()):
         raise FileFormatError(f"it names {name!r}, which is outside of its directory")
+    check_readable(path)
     if not path.is_file():
         raise InputError(f"it names {name!r}, but there is no such file in {directory}")
     return path

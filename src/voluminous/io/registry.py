@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import as_path, missing, opening, url_of
+from ..files import as_path, check_readable, missing, opening, url_of
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
@@ -251,6 +251,7 @@ def _head(path: Path) -> bytes:
         return b"" if path.suffix in ("", ".zarr") else head_of(path, HEAD_LENGTH)
     if path.is_dir():
         return b""
+    check_readable(path)
     try:
         with builtins.open(path, "rb") as file:
             return file.read(HEAD_LENGTH)

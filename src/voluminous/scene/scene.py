@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
-from ..files import as_path, missing, replacing, seen_from, url_of
+from ..files import as_path, check_readable, missing, replacing, seen_from, url_of
 from ..io.guard import placed
 from . import settings
 from .sections import (
@@ -254,6 +254,7 @@ def _storable(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def text_of(path: Path) -> str:
     """Return the text of a file, in UTF-8."""
+    check_readable(path)
     try:
         return path.read_text(encoding="utf-8-sig")  # with a byte order mark, as on Windows
     except FileNotFoundError:

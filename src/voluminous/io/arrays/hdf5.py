@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import check_place, first_bytes, is_hdf5, opened, text, warn_of_missing
+from ..hdf5 import check_place, first_bytes, is_hdf5, opened, read, text, warn_of_missing
 from ..unit_texts import known_unit
 from .layout import Entry
 from .named_arrays import NamedArraysReader
@@ -92,7 +92,7 @@ def _entry(path: Path, item: Any, backwards: bool) -> Entry:
         check_place(path, item)
         stored = index if sense == 1 or index is ... else index[::-1]
         warn_of_missing(item, stored)
-        values: np.ndarray = item[stored]
+        values = read(item) if index is ... else item[stored]
         return values if sense == 1 else values.T
 
     dims, scales, chunks = dims[::sense], scales[::sense], (item.chunks or ())[::sense]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...packages import require
 from ..contract import FieldChoice, FieldInfo, Reader
+from ..hdf5 import first_bytes
 from .reader import FITSReader
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class CASAReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         try:
-            text = (path / _TOLD).read_bytes()[:200] if (path / _TABLE).is_file() else b""
+            text = first_bytes(path / _TOLD, 200) if (path / _TABLE).is_file() else b""
         except OSError:
             return False
         return b"Type = Image" in text

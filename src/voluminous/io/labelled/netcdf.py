@@ -12,7 +12,7 @@ from ...files import url_of
 from ...packages import require
 from ..contract import FieldInfo
 from ..guard import by_library
-from ..hdf5 import filters, first_bytes, is_hdf5, is_own, opened
+from ..hdf5 import check_places, filters, first_bytes, is_hdf5, is_own, opened
 from ..remote import for_hdf5
 from .convert import AT_ONCE, LabelledReader
 
@@ -50,6 +50,7 @@ class NetCDFReader(LabelledReader):
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
         xarray = require("xarray", self.extra, "reading NetCDF")
         head = first_bytes(path, 8)
+        check_places(path)
         groups = _groups(path) if is_hdf5(head) else []
         if group is not None and is_hdf5(head) and group.strip("/") not in ["", *groups]:
             raise unknown_name("group", group, groups)

@@ -19,7 +19,7 @@ from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
-from ..hdf5 import created, data_set, holds, is_own, opened, read, text, warn_of_missing
+from ..hdf5 import created, data_set, fixed, holds, is_own, opened, read, text, warn_of_missing
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 
 if TYPE_CHECKING:
@@ -99,9 +99,9 @@ class NativeReader(ContentsReader):
         plain = plain_grid(volume.grid)
         with created(path) as (file, sink):
             marks = {"format": MARK, "version": VERSION, "about": ABOUT}
-            file.attrs.update({**marks, "written_by": f"voluminous {SOFTWARE}"})
+            _describe(file, {**marks, "written_by": f"voluminous {SOFTWARE}"})
             grid = file.create_group(GRID)
-            grid.attrs.update({"type": plain.type, "order": plain.order, **plain.attributes})
+            _describe(grid, {"type": plain.type, "order": plain.order, **plain.attributes})
             for name, values in plain.arrays.items():
                 grid[name] = values
             _write_extras(file, volume)
@@ -111,8 +111,12 @@ class NativeReader(ContentsReader):
                 # Use a copy that does not cache values: only one field at a time is in memory.
                 values = volume.with_arrays({}).array(name)
                 item = group.create_dataset(name, data=values, **options)
-                item.attrs["units"] = exact_name(volume.field_unit(name))
+                _describe(item, {"units": exact_name(volume.field_unit(name))})
                 sink.check()
+
+
+def _describe(item: Any, attributes: dict[str, Any]) -> None:
+    item.attrs.update({k: fixed(v) if isinstance(v, str) else v for k, v in attributes.items()})
 
 
 def _group(file: h5py.File, name: str) -> h5py.Group:
@@ -141,11 +145,13 @@ def _field_part(path: Path, name: str, index: tuple[slice, ...], level: int) -> 
 
 def _write_extras(file: h5py.File, volume: Volume) -> None:
     if volume.meta:
-        file[META] = json.dumps(volume.meta, default=json_value, ensure_ascii=False)
-        file[META].attrs["about"] = "what was known of the data, in JSON"
+        file[META] = fixed(json.dumps(volume.meta, default=json_value, ensure_ascii=False))
+        _describe(file[META], {"about": "what was known of the data, in JSON"})
     if volume.wcs is not None:
-        file[SKY], tables = header_text(volume.wcs)
-        file[SKY].attrs["about"] = "a FITS header with the world coordinates of the grid's axes"
+        header, tables = header_text(volume.wcs)
+        file[SKY] = fixed(header)
+        about = "a FITS header with the world coordinates of the grid's axes"
+        _describe(file[SKY], {"about": about})
         for (table, column), values in tables.items():
             file[f"{TABLES}/{table}/{column}"] = values
 

@@ -100,9 +100,12 @@ class NativeZarrReader(ContentsReader):
             names, levels = told.get("fields"), told.get("levels")
             if not isinstance(plain, dict) or not isinstance(names, list):
                 raise FileFormatError("its attributes must name 'grid' and 'fields'")
-            if not isinstance(levels, int) or levels < 1:
-                raise FileFormatError(f"its attribute 'levels' must be 1 or more, got {levels!r}")
             grid = grid_of(PlainGrid(str(plain.get("type")), "", _values(path, root, GRID), plain))
+            most = 1 + max(grid.shape).bit_length()  # the last one is a single cell
+            if not isinstance(levels, int) or not 1 <= levels <= most:
+                raise FileFormatError(
+                    f"its attribute 'levels' must be a number from 1 to {most}, got {levels!r}"
+                )
             shapes = _shapes(grid.shape, levels)
             fields = []
             for name in names:

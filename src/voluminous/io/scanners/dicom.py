@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import FileFormatError, InputError, UnitsError
+from ...files import check_readable
 from ...packages import require
 from ...units import parse_unit
 from ..guard import by_library, reading
@@ -136,6 +137,7 @@ def _files(directory: Path) -> Iterator[Path]:
 
 def _read_header(path: Path) -> Any:
     pydicom = require("pydicom", "medical", "reading DICOM")
+    check_readable(path)
     with reading(path, "a DICOM file"), by_library("pydicom"):
         return pydicom.dcmread(path, stop_before_pixels=True, specific_tags=_KEYWORDS)
 

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
+from ...files import check_readable
 from ...memory import check_memory
 from ...packages import require
 from ..guard import by_library
-from ..hdf5 import holds
+from ..hdf5 import check_places, holds
 from ..payload import checked_shape
 from .placement import Placement, lattice, single_field
 from .voxels import (
@@ -53,6 +54,8 @@ class NibabelReader(VoxelReader):
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         with by_library("nibabel"):
             image = self.image(path)
+            for holder in image.file_map.values():
+                check_readable(Path(holder.filename or path))
             sizes = checked_shape(image.shape)
             if math.prod(sizes[5:]) > 1:
                 raise FileFormatError(f"expected x, y, z, time and components, got sizes {sizes}")
@@ -199,6 +202,7 @@ class MINCReader(NibabelReader):
         nibabel = require("nibabel", self.extra, f"reading {self.description}")
         with open(path, "rb") as file:
             kind = nibabel.Minc1Image if file.read(3) == b"CDF" else nibabel.Minc2Image
+        check_places(path)
         return kind.from_file_map({"image": nibabel.FileHolder(str(path))}, mmap=False)
 
     def axis_of_time(self, image: Any) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...deferred import Deferred
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
 from ..boxes import boxes
 from ..channels import Channel, channel_fields, channel_meta
 from ..contract import FieldInfo, Reader
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ...volume import Volume
 
 VECTOR = ("_x", "_y", "_z")
+# Each component becomes a field; the most that spectrometers give are thousands.
+_MOST = 20_000
 COLORS = ("_red", "_green", "_blue", "_alpha")
 # Endings that belong to the format or its packing, not to the name of what is in the file.
 _PACKINGS = (".gz", ".bz2", ".xz")
@@ -107,6 +109,8 @@ def stem(path: Path) -> str:
 
 def component_names(count: int, endings: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return the endings of so many components: those given, as far as they go, or numbers."""
+    if count > _MOST:
+        raise FileFormatError(f"it has {count} channels or components, expected {_MOST} at most")
     if count == 1:
         return ("",)
     if count <= len(endings):

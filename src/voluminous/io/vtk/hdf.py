@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ..hdf5 import is_hdf5, opened, text
+from ..hdf5 import check_places, is_hdf5, opened, text
 from .dataset import ADVICE, Dataset, DatasetReader
 from .objects import dataset_of, lazy_dataset, updated
 
@@ -35,6 +35,7 @@ class VTKHDFReader(DatasetReader):
             return path.suffix.lower() in self.suffixes
 
     def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
+        check_places(path)
         if resolution is not None:
             return dataset_of(updated("IOHDF", "HDFReader", path), resolution)
         with opened(path) as file:

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
+from ...files import check_readable
 from ...packages import is_installed, require
 from ...units import UnitLike, unit_name
 from ..contract import FieldChoice, FieldInfo, Reader
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import check_places, first_bytes, is_hdf5, opened
 from .layout import length_unit
 from .source import quiet, source_of, units_of_field
 from .volume import fields_of, volume_of
@@ -79,8 +80,7 @@ def _amrex(path: Path, head: bytes) -> Path | None:
     directory = path if path.is_dir() else path.parent
     if not (path.is_dir() or path.name == "Header") or not (directory / "Level_0").is_dir():
         return None
-    with open(directory / "Header", "rb") as file:
-        version, count = file.readline(80), file.readline(80)
+    version, count, *_ = [*first_bytes(directory / "Header", 160).split(b"\n"), b"", b""]
     return directory if re.match(rb"[\w-]+-V\d", version) and count.strip().isdigit() else None
 
 
@@ -116,8 +116,7 @@ def _enzo_e(path: Path, head: bytes) -> Path | None:
 def _head(path: Path) -> bytes:
     if path.is_dir():
         return b""
-    with open(path, "rb") as file:
-        return file.read(512)
+    return first_bytes(path, 512)
 
 
 class YtReader(Reader):
@@ -201,6 +200,7 @@ def _loaded(path: Path, options: dict[str, Any]) -> Any:
 
 def _check_places(path: Path) -> None:
     """Refuse an HDF5 output whose cells yt would misplace."""
+    check_places(path)
     with opened(path) as file:
         blocks = file["Info"].attrs if "Locations" in file and "Info" in file else {}
         if np.any(blocks.get("IncludesGhost", 0)):
@@ -225,6 +225,8 @@ def _kinds(path: Path) -> list[Any]:
 
     As in yt.load, except that a class that fails on another format's file does not hide the rest.
     """
+    for inner in path.iterdir() if path.is_dir() else ():
+        check_readable(inner)
     # yt registers its frontends on its first load.
     for name in require("yt.frontends", "yt", "reading this file").__all__:
         with contextlib.suppress(Exception):

@@ -76,6 +76,7 @@ class OMEZarrReader(VoxelReader):
             pieces = dict(zip(result.axes, arrays[number].chunks, strict=True))
             finer = [dict(zip(result.axes, a.shape, strict=True)) for a in arrays[number:]]
         times, count = sizes.get("t", 1), sizes.get("c", 1)
+        names = component_names(count)
         if time is None and times > 1:
             raise InputError(f"there are {times} times; choose one with time=0 … time={times - 1}")
         step = 0 if time is None else _numbered("time", time, times)
@@ -94,7 +95,7 @@ class OMEZarrReader(VoxelReader):
             dtype=dtype,
             placement=placement,
             load=functools.partial(_voxels, path, result.axes, places, step, tuple(numbers)),
-            components=tuple(f"_{k}" for k in numbers) if count > 1 else component_names(1),
+            components=tuple(names[k] for k in numbers),
             name="channel" if count > 1 else path.name.split(".")[0],
             channels=[channels[k] for k in numbers],
             meta={"level": number, "levels": len(arrays), "time_number": step, **Y_DOWN},

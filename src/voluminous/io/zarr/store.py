@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ...errors import FileFormatError, UnreachableError, VoluminousError
-from ...files import STORE_FILES, check_age, url_of
+from ...files import STORE_FILES, check_age, check_readable, url_of
 from ...memory import check_memory
 from ...packages import require
 from .. import remote
@@ -123,6 +123,8 @@ def _careful() -> type:
             self.kept: dict[Any, Any] = {}  # what readers made of it
 
         async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
+            if isinstance(self._store, LocalStore):
+                check_readable(self._store.root / key)
             for wait in (*remote.WAITS, None):
                 try:
                     value = await self._store.get(key, prototype, byte_range)
@@ -236,6 +238,7 @@ def _one_chunk(array: zarr.Array[Any], index: Sequence[Any]) -> np.ndarray | Non
     from numcodecs import blosc
 
     file = files.root / array.path / key
+    check_readable(file)
     try:
         packed = file.read_bytes()
     except OSError:
