@@ -1,5 +1,7 @@
 """Voxels of scanners: the right value at the right place, in all formats."""
 
+import bz2
+import gzip
 import itertools
 import zlib
 
@@ -217,6 +219,21 @@ def test_vectors_turn_with_the_coordinates(tmp_path):
         check_places(volume, sign * part, ORIGIN, UPRIGHT, name)
 
 
+@pytest.mark.parametrize("encoding", ["gzip", "bzip2"])
+def test_packed_nrrd_is_unpacked_as_far_as_its_header_says(tmp_path, encoding):
+    pytest.importorskip("nrrd")
+    pack = {"gzip": gzip.compress, "bzip2": bz2.compress}[encoding]
+    data, path = VALUES.tobytes("F"), tmp_path / "a.nrrd"
+    head = nrrd_text(**{"encoding": encoding, "byte_skip": 6}).encode() + b"\n"
+    packed = pack(b"before" + data)
+    path.write_bytes(head + packed)
+    np.testing.assert_array_equal(vm.open(path).array("a"), VALUES)
+    for damaged in (pack(b"before" + data + b"more"), packed[:-9], packed[:-4] + b"0000"):
+        path.write_bytes(head + damaged)
+        with pytest.raises(vm.FileFormatError):
+            vm.open(path)
+
+
 @pytest.mark.parametrize("way", ["one", "list", "skip", "end", "lines"])
 def test_nrrd_with_data_elsewhere(tmp_path, way):
     data, path = VALUES.tobytes("F"), tmp_path / "a.nhdr"
@@ -235,6 +252,76 @@ def test_nrrd_with_data_elsewhere(tmp_path, way):
     }[way]
     path.write_text(nrrd_text(**fields))
     np.testing.assert_array_equal(vm.open(path).array("a"), VALUES)
+
+
+@pytest.mark.parametrize("format", ["nrrd", "metaimage"])
+@pytest.mark.parametrize(
+    ("named", "sides"),
+    [
+        ("s%d.raw 1 6 1", 6),  # a file for each slice
+        ("s%02d.raw 1 6 1 2", 6),  # and how many dimensions it has
+        ("s%d.raw 10 0 -2 2", 6),
+        ("s%03i.raw 7 9 1", 3),  # slabs of two slices
+        ("s%d.raw 1 30 1 1", 30),  # a file for each row
+        ("LIST 2", 6),
+        ("a b %d.raw 1 6 1", 6),
+    ],
+)
+def test_data_in_numbered_files(tmp_path, named, sides, format):
+    if format == "nrrd":
+        pytest.importorskip("nrrd")
+    pattern, *numbers = named.rsplit(".raw")
+    first, _, step = map(int, numbers[0].split()[:3]) if numbers else (1, 0, 1)
+    data = VALUES.tobytes("F")
+    size, names = len(data) // sides, []
+    for k in range(sides):
+        names += [f"{pattern}.raw" % (first + k * step) if numbers else f"f{k}.dat"]
+        (tmp_path / names[-1]).write_bytes(data[k * size : (k + 1) * size])
+    listed = "" if numbers else "\n" + "\n".join(names) + "\n"
+    path = tmp_path / ("a.nhdr" if format == "nrrd" else "a.mhd")
+    if format == "nrrd":
+        path.write_text(nrrd_text(data_file=named + listed))
+    else:
+        head = "NDims = 3\nDimSize = 4 5 6\nElementType = MET_SHORT\n"
+        path.write_text(f"{head}ElementDataFile = {named}{listed}\n")
+    np.testing.assert_array_equal(vm.open(path).array("a"), VALUES)
+    for broken in (names[-1], names[0]):
+        (tmp_path / broken).unlink()
+        with pytest.raises(vm.FileFormatError, match="there is no such file") as failure:
+            vm.open(path)
+        assert broken in str(failure.value)
+
+
+@pytest.mark.parametrize(
+    "named",
+    ["s%d.raw 1 4 1", "s%d.raw 3 1 1", "s%999999999d.raw 1 6 1", "s%d.raw 1 6 0", "s%d.raw"],
+)
+def test_numbered_files_that_make_no_volume(tmp_path, named):
+    pytest.importorskip("nrrd")
+    for k in range(1, 5):
+        (tmp_path / f"s{k}.raw").write_bytes(VALUES.tobytes("F")[: 2 * 30])
+    (tmp_path / "a.nhdr").write_text(nrrd_text(data_file=named))
+    with pytest.raises(vm.FileFormatError, match=r"evenly|no such file|are no files|cut short"):
+        vm.open(tmp_path / "a.nhdr")
+
+
+def test_numbers_of_axes_say_which_are_in_space(tmp_path):
+    """Teem leaves out kinds: an axis without a position is none in space."""
+    pytest.importorskip("nrrd")
+    parts = RNG.random((3, 4, 5, 2)).astype(np.float32)
+    fields = {"dimension": 4, "sizes": "3 4 5 2", "type": "float"}
+    limits = {"axis_mins": "nan 1 2 3", "axis_maxs": "nan 5 12 7"}
+    for k, lines in enumerate((limits, {"spacings": "nan 1 2 2", "axis_mins": "NaN 1 2 3"})):
+        path = tmp_path / f"v{k}.nrrd"
+        path.write_bytes(nrrd_text(**fields, **lines).encode() + b"\n" + parts.tobytes("F"))
+        volume = vm.open(path)
+        assert volume.fields == tuple(f"v{k}_{axis}" for axis in "xyz")
+        np.testing.assert_array_equal(volume.array(f"v{k}_y"), parts[1])
+        np.testing.assert_allclose(volume.grid.bounds, [(1, 5), (2, 12), (3, 7)])
+    last = {"axis_mins": "1 2 3 nan", "sizes": "3 4 5 2"}
+    path.write_bytes(nrrd_text(**{**fields, **last}).encode() + b"\n" + parts.tobytes("F"))
+    assert vm.open(path).fields == ("v1_0", "v1_1")
+    np.testing.assert_array_equal(vm.open(path, time=1).array("v1"), parts[..., 1])
 
 
 @pytest.mark.parametrize("way", ["file", "list", "packed", "text", "end", "channels"])

@@ -80,14 +80,11 @@ class MetaImageReader(VoxelReader):
         times, count = math.prod(shape[3:]), math.prod(shape) * channels
         is_binary = _is_true(header, "BinaryData", "True")
         packing = ("zlib" if _is_true(header, "CompressedData") else "") if is_binary else "text"
-        files = _files(path, header[_DATA], end)
+        files = _files(path, header[_DATA], len(lines))
         if files == (path,):
             skipped = end
-        elif skipped == -1:  # the data are the end of the file
-            skipped = files[0].stat().st_size - count // len(files) * dtype.itemsize
         stored = StoredNumbers(files, dtype, count, skipped, packing)
-        if not packing:
-            stored.read(0, (count,))  # maps the files, to check their sizes
+        stored.check()
         step = time_step(time, times)
 
         def load(number: int) -> np.ndarray:
@@ -161,10 +158,9 @@ def _placement(header: dict[str, str], ndims: int) -> Placement:
     return Placement(first[:3], steps[:3, :3], unit, LPS if patient else "")
 
 
-def _files(path: Path, named: str, end: int) -> tuple[Path, ...]:
+def _files(path: Path, named: str, above: int) -> tuple[Path, ...]:
     if named.upper() == "LOCAL":
         return (path,)
     if named.split()[0].upper() == "LIST":  # a file for each slice, or slab of them
-        listed = path.read_bytes()[end:].decode("utf-8", "replace").splitlines()
-        return data_files(path, named, listed)
+        return data_files(path, named, header_lines(path, lambda _: False)[0][above:])
     return data_files(path, named)

@@ -1,7 +1,8 @@
-"""NRRD (.nrrd, .nhdr): what 3D Slicer and Teem write. pynrrd reads header and numbers."""
+"""NRRD (.nrrd, .nhdr): what 3D Slicer and Teem write. pynrrd reads the header."""
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
-from ...memory import check_memory
 from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape
 from ..unit_texts import known_unit
 from .placement import LPS, Placement, conversion, lattice, length_unit, single_field, slabs
-from .stored import data_files, header_lines
+from .stored import StoredNumbers, data_files, header_lines
 from .voxels import COLORS, TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ _SPACES = {
 }
 # The kind of a short axis without a kind: components, by all experience.
 _SHORT, _MOST_COMPONENTS = "short", 4
+# Of each axis in space; NaN of another.
+_NUMBERS = ("spacings", "axis mins", "axis maxs")
 # Kinds of spatial axes.
 _SPATIAL = ("domain", "space", "none", "???", "")
 _ENDINGS = {
@@ -39,6 +41,12 @@ _ENDINGS = {
     **dict.fromkeys(("rgb-color", "rgba-color", "3-color", "4-color"), COLORS),
 }
 _TYPES = {"f4": "float", "f8": "double"}
+_PACKINGS = {
+    "raw": "",
+    **dict.fromkeys(("ascii", "text", "txt"), "text"),
+    **dict.fromkeys(("gzip", "gz"), "zlib"),
+    **dict.fromkeys(("bzip2", "bz2"), "bz2"),
+}
 
 _Header = dict[str, Any]
 
@@ -59,19 +67,16 @@ class NRRDReader(VoxelReader):
 
     def voxels(self, path: Path, *, time: int | None = None) -> Voxels:
         nrrd = require("nrrd", self.extra, f"reading {self.description}")
-        header, end, files = _read_header(nrrd, path)
+        header, stored = _read_header(nrrd, path)
         sizes: tuple[int, ...] = header["sizes"]
         space, other, kind = _axes(header, time is not None)
         others = 1 if other is None else sizes[other]
         timed = kind == "time"
         step = time_step(0 if time is None else time, others if timed else 1)
-        with by_library("pynrrd"):
-            dtype = nrrd.reader._determine_datatype(header).newbyteorder("=")
+        dtype = stored.dtype.newbyteorder("=")
 
         def load(component: int) -> np.ndarray:
-            size = dtype.itemsize * int(np.prod(sizes, dtype=object))
-            check_memory(size, f"reading {path.name}", "read a coarser copy")
-            values = _values(nrrd, header, path, end, files)
+            values = stored.read(0, sizes[::-1]).transpose()
             return values if other is None else values.take(step if timed else component, other)
 
         return Voxels(
@@ -113,13 +118,14 @@ def _written(numbers: np.ndarray) -> str:
     return "(" + ",".join(repr(float(number)) for number in numbers) + ")"
 
 
-def _read_header(nrrd: Any, path: Path) -> tuple[_Header, int, tuple[Path, ...]]:
+def _read_header(nrrd: Any, path: Path) -> tuple[_Header, StoredNumbers]:
     lines, end = header_lines(path, lambda line: not line)
     lists = [k for k, line in enumerate(lines) if re.match(r"data ?file:\s*LIST", line)]
     stop = lists[0] + 1 if lists else len(lines)
     with by_library("pynrrd"):
         header = nrrd.read_header(iter(line + "\n" for line in lines[:stop]))
         dimension, sizes = header["dimension"], header["sizes"]
+        dtype, packing = nrrd.reader._determine_datatype(header), header["encoding"].lower()
     header["sizes"] = checked_shape(sizes, "sizes")
     if dimension != len(sizes):
         raise FileFormatError(f"dimension is {dimension}, but there are {len(sizes)} sizes")
@@ -127,22 +133,27 @@ def _read_header(nrrd: Any, path: Path) -> tuple[_Header, int, tuple[Path, ...]]
     if named is None and lines[-1]:
         raise FileFormatError("expected an empty line between its header and the data")
     files = data_files(path, named, lines[stop:] if lists else ()) if named else (path,)
-    if header["sizes"][-1] % len(files):
-        raise FileFormatError(f"{header['sizes'][-1]} slices do not fill {len(files)} files evenly")
-    return header, 0 if named else end, files
-
-
-def _values(
-    nrrd: Any, header: _Header, path: Path, start: int, files: tuple[Path, ...]
-) -> np.ndarray:
-    sizes = np.array(header["sizes"])
-    sizes[-1] //= len(files)
-    parts = []
-    for name in files:
-        with by_library("pynrrd"), open(name, "rb") as file:
-            file.seek(start)
-            parts.append(nrrd.read_data({**header, "sizes": sizes}, file))
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+    slices = header["sizes"][-1]
+    if slices % len(files) and len(files) % slices:
+        raise FileFormatError(f"{slices} slices do not fill {len(files)} files evenly")
+    lines, skipped = (header.get(f"{k} skip", header.get(f"{k}skip", 0)) for k in ("line", "byte"))
+    if packing not in _PACKINGS or lines < 0 or skipped < -1 or (lines and len(files) > 1):
+        raise FileFormatError(
+            f"expected encoding {', '.join(_PACKINGS)} (lines to skip in one file only), got "
+            f"{packing!r}, line skip {lines}, byte skip {skipped}"
+        )
+    start = 0 if named else end
+    with open(files[0], "rb") as file:
+        file.seek(start)
+        while lines and file.readline():
+            lines -= 1
+        start = file.tell()
+    packing, count = _PACKINGS[packing], math.prod(header["sizes"])
+    if not packing:
+        start = -1 if skipped == -1 else start + skipped
+    stored = StoredNumbers(files, dtype, count, start, packing, max(skipped, 0))
+    stored.check()
+    return header, stored
 
 
 def _per_axis(header: _Header, name: str, default: Any) -> list[Any]:
@@ -169,13 +180,13 @@ def _axes(header: _Header, timed: bool) -> tuple[tuple[int, ...], int | None, st
     sizes: tuple[int, ...] = header["sizes"]
     count = len(sizes)
     kinds = [kind.lower() for kind in _per_axis(header, "kinds", "")]
-    widths, lows = (_per_axis(header, name, 0.0) for name in ("spacings", "axis mins"))
+    known = [_per_axis(header, name, 0.0) for name in _NUMBERS if name in header]
     directions = _directions(header)
     space = tuple(
         axis
         for axis in range(count)
         if kinds[axis] in _SPATIAL
-        and (np.isfinite(widths[axis]) or ("axis mins" in header and np.isfinite(lows[axis])))
+        and (not known or any(np.isfinite(numbers[axis]) for numbers in known))
         and (directions is None or directions[axis] is not None)
     )
     others = [axis for axis in range(count) if axis not in space]
@@ -198,7 +209,9 @@ def _axes(header: _Header, timed: bool) -> tuple[tuple[int, ...], int | None, st
             f"kinds {header.get('kinds') or '(none)'}; a line such as 'kinds: vector domain "
             "domain domain' says what they are"
         )
-    return space, others[0] if others else None, kinds[others[0]] if others else ""
+    if not others:
+        return space, None, ""
+    return space, others[0], kinds[others[0]] or ("time" if timed else _SHORT)
 
 
 def _placement(header: _Header, space: tuple[int, ...]) -> Placement:
@@ -217,10 +230,7 @@ def _placement(header: _Header, space: tuple[int, ...]) -> Placement:
 
 def _along_axes(header: _Header, places: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return origin, steps and units by the spacing and the limits of each axis."""
-    spacing, low, high = (
-        np.array(_per_axis(header, name, np.nan))[places]
-        for name in ("spacings", "axis mins", "axis maxs")
-    )
+    spacing, low, high = (np.array(_per_axis(header, name, np.nan))[places] for name in _NUMBERS)
     centers = header.get("centers", "").split() or _per_axis(header, "centerings", "")
     # Positions are those of the outer walls of cells, by Teem's default too, or of nodes.
     at_nodes = np.array([centers[k].lower() == "node" for k in places])
