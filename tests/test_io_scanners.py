@@ -224,7 +224,7 @@ def test_packed_nrrd_is_unpacked_as_far_as_its_header_says(tmp_path, encoding):
     pytest.importorskip("nrrd")
     pack = {"gzip": gzip.compress, "bzip2": bz2.compress}[encoding]
     data, path = VALUES.tobytes("F"), tmp_path / "a.nrrd"
-    head = nrrd_text(**{"encoding": encoding, "byte_skip": 6}).encode() + b"\n"
+    head = nrrd_text(encoding=encoding, byte_skip=6).encode() + b"\n"
     packed = pack(b"before" + data)
     path.write_bytes(head + packed)
     np.testing.assert_array_equal(vm.open(path).array("a"), VALUES)
@@ -294,7 +294,7 @@ def test_data_in_numbered_files(tmp_path, named, sides, format):
 
 @pytest.mark.parametrize(
     "named",
-    ["s%d.raw 1 4 1", "s%d.raw 3 1 1", "s%999999999d.raw 1 6 1", "s%d.raw 1 6 0", "s%d.raw"],
+    ["s%d.raw 1 4 1", "s%d.raw 3 1 1", "s%999999999d.raw 1 6 1", "s%d.raw 1 6 0", "s%d"],
 )
 def test_numbered_files_that_make_no_volume(tmp_path, named):
     pytest.importorskip("nrrd")

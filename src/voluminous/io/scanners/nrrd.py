@@ -77,7 +77,9 @@ class NRRDReader(VoxelReader):
 
         def load(component: int) -> np.ndarray:
             values = stored.read(0, sizes[::-1]).transpose()
-            return values if other is None else values.take(step if timed else component, other)
+            if other is None:
+                return values
+            return np.asarray(values.take(step if timed else component, other))
 
         return Voxels(
             shape=tuple(sizes[axis] for axis in space),
