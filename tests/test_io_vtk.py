@@ -313,3 +313,75 @@ def test_what_vtk_would_crash_on_is_refused(tmp_path, wrong):
     )
     with pytest.raises(vm.FileFormatError, match=r"a\.vti"):
         vm.open(path)
+
+
+def with_odd_number(way, word):
+    """Return text of VTK in which one of the values at points is a word."""
+    values = [f"{k}.5" for k in range(64)]
+    values[10] = word
+    others = " ".join(f"{k}.25" for k in range(64))
+    if way == "xml":
+        arrays = "".join(
+            f'<DataArray type="Float64" Name="{name}" format="ascii">{text}</DataArray>'
+            for name, text in (("a", " ".join(values)), ("b", others))
+        )
+        return (
+            '<VTKFile type="ImageData" version="0.1"><ImageData WholeExtent="0 3 0 3 0 3" '
+            'Origin="0 0 0" Spacing="1 1 1"><Piece Extent="0 3 0 3 0 3"><PointData>'
+            f"{arrays}</PointData></Piece></ImageData></VTKFile>"
+        )
+    head = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET "
+    if way == "coordinates":
+        lines = f"0 {word} 2 3", "0 1 2 3", "0 1 2 3"
+        named = zip("XYZ", lines, strict=True)
+        head += "RECTILINEAR_GRID\nDIMENSIONS 4 4 4\n"
+        head += "".join(f"{axis}_COORDINATES 4 float\n{line}\n" for axis, line in named)
+        values[10] = "10.5"
+    else:
+        head += "STRUCTURED_POINTS\nDIMENSIONS 4 4 4\nORIGIN 0 0 0\nSPACING 1 1 1\n"
+    cells = "CELL_DATA 27\nSCALARS c double\nLOOKUP_TABLE default\n" + "1 " * 27 + "\n"
+    if way == "scalars":
+        start = "SCALARS a double\nLOOKUP_TABLE default\n"
+        points = f"{start}{' '.join(values)}\nVECTORS b%20c double\n" + "1 2 3 " * 64
+    else:
+        points = f"FIELD f 2\na 1 64 double\n{' '.join(values)}\nb%20c 1 64 double\n{others}"
+    return f"{head}POINT_DATA 64\n{points}\n{cells}"
+
+
+@pytest.mark.parametrize("word", ["1.0-300", "-.5+100", "1.0D-300", "****", "1,5", "1.#QNAN"])
+@pytest.mark.parametrize("way", ["scalars", "field", "coordinates", "xml"])
+def test_numbers_that_vtk_does_not_read_are_refused(tmp_path, way, word):
+    """VTK takes 1.0-300 for two numbers, and stops over what is left, in silence."""
+    path = tmp_path / ("a.vti" if way == "xml" else "a.vtk")
+    path.write_text(with_odd_number(way, word))
+    with pytest.raises(vm.FileFormatError) as failure:
+        vm.open(path)
+    if word in ("1.0-300", "-.5+100"):
+        assert f"{word} is no number" in str(failure.value)
+    if way == "field":
+        assert "did not read its arrays a, b c" in str(failure.value)
+
+
+@pytest.mark.parametrize("word", ["nan", "NaN", "inf", ".5", "5.", "1e-300", "-1E+5"])
+@pytest.mark.parametrize("way", ["scalars", "field", "xml"])
+def test_all_spellings_of_numbers_are_read(tmp_path, way, word):
+    path = tmp_path / ("a.vti" if way == "xml" else "a.vtk")
+    path.write_text(with_odd_number(way, word))
+    values = vm.open(path, "a").array("a").ravel("F")
+    expected = 0.5 + np.arange(64)
+    expected[10] = float(word)
+    np.testing.assert_array_equal(values, expected)
+
+
+def test_binary_arrays_that_vtk_loses_are_named(tmp_path):
+    """A FIELD of which one array is shorter than announced ends VTK's reading without a word."""
+    head = b"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 4 4\n"
+    head += b"ORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 64\nFIELD f 2\n"
+    array = np.ones(64, ">f8").tobytes() + b"\n"
+    whole = head + b"a 1 64 double\n" + array + b"b 1 64 double\n" + array
+    path = tmp_path / "a.vtk"
+    path.write_bytes(whole)
+    assert vm.open(path).fields == ("a", "b")
+    path.write_bytes(whole.replace(b"a 1 64 double\n", b"a 1 62 double\n"))
+    with pytest.raises(vm.FileFormatError):
+        vm.open(path)

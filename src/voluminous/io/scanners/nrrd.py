@@ -77,9 +77,8 @@ class NRRDReader(VoxelReader):
 
         def load(component: int) -> np.ndarray:
             values = stored.read(0, sizes[::-1]).transpose()
-            if other is None:
-                return values
-            return np.asarray(values.take(step if timed else component, other))
+            part = 0 if other is None else step if timed else component
+            return values if other is None else np.asarray(values.take(part, other))
 
         return Voxels(
             shape=tuple(sizes[axis] for axis in space),

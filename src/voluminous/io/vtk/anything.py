@@ -6,24 +6,33 @@ https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
 from __future__ import annotations
 
 import math
+import mmap
 import re
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import require
 from .dataset import OPTIONS, Dataset, DatasetReader
-from .library import heard, vtk
+from .library import check_numbers, heard, vtk
 from .objects import dataset_of, leaves
 
 _MAGIC = b"# vtk DataFile Version"
 _DIMENSIONS = re.compile(rb"\bDIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)\b", re.IGNORECASE)
 # Without these only the first array of each sort is read.
 _ALL = ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields")
+# How files announce where arrays are, and their names: as attributes, or in a FIELD.
+_ANNOUNCED = re.compile(
+    rb"\n[ \t]*(?![\d.+-])(?:(POINT|CELL|ROW)_DATA[ \t]|(?:SCALARS|VECTORS|NORMALS|TENSORS6?"
+    rb"|COLOR_SCALARS|TEXTURE_COORDINATES|\w+_IDS)[ \t]+(\S+)|(\S+)[ \t]+\d+[ \t]+\d+[ \t]+"
+    rb"(?:bit|float|double|string|vtk\w+|(?:unsigned_)?(?:char|short|int|long))[ \t]*\r?\n)",
+    re.IGNORECASE,
+)
 # How Tecplot's text begins: other programs call anything .dat.
 _TECPLOT = (b"TITLE", b"VARIABLES", b"ZONE", b"FILETYPE")
 
@@ -53,11 +62,36 @@ class VTKReader(DatasetReader):
         reader.SetFileName(str(path))
         for sort in _ALL:
             getattr(reader, f"ReadAll{sort}On")()
-        with heard():
-            reader.Update()
+        try:
+            with heard():
+                reader.Update()
+        finally:  # its names tell more than what VTK says
+            _check_arrays(path, reader.GetOutput())
         if reader.GetOutput() is None:
             raise FileFormatError("expected DATASET and its kind in line 4")
         return dataset_of(reader.GetOutput(), resolution, reader.GetHeader() or "")
+
+
+def _check_arrays(path: Path, output: Any) -> None:
+    """Refuse a file with arrays that VTK did not read: over some it stops without a word."""
+    kinds = {b"": "Field", b"POINT": "Point", b"CELL": "Cell", b"ROW": "Row"}
+    getters = {kind: f"Get{name}Data" for kind, name in kinds.items()}
+    has = {k: getattr(output, get)() for k, get in getters.items() if hasattr(output, get)}
+    given = {
+        (kind, data.GetAbstractArray(k).GetName())
+        for kind, data in has.items()
+        for k in range(data.GetNumberOfArrays())
+    }
+    kind, lost = b"", []
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for line in _ANNOUNCED.finditer(content):
+            kind = (line[1] or kind).upper()
+            name = unquote((line[2] or line[3] or b"").decode("utf-8", "replace"))
+            lost += [name] if name and (kind, name) not in given else []
+        if lost:
+            listed = ", ".join(lost)[:200]
+            check_numbers(content, f" (VTK did not read its arrays {listed})")
+            raise FileFormatError(f"VTK did not read its arrays {listed}")
 
 
 class PyVistaReader(DatasetReader):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +21,10 @@ _HARMLESS = re.compile(
     r"Warning: In .*?\n.*?(?:No (?:spacing|origin) read|Not all meta data was read).*\n*"
 )
 _DUMP = re.compile(r"ERROR: In vtkExecutive.*?(?:\n\n\n\n|\Z)", re.DOTALL)
+
+
+# A number as Fortran writes it where its exponent has three digits.
+_FORTRAN = re.compile(rb"(?<![^\s>])[-+]?\d*\.\d*[-+]\d{3}(?![^\s<])")
 
 
 def vtk(module: str) -> Any:
@@ -49,12 +54,24 @@ def heard(warnings: bool = True) -> Iterator[None]:
         raise FileFormatError(f"VTK cannot read it: {'; '.join(lines)[:_LONGEST]}")
 
 
+def check_numbers(content: mmap.mmap, told: str = "") -> None:
+    """Refuse text with what VTK takes for two numbers, so that all others move up."""
+    end = content.find(b"<AppendedData")
+    odd = _FORTRAN.search(content, 0, len(content) if end == -1 else end)
+    if odd:
+        raise FileFormatError(
+            f"{odd[0].decode()} is no number{told}; write exponents of three digits with an E"
+        )
+
+
 def tree(path: Path) -> Any:
     """Return the outermost element of an XML file of VTK."""
     with open(path, "rb") as file:
         file.seek(max(path.stat().st_size - _TAIL, 0))
         if b"</VTKFile" not in file.read():
             raise FileFormatError("it is cut short: expected </VTKFile> at its end")
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            check_numbers(content)
     parser = vtk("vtkIOXMLParser").vtkXMLDataParser()
     parser.SetFileName(str(path))
     with heard():
