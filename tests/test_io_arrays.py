@@ -12,6 +12,7 @@ import zipfile
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 import voluminous as vm
 from voluminous.io import compressed, find_reader
@@ -181,3 +182,9 @@ def test_arrays_of_matlab_are_as_matlab_shows_them(tmp_path, program):
     np.testing.assert_array_equal(volume.array(volume.fields[0]), values)
     turned = vm.open(path, axes="zyx")
     np.testing.assert_array_equal(turned.array(turned.fields[0]), values.T)
+
+
+def test_files_of_matlab_before_hdf5_are_named(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"rho": RHO})
+    with pytest.raises(vm.FileFormatError, match=r"MATLAB file of a version before 7\.3; save it"):
+        vm.open(tmp_path / "a.mat")

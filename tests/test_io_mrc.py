@@ -57,6 +57,23 @@ def test_volumes_of_a_stack_are_chosen(tmp_path):
     check_places(volume, values[1].transpose(), np.zeros(3), np.eye(3) * 2)
 
 
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("dtype", [np.int16, np.float32])
+def test_files_without_the_mark(tmp_path, dtype, order):
+    """Before 2000 there were the numbers of an origin in its place, and no word on byte order."""
+    path = write_mrc(tmp_path / "a.mrc", VALUES.astype(dtype), order=order)
+    content = bytearray(path.read_bytes())
+    content[196:220] = np.array([0, 0, 0, 1, 2, 3], f"{order}f4").tobytes()
+    path.write_bytes(content)
+    check_places(vm.open(path), VALUES.transpose(), np.zeros(3), np.eye(3) * 1.5)
+    content[208:216] = bytes(8)  # left out by a program of today
+    path.write_bytes(content)
+    check_places(vm.open(path), VALUES.transpose(), np.zeros(3), np.eye(3) * 1.5)
+    path.write_bytes(content + b"more")
+    with pytest.raises(vm.FileFormatError, match="is named like an MRC"):
+        vm.open(path)
+
+
 class TestMRC(ReaderContract):
     """Recognised by its word."""
 

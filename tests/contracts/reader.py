@@ -103,8 +103,18 @@ class ReaderContract:
             content = bytearray(victim.read_bytes())
             # Heads are short and worth more: half of all damage is done to the first bytes.
             limit = data.draw(st.sampled_from([min(512, len(content)), len(content)]))
+            way = data.draw(st.sampled_from(["bytes", "bits", "zeros", "cut"]))
             for _ in range(data.draw(st.integers(1, 4))):
-                content[data.draw(st.integers(0, limit - 1))] = data.draw(st.integers(0, 255))
+                at = data.draw(st.integers(0, limit - 1))
+                if way == "bytes":
+                    content[at] = data.draw(st.integers(0, 255))
+                elif way == "bits":
+                    content[at] ^= 1 << data.draw(st.integers(0, 7))
+                elif way == "zeros":
+                    content[at : at + 16] = bytes(len(content[at : at + 16]))
+                else:
+                    limit = max(at, 1)
+                    del content[limit:]
             victim.write_bytes(content)
             try:
                 with contextlib.suppress(vm.VoluminousError):

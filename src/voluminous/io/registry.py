@@ -273,6 +273,11 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
         message = f"{path} is a directory that no reader knows"
     elif not head:
         message = f"{path} is empty"
+    elif head.startswith(b"MATLAB 5.0"):
+        message = (
+            f"{path} is a MATLAB file of a version before 7.3; save it with the option '-v7.3', or "
+            "give the arrays of scipy.io.loadmat to vm.Volume"
+        )
     elif by_name is not None:
         message = (
             f"{path} is named like {by_name.description}, but starts with {head[:8]!r}: it is "

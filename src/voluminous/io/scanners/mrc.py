@@ -17,6 +17,8 @@ from .placement import Placement
 from .voxels import TIMED, VoxelReader, Voxels, time_step, times_meta
 
 _MAP = slice(208, 211)
+# Bytes of a voxel, by the mode of the numbers.
+_BYTES = {0: 1, 1: 2, 2: 4, 6: 2, 12: 2}
 _HEAD, _VOLUME_STACKS = 1024, range(401, 631)
 # IMOD writes plain bytes without a sign, unless a flag says otherwise.
 _IMOD, _SIGNED = b"IMOD", 1
@@ -33,12 +35,12 @@ class MRCReader(VoxelReader):
     options = TIMED
 
     def matches(self, path: Path, head: bytes) -> bool:
-        return len(head) >= _HEAD and head[_MAP] == b"MAP"
+        return len(head) >= _HEAD and (head[_MAP] == b"MAP" or _is_unmarked(path, head))
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         header, start, kind = self._header(path)
         columns = checked_shape([header.nx, header.ny, header.nz], "nx, ny, nz")
-        if int(header.mode) not in (0, 1, 2, 6, 12):
+        if int(header.mode) not in _BYTES:
             raise FileFormatError(f"mode must be 0, 1, 2, 6 or 12 (real), got {header.mode}")
         order = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
         order = [0, 1, 2] if order == [-1] * 3 else order
@@ -88,6 +90,17 @@ class MRCReader(VoxelReader):
                 return file.header, start, mrcfile.utils.data_dtype_from_header(file.header)
 
 
+def _is_unmarked(path: Path, head: bytes) -> bool:
+    """Return True for a header without the mark, as before 2000: the file is as long as it says."""
+    for order in "<>":
+        *shape, mode = np.frombuffer(head, f"{order}i4", 4).tolist()
+        extra = int(np.frombuffer(head, f"{order}i4", 1, 92)[0])
+        size = _HEAD + extra + math.prod(shape) * _BYTES.get(mode, 0)
+        if min(*shape, mode + 1) > 0 and mode in _BYTES and path.stat().st_size == size:
+            return path.suffix.lower() in MRCReader.suffixes
+    return False
+
+
 def _placement(header: Any, order: list[int]) -> Placement:
     cell, intervals = np.array(header.cella.tolist()), np.array([header.mx, header.my, header.mz])
     known = np.all(cell > 0) and np.all(intervals > 0)
@@ -95,5 +108,6 @@ def _placement(header: Any, order: list[int]) -> Placement:
     first = np.zeros(3)
     first[order] = [header.nxstart, header.nystart, header.nzstart]
     origin = np.array(header.origin.tolist())
-    origin = origin if np.any(origin) else first * widths
+    # Without the mark there are other numbers.
+    origin = origin if np.any(origin) and header.map in (b"MAP ", b"MAP", b"") else first * widths
     return Placement(origin, np.diag(widths)[order], "Angstrom" if known else "")
