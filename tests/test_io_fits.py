@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import types
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -12,7 +15,7 @@ import reference
 import voluminous as vm
 from contracts import ReaderContract
 from voluminous.cli.data import is_image
-from voluminous.io.fits.units import lenient_unit
+from voluminous.image.fits_header import lenient_unit
 
 REST = 110.2013541e9
 SKY = {
@@ -549,3 +552,253 @@ def test_l1448_cell_by_cell(l1448):
     )
     # 105 pixels of 0.006388889 degrees, which are 23 arcsec.
     np.testing.assert_allclose(volume.grid.bounds[:2], [(-1207.5, 1207.5)] * 2, atol=1e-3)
+
+
+# Headers as other programs write them: both doors read them alike.
+
+LINE = 230.538e9
+SI = {"km / s": 1e3, "GHz": 1e9, "um": 1e-6, "keV": (1 * u.keV).to_value("J"), "Angstrom": 1e-10}
+
+
+def third(kind, value, step, unit=None, **more):
+    cards = {"CTYPE3": kind, "CRVAL3": value, "CDELT3": step, "CRPIX3": 1.0}
+    return header(SKY, cards, {} if unit is None else {"CUNIT3": unit}, more)
+
+
+def of_frequency(nu):
+    return nu
+
+
+def of_energy(energy):
+    return (energy * u.J).to_value(u.Hz, u.spectral())
+
+
+def of_wavelength(wavelength):
+    return (wavelength * u.m).to_value(u.Hz, u.spectral())
+
+
+def of_radio(v):
+    return (v * u.m / u.s).to_value(u.Hz, u.doppler_radio(LINE * u.Hz))
+
+
+def of_optical(v):
+    return (v * u.m / u.s).to_value(u.Hz, u.doppler_optical(LINE * u.Hz))
+
+
+def of_relativistic(v):
+    return (v * u.m / u.s).to_value(u.Hz, u.doppler_relativistic(LINE * u.Hz))
+
+
+V = np.arange(6) * 1e5 - 2e5
+STEPS_UP = np.arange(6)
+IN_THE_WILD = {
+    "AIPS, radio": (third("VELO-LSR", -2e5, 1e5, "M/S", RESTFREQ=LINE, VELREF=257), V, of_radio),
+    "AIPS, optical": (third("VELO-HEL", -2e5, 1e5, RESTFREQ=LINE, VELREF=2), V, of_optical),
+    # Even in frequency: v = c (ν₀/ν - 1) with dν at the reference as dv says.
+    "AIPS, FELO": (third("FELO-HEL", 0.0, 1e5, "m/s", RESTFREQ=LINE), None, None),
+    "GILDAS": (third("VELOCITY", -2e5, 1e5, "m/s", RESTFREQ=LINE), V, of_relativistic),
+    "capitals": (third("vrad", -200.0, 100.0, "KM/S", RESTFRQ=LINE), V, of_radio),
+    "wavelength at rest": (
+        third("VOPT", -2e5, 1e5, "m/s", RESTWAV=299792458 / LINE),
+        V,
+        of_optical,
+    ),
+    "log of frequencies": (
+        third("FREQ-LOG", 1e12, 1e11, "Hz"),
+        1e12 * np.exp(0.1 * STEPS_UP),
+        of_frequency,
+    ),
+    "log of wavelengths": (
+        third("WAVE-LOG", 500.0, 5.0, "nm"),
+        5e-7 * np.exp(0.01 * STEPS_UP),
+        of_wavelength,
+    ),
+    "LAMBDA": (third("LAMBDA", 5000.0, 2.0, "ANGSTROM"), 5e-7 + 2e-10 * STEPS_UP, of_wavelength),
+    "LINEAR": (third("LINEAR", 5000.0, 2.0, "Angstrom"), 5e-7 + 2e-10 * STEPS_UP, of_wavelength),
+    "energies": (third("ENER", 0.5, 0.1, "keV"), (0.5 + 0.1 * STEPS_UP) * SI["keV"], of_energy),
+    "eROSITA": (third("", 0.5, 0.1, "keV"), (0.5 + 0.1 * STEPS_UP) * SI["keV"], of_energy),
+    "falling": (third("FREQ", LINE, -1e7, "HERTZ"), LINE - 1e7 * STEPS_UP, of_frequency),
+    "CD cards": (
+        header(
+            {k: v for k, v in SKY.items() if not k.startswith("CDELT")},
+            {"CD1_1": -0.01, "CD2_2": 0.01},
+            {"CTYPE3": "VRAD", "CRVAL3": -2e5, "CDELT3": 1e5, "CRPIX3": 1.0, "RESTFRQ": LINE},
+        ),
+        V,
+        of_radio,
+    ),
+    "PC cards": (third("VRAD", -2e5, 5e4, "m/s", PC3_3=2.0, RESTFRQ=LINE), V, of_radio),
+    "old PC": (third("VRAD", -2e5, 5e4, "m/s", PC003003=2.0, RESTFRQ=LINE), V, of_radio),
+}
+
+
+@pytest.mark.parametrize("name", IN_THE_WILD)
+def test_pictures_and_volumes_read_a_header_alike(tmp_path, name):
+    cards, values, to_hertz = IN_THE_WILD[name]
+    cards["BUNIT"], cards["CUNIT1"], cards["CUNIT2"] = "JY/BEAM", "DEGREE", "degrees"
+    cards["BMAJ"], cards["BMIN"] = 0.02, 0.01
+    data = numbers((6, 7, 8))
+    path = written(tmp_path / "cube.fits", data, cards)
+    cube = vm.Image.load(path)
+    assert isinstance(cube, vm.Cube)
+    np.testing.assert_array_equal(cube.intensity, np.moveaxis(data, 0, -1))
+    assert (u.Unit(cube.intensity_unit), cube.unit) == (u.Jy / u.beam, "deg")
+    np.testing.assert_allclose(cube.x, -0.01 * (np.arange(8) - 3), atol=1e-15)
+    assert cube.wcs.has_celestial
+    if values is None:  # even in frequency: dν = -ν₀ dv / c where v = 0
+        expected = LINE * (1 - 1e5 / 299792458 * STEPS_UP)
+    else:
+        expected = to_hertz(values)
+    if cube.spectral.rest is None:
+        assert cube.spectral.kind in ("frequency", "wavelength")
+    # wcslib's Planck constant and electronvolt are those of 1986: 9e-7 from today's.
+    exact = 1e-6 if to_hertz is of_energy else 1e-9
+    np.testing.assert_allclose(cube.spectral.frequencies, expected, rtol=exact)
+    area = np.pi / (4 * np.log(2)) * np.deg2rad(0.02) * np.deg2rad(0.01)
+    np.testing.assert_allclose(cube.to("Jy / sr").intensity, cube.intensity / area, rtol=1e-6)
+    cube.save(tmp_path / "again.fits")
+    again = vm.Image.load(tmp_path / "again.fits")
+    assert (again.spectral, again.provenance) == (cube.spectral, cube.provenance)
+    volume = vm.open(path)
+    assert (volume.grid.shape, volume.units["intensity"]) == ((8, 7, 6), "Jy / beam")
+    if values is not None and not name.startswith(("log", "falling")):
+        field = next(f for f in volume.fields if f != "intensity")
+        seen = volume.array(field)[0, 0] * SI[volume.units[field]]
+        np.testing.assert_allclose(seen, values, rtol=1e-6, atol=1e-2 * np.abs(values).max() * 1e-4)
+
+
+def test_wavelengths_in_air_become_those_in_vacuum(tmp_path):
+    cube = vm.Image.load(
+        written(tmp_path / "a.fits", numbers((6, 7, 8)), third("AWAV", 5000, 2, "Angstrom"))
+    )
+    # Refraction of air by Edlen (1953), at the wavenumber 2 / micron.
+    index = 1 + 6.4328e-5 + 2.94981e-2 / (146 - 2**2) + 2.5540e-4 / (41 - 2**2)
+    assert cube.spectral.kind == "wavelength"
+    assert cube.spectral.wavelengths[0] == pytest.approx(0.5 * index, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("cards", "message"),
+    [
+        (third("FELO-HEL", 0, 1e3, "m/s"), "rest"),
+        (third("ZOPT", 0.1, 1e-3), "RESTFRQ"),
+        (third("WAVE", 3.5, 1e-4, "log(Angstrom)"), "no known unit"),
+        (third("WAVE", 3.5, 1e-4, **{"DC-FLAG": 1}), "logarithms"),
+        (third("VRAD", 0, 1e3, CASAMBM=True), "BEAMS"),
+    ],
+)
+def test_a_spectrum_that_cannot_be_read_is_refused(tmp_path, cards, message):
+    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), cards)
+    with pytest.raises(vm.FileFormatError, match=message):
+        vm.Image.load(path)
+
+
+def test_what_is_no_spectrum_and_a_damaged_sky_are_told(tmp_path):
+    path = written(tmp_path / "a.fits", numbers((6, 7, 8)), third("FARDEPTH", -10, 5, "rad/m2"))
+    with pytest.warns(UserWarning, match="FARDEPTH is no spectrum"):
+        assert vm.Image.load(path).channels == 6
+    wrong = header(SKY, CTYPE1="RA---XYZ", CTYPE2="DEC--XYZ")
+    with pytest.warns(UserWarning, match="world coordinates cannot be used"):
+        assert vm.Image.load(written(tmp_path / "b.fits", numbers((7, 8)), wrong)).wcs is None
+
+
+def test_axes_of_a_cube_may_come_in_any_order(tmp_path):
+    data = numbers((6, 7, 8))
+    usual = vm.Image.load(written(tmp_path / "a.fits", data, header(SKY, VELOCITY)))
+    for name, axes in (("velocity first", (1, 2, 0)), ("latitude first", (0, 2, 1))):
+        path = written(tmp_path / f"{name}.fits", data.transpose(axes), HEADERS[name])
+        cube = vm.Image.load(path)
+        np.testing.assert_array_equal(cube.intensity, usual.intensity)
+        np.testing.assert_array_equal(cube.spectral.velocities, usual.spectral.velocities)
+        np.testing.assert_array_equal(cube.x, usual.x)
+        assert cube.wcs.wcs.crval[0] == 51.3
+
+
+@pytest.mark.parametrize("name", ["cube.fits.gz", "cube.fits.fz"])
+def test_packed_pictures(tmp_path, name):
+    data = numbers((6, 7, 8))
+    cards = header(SKY, VELOCITY, BUNIT="K (Ta*)")
+    if name.endswith("fz"):
+        hdu = fits.CompImageHDU(data, cards, compression_type="GZIP_1", quantize_level=0)
+        fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / name)
+    else:
+        written(tmp_path / name, data, cards)
+    cube = vm.Image.load(tmp_path / name)
+    np.testing.assert_array_equal(cube.intensity, np.moveaxis(data, 0, -1))
+    assert (cube.intensity_unit, cube.spectral.kind) == ("K", "velocity")
+    assert vm.open(tmp_path / name).units["intensity"] == "K"
+
+
+def test_each_plane_keeps_the_beam_that_casa_gives_it(tmp_path):
+    data, major = np.abs(numbers((4, 7, 8))), np.array([3.0, 3.5, 4.0, 5.0])
+    columns = [
+        fits.Column(name, kind, unit=unit, array=values[::-1])  # in any order
+        for name, kind, unit, values in (
+            ("BMAJ", "D", "arcsec", major),
+            ("BMIN", "D", "arcsec", np.full(4, 2.0)),
+            ("BPA", "D", "deg", np.full(4, 10.0)),
+            ("CHAN", "J", "", np.arange(4)),
+            ("POL", "J", "", np.zeros(4)),
+        )
+    ]
+    cards = third("FREQ", LINE, 1e9, "Hz", CASAMBM=True, BUNIT="Jy/beam", RESTFRQ=LINE)
+    table = fits.BinTableHDU.from_columns(columns, name="BEAMS")
+    fits.HDUList([fits.PrimaryHDU(data, cards), table]).writeto(tmp_path / "casa.fits")
+    cube = vm.Image.load(tmp_path / "casa.fits")
+    areas = np.pi / (4 * np.log(2)) * np.deg2rad(major / 3600) * np.deg2rad(2 / 3600)
+    planes = np.moveaxis(data, 0, -1)
+    np.testing.assert_allclose(cube.to("Jy / sr").intensity, planes / areas, rtol=1e-6)
+    nu = LINE + 1e9 * np.arange(4)
+    kelvin = planes / areas * 1e-26 * 299792458**2 / (2 * 1.380649e-23 * nu**2)
+    np.testing.assert_allclose(cube.to("K").intensity, kelvin, rtol=1e-6)
+    pixel = np.deg2rad(0.01) ** 2
+    np.testing.assert_allclose(cube.total().flux, data.sum((1, 2)) / areas * pixel, rtol=1e-6)
+    cube.save(tmp_path / "again.fits")
+    assert vm.Image.load(tmp_path / "again.fits").provenance == cube.provenance
+    with pytest.raises(vm.InputError, match="a beam for each channel"):
+        cube.convolve(10 * u.arcsec)
+    with pytest.raises(vm.UnitsError, match="per beam needs to know which"):
+        cube.channel_maps(2).to("K")  # of planes with several beams
+
+
+def test_beams_of_plain_images_and_of_aips(tmp_path):
+    cards = header(SKY, BUNIT="JY/BEAM", BMAJ=0.02, BMIN=0.01)
+    one = vm.Image.load(written(tmp_path / "a.fits", numbers((7, 8)), cards))
+    cards = header(SKY, BUNIT="JY/BEAM")
+    cards["HISTORY"] = "AIPS   CLEAN BMAJ=  2.0000E-02 BMIN=  1.0000E-02 BPA=   0.00"
+    two = vm.Image.load(written(tmp_path / "b.fits", numbers((7, 8)), cards))
+    area = np.pi / (4 * np.log(2)) * np.deg2rad(0.02) * np.deg2rad(0.01)
+    for image in (one, two):
+        np.testing.assert_allclose(
+            image.to("Jy / sr").intensity[..., 0], numbers((7, 8)) / area, rtol=1e-6
+        )
+
+
+def test_images_of_casa_are_pictures_too(tmp_path, monkeypatch):
+    class Table:
+        """python-casacore's image, of which only the export is used."""
+
+        def __init__(self, path):
+            assert path.endswith("a.image")
+
+        def tofits(self, path, velocity):
+            written(path, numbers((6, 7, 8)), header(SKY, VELOCITY))
+
+    casacore = types.ModuleType("casacore.images")
+    casacore.image = Table
+    monkeypatch.setitem(sys.modules, "casacore", types.ModuleType("casacore"))
+    monkeypatch.setitem(sys.modules, "casacore.images", casacore)
+    folder = tmp_path / "a.image"
+    folder.mkdir()
+    (folder / "table.dat").write_bytes(b"\0")
+    (folder / "table.info").write_text("Type = Image\nSubType = \n")
+    assert vm.Image.load(folder).spectral.kind == "velocity"
+    assert vm.open(folder).units["velocity"] == "km / s"
+
+
+def test_l1448_as_a_cube(l1448):
+    cube, volume = vm.Image.load(l1448), vm.open(l1448)
+    np.testing.assert_array_equal(cube.intensity.transpose(1, 0, 2), volume.array("intensity"))
+    np.testing.assert_allclose(
+        cube.spectral.velocities, volume.array("velocity")[0, 0], rtol=0, atol=1e-6
+    )

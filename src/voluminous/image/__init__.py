@@ -3,7 +3,7 @@
 `image.py` holds the class, `tone.py` maps intensities to display values, `plot.py` draws an image
 with axes, `row.py` draws several, `annotate/` adds a scale bar and other annotations, `sky.py`,
 `hdu.py`, `beam.py` and `conversion.py` handle sky coordinates, beams and units, and `formats/` has
-one module per file format.
+one module per file format. `fits_header.py` says what a FITS header means, also to `io.fits`.
 
 `cube.py` holds the class of images with a spectrum in every pixel; its channels are places on a
 `spectral_axis.py` (in files: `spectral_fits.py`). `spectra.py` makes moments, continua and spectra

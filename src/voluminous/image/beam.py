@@ -37,11 +37,14 @@ _LEAST = 1e-6
 
 
 class Beam(NamedTuple):
-    """Full widths at half maximum, position angle in degrees, and the unit of the widths."""
+    """Full widths at half maximum, position angle in degrees, and the unit of the widths.
 
-    major: float
-    minor: float
-    pa: float
+    Of a cube whose channels have beams of their own these are arrays.
+    """
+
+    major: Any
+    minor: Any
+    pa: Any
     unit: u.UnitBase | None
 
 
@@ -55,7 +58,8 @@ def convolve(image: Image, beam: Any) -> Image:
             "columns, such as those of a weight and of what is weighted, and divide"
         )
     if "beam" in how:
-        raise InputError(f"the image was convolved before, with {how['beam']}")
+        known = "a beam for each channel" if has_beams(image) else how["beam"]
+        raise InputError(f"the image was convolved before, with {known}")
     beam = as_beam(beam)
     covariance = _in_pixels(image, beam)
     narrow, wide = np.sqrt(np.linalg.eigvalsh(covariance)) / SIGMA
@@ -101,6 +105,7 @@ def as_beam(beam: Any) -> Beam:
     if hasattr(beam, "major") and hasattr(beam, "minor"):
         beam = (beam.major, beam.minor, beam.pa)
     if isinstance(beam, dict) and set(beam) >= set(Beam._fields):
+        beam = {n: np.array(v) if isinstance(v, list) else v for n, v in beam.items()}
         return Beam(**{**beam, "unit": parse_unit(beam["unit"])})
     parts = list(beam) if isinstance(beam, (tuple, list)) or np.ndim(beam) > 0 else [beam]
     if not 1 <= len(parts) <= 3 or any(np.ndim(part) > 0 for part in parts):
@@ -113,11 +118,16 @@ def as_beam(beam: Any) -> Beam:
     return Beam(major, minor, angle, unit)
 
 
-def beam_area(image: Image, beam: Beam) -> float:
-    """Return the solid angle of a beam on the sky in steradians: 2π σ₁ σ₂."""
+def has_beams(image: Image) -> bool:
+    """Return True if each channel has a beam of its own."""
+    return np.ndim(((image.provenance or {}).get("beam") or {}).get("major", 0.0)) > 0
+
+
+def beam_area(image: Image, beam: Beam) -> Any:
+    """Return the solid angle of a beam on the sky in steradians, 2π σ₁ σ₂; of beams an array."""
     unit = beam.unit
     if unit is not None and unit.is_equivalent("rad"):
-        return float(2.0 * np.pi * (SIGMA * unit.to("rad")) ** 2 * beam.major * beam.minor)
+        return 2.0 * np.pi * (SIGMA * unit.to("rad")) ** 2 * beam.major * beam.minor
     to_sky = angle_matrix(image)
     if to_sky is None:
         raise UnitsError(
@@ -132,7 +142,7 @@ def beam_area(image: Image, beam: Beam) -> float:
 def fits_beam(image: Image) -> tuple[float, float, float] | None:
     """Return BMAJ, BMIN and BPA in degrees of the beam of a convolved image on the sky."""
     known, to_sky = (image.provenance or {}).get("beam"), angle_matrix(image)
-    if known is None or to_sky is None:
+    if known is None or to_sky is None or has_beams(image):
         return None
     covariance = to_sky @ _in_pixels(image, as_beam(known)) @ to_sky.T
     (minor, major), axes = np.linalg.eigh(covariance)
@@ -144,7 +154,7 @@ def fits_beam(image: Image) -> tuple[float, float, float] | None:
 def beam_in_pixels(image: Image) -> np.ndarray | None:
     """Return the covariance in pixels of the beam that an image was convolved with, if any."""
     known = (image.provenance or {}).get("beam")
-    return None if known is None else _in_pixels(image, as_beam(known))
+    return None if known is None or has_beams(image) else _in_pixels(image, as_beam(known))
 
 
 def sky_matrix(image: Image) -> np.ndarray | None:

@@ -95,6 +95,7 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
         )
     if own.is_equivalent(target):  # both units are per beam, or neither is
         return float(own.to(target))
+    angles: Any = 1.0
     message = f"intensities in {own} cannot be converted to {target or 'no unit'}"
     for base, area in ((u.beam, _beam_area), (u.pix, _pixel_area)):
         powers = []
@@ -102,10 +103,12 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
             plain = unit.decompose()
             powers.append(float(dict(zip(plain.bases, plain.powers, strict=True)).get(base, 0.0)))
         if any(powers):
-            angle = u.Unit(area(image, beam) * u.sr / base)
-            own, target = own * angle ** powers[0], target * angle ** powers[1]
+            angles = angles * area(image, beam) ** (powers[0] - powers[1])  # beams may differ
+            own, target = (
+                x * (u.sr / base) ** power for x, power in zip((own, target), powers, strict=True)
+            )
     if own.is_equivalent(target):
-        return float((own / target).to(u.dimensionless_unscaled))
+        return angles * float((own / target).to(u.dimensionless_unscaled))
     if target.is_equivalent(u.rad) and not own.is_equivalent(u.rad):
         raise UnitsError(
             f"{message}, nor lengths on the image plane: say how far it is with "
@@ -119,14 +122,15 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
     nu = image.spectral.frequencies * u.Hz
     laws = u.brightness_temperature(nu) + u.spectral_density(nu)
     try:
-        return np.asarray(own.to(target, np.ones(len(nu)), equivalencies=laws), np.float64)
+        factor = own.to(target, np.ones(len(nu)), equivalencies=laws)
+        return np.asarray(angles * factor, np.float64)
     except u.UnitConversionError as error:
         raise UnitsError(
             f"{message}: a beam or a pixel is a solid angle, and leads from Jy / sr to Jy / beam"
         ) from error
 
 
-def _beam_area(image: Image, beam: Any) -> float:
+def _beam_area(image: Image, beam: Any) -> Any:
     """Return the solid angle in sr of `beam`, or else of the beam in the image's provenance."""
     known = (image.provenance or {}).get("beam") if beam is None else beam
     if known is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from . import metadata, spectral_fits
 from .beam import fits_beam
 from .cube import Cube
+from .fits_header import ON_SKY
 from .sky import offsets, on_sky
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ _PLANE, _PLANE_NAME = "A", "image plane"
 _PER = {"beam": "/beam", "pix": "/pixel"}
 # Coordinates this near to a linear axis (in pixels) count as linear; rounding is far below.
 _LINEAR_TO = 1e-6
-# Kinds of axes that are in degrees unless their header says otherwise.
-_ON_SKY = re.compile("RA--|DEC-|[A-Z]{1,2}L(ON|AT)-")
 _ANGLES = {"incl": "inclination", "phi": "azimuth", "posang": "position angle"}
 
 
@@ -92,16 +90,6 @@ def _cards(image: Image) -> Iterator[Card]:
         yield "BPA", beam[2], "[deg] from north to east"
 
 
-def beam_of(header: Header) -> dict[str, Any] | None:
-    """Return the beam of a header (BMAJ, BMIN, BPA) as an image's provenance has it."""
-    widths = [header.get(name) for name in ("BMAJ", "BMIN", "BPA")]
-    if not all(isinstance(width, (int, float)) for width in widths[:2]) or not min(widths[:2]) > 0:
-        return None
-    return dict(zip(("major", "minor", "pa"), (*widths[:2], widths[2] or 0.0), strict=True)) | {
-        "unit": "deg"
-    }
-
-
 def _axis_cards(
     number: str, name: str, centres: np.ndarray, step: float, unit: str
 ) -> Iterator[Card]:
@@ -145,10 +133,15 @@ def unit_card(unit: str) -> str:
 
 
 def read(
-    header: Header, shape: tuple[int, ...], extras: dict[str, np.ndarray], pixel_size: Any
+    header: Header,
+    plane: list[int],
+    shape: tuple[int, ...],
+    extras: dict[str, np.ndarray],
+    pixel_size: Any,
 ) -> dict[str, Any]:
     """Return those of x, y, unit and pixel_size that the header and the extensions define.
 
+    `plane` are the numbers, from 1, of the axes along x and y.
     The exact coordinates (extensions X and Y) are valid unless the header was edited afterwards.
     For a sky projection, coordinates are those of the projection plane: offsets from the reference
     point. Rotated axes have no separate coordinates and stay pixel indices. The unit is None if
@@ -159,11 +152,11 @@ def read(
     whole = [centres.shape for centres in exact] == [(count,) for count in counts]
     # If the first WCS is celestial, the plane's is the second, unless the picture was cropped.
     key = _PLANE if whole and header.get(f"WCSNAME{_PLANE}") == _PLANE_NAME else ""
-    axes = [_linear_axis(header, n, count, key) for n, count in enumerate(counts, start=1)]
+    axes = [_linear_axis(header, plane[k], plane[1 - k], counts[k], key) for k in (0, 1)]
     units = set()
-    for n in (1, 2):
-        if axes[n - 1] is not None:
-            default = "deg" if _ON_SKY.match(str(header.get(f"CTYPE{n}{key}", ""))) else ""
+    for n, axis in zip(plane, axes, strict=True):
+        if axis is not None:
+            default = "deg" if ON_SKY.match(str(header.get(f"CTYPE{n}{key}", ""))) else ""
             units.add(str(header.get(f"CUNIT{n}{key}", "")).strip() or default)
     if len(units) > 1:
         return {}
@@ -176,10 +169,11 @@ def read(
     return {"x": across[0], "y": up[0], "unit": unit, "pixel_size": (across[1], up[1])}
 
 
-def _linear_axis(header: Header, number: int, count: int, key: str) -> Linear | None:
-    step = header.get(f"CDELT{number}{key}", header.get(f"CD{number}_{number}{key}"))
-    rotated = any(header.get(f"{m}{number}_{3 - number}{key}", 0.0) for m in ("CD", "PC"))
-    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS writes it
+def _linear_axis(header: Header, number: int, other: int, count: int, key: str) -> Linear | None:
+    step = header.get(f"CD{number}_{number}{key}", header.get(f"CDELT{number}{key}", 0.0))
+    step *= header.get(f"PC{number}_{number}{key}", 1.0)
+    rotated = any(header.get(f"{m}{number}_{other}{key}", 0.0) for m in ("CD", "PC"))
+    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (number, other))  # AIPS writes it
     if not step or rotated:
         return None
     projected = "-" in str(header.get(f"CTYPE{number}{key}", ""))

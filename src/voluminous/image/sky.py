@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -64,25 +63,14 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
     return hdus
 
 
-def wcs_of_header(header: Header) -> Any:
-    """Return the WCS of the first two axes of an image's header; None for plain coordinates.
+def wcs_of_header(header: Header, wcs: WCS) -> Any:
+    """Return the WCS of the two axes of an image; None for plain coordinates.
 
     Axes without a name, or named X and Y (as `voluminous` writes them), are plain coordinates.
     """
-    from astropy.wcs import WCS
-
-    kinds = [str(header.get(f"CTYPE{n}", "")).strip() for n in (1, 2)]
-    if not all(kinds) or kinds == ["X", "Y"] or header.get("WCSNAME") == _OFFSETS:
-        return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            wcs = WCS(header, naxis=2)
-            wcs.wcs.set()
-        except Exception:  # the picture is readable even if its WCS is not
-            return None
-    wcs.pixel_shape = (header["NAXIS1"], header["NAXIS2"])
-    return wcs
+    kinds = list(wcs.wcs.ctype)
+    plain = not all(kinds) or kinds == ["X", "Y"] or header.get("WCSNAME") == _OFFSETS
+    return None if plain else wcs
 
 
 _NAMES = {

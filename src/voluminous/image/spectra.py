@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError, UnitsError, check_flag
 from ..units import is_count, parse_unit, plain, shown, unit_of
+from .beam import has_beams
 from .conversion import conversion, rows_of
 from .image import Image
 from .sky import plane_factor
@@ -34,8 +35,14 @@ _PLACE = ("x", "y", "unit", "pixel_size", "wcs", "distance", "camera", "provenan
 def image_of(cube: Cube, values: Array, unit: Any, **how: Any) -> Image:
     """Return a picture with the pixels of a cube; `how` is added to the provenance."""
     same = {name: getattr(cube, name) for name in _PLACE}
-    same["provenance"] = {**(cube.provenance or {}), **how}
+    same["provenance"] = {**_of_several(cube), **how}
     return Image(values, intensity_unit="" if unit is None else str(unit), **same)
+
+
+def _of_several(cube: Cube) -> dict[str, Any]:
+    """Return the provenance of what is made of several channels: their beams are not its beam."""
+    how = cube.provenance or {}
+    return {name: value for name, value in how.items() if name != "beam" or not has_beams(cube)}
 
 
 def moment(cube: Cube, order: int, threshold: Any = None) -> Image:
@@ -167,6 +174,7 @@ def channel_maps(cube: Cube, count: int | None) -> Cube:
     return cube.replace(
         intensity=values,
         spectral=axis.replace(values=middle, unit=axis.unit),
+        provenance=_of_several(cube),
         transparency=None,
         optical_depth=None,
         lower=None,

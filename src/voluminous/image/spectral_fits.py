@@ -6,17 +6,18 @@ VRAD, FREQ or WAVE, with RESTFRQ and SPECSYS. Uneven channels are a table, as SK
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import FileFormatError
 from ..units import parse_unit
 from .spectral_axis import LIGHT_MICRON, UNITS, SpectralAxis
 
 if TYPE_CHECKING:
     from astropy.io.fits import HDUList, Header
+    from astropy.wcs import WCS
 
     from .arguments import Axis
 
@@ -29,9 +30,9 @@ _TYPES = {
     "frequency": ("FREQ", "Hz", 1.0),
     "wavelength": ("WAVE", "m", 1e-6),
 }
-# Types that wcslib converts to frequencies.
-_OTHERS = ("VOPT", "VELO", "AWAV", "ZOPT", "BETA", "ENER", "WAVN")
-# Those of them whose convention does not show without a frequency at rest.
+# What other types than these become, if not velocities.
+_BECOMES = {"AWAV": "WAVE", "ENER": "FREQ", "WAVN": "FREQ", "AFRQ": "FREQ"}
+# Types whose convention does not show without a frequency at rest.
 _VELOCITIES = ("VOPT", "VELO")
 # Extension with the places of uneven channels, in SKIRT's files and ours.
 _TABLE, _COLUMN = "Z-axis coordinate values", "GRID_POINTS"
@@ -81,24 +82,16 @@ def hdus(axis: SpectralAxis) -> Iterator[Any]:
         yield fits.BinTableHDU.from_columns([column], name=_TABLE)
 
 
-def number(header: Header) -> int:
-    """Return the number (from 1) of the spectral axis of a header; 0 if there is none."""
-    kinds = (*(kind for kind, *_ in _TYPES.values()), *_OTHERS)
-    count = max(int(header.get("NAXIS", 0)), 2)
-    types = {k: str(header.get(f"CTYPE{k}", ""))[:4] for k in range(3, count + 1)}
-    return next((k for k, kind in types.items() if kind in kinds), 0)
-
-
 def read(
-    header: Header, hdus: HDUList, count: int, known: dict[str, Any] | None
+    header: Header, hdus: HDUList, count: int, known: dict[str, Any] | None, wcs: WCS | None
 ) -> SpectralAxis | None:
     """Return the axis of so many channels; None if there is none.
 
-    `known` are arguments that our own description has. The exact numbers are valid unless the
-    header was edited afterwards.
+    `known` are arguments that our own description has, `wcs` is that of the channels' axis. The
+    exact numbers are valid unless the header was edited afterwards.
     """
     exact, table = (_values(hdus, name) for name in (_EXACT.upper(), _TABLE.upper()))
-    axis = _of_header(header, count)
+    axis = None if wcs is None or wcs.wcs.spec < 0 else _of_wcs(wcs, count)
     rest = header.get("RESTFRQ", header.get("RESTFREQ"))
     if not rest and header.get("RESTWAV"):
         rest = LIGHT_MICRON / (1e6 * header["RESTWAV"])
@@ -108,34 +101,43 @@ def read(
         own = own.at_rest(rest) if rest and edited else own
         if not own.is_even or axis is None or _agree(own, axis):
             return own
-    if axis is None and table is not None and len(table[0]) == count:
-        axis = SpectralAxis(*table)
+    if table is not None and len(table[0]) == count:
+        axis = SpectralAxis(*table)  # the same, without rounding
     if axis is None:
         return None
-    line, frame = str(header.get("LINE", "")), str(header.get("SPECSYS", ""))
+    line = str(header.get("LINE", ""))
+    frame = str(header.get("SPECSYS", "")) or ("" if wcs is None else wcs.wcs.specsys)
     return axis.replace(rest=rest or None, line=line or None, frame=frame)
 
 
-def _of_header(header: Header, count: int) -> SpectralAxis | None:
-    """Return the axis that the cards describe, without what is at rest."""
+def _of_wcs(wcs: WCS, count: int) -> SpectralAxis:
+    """Return what the WCS of a single axis describes, without what is at rest.
+
+    Other kinds of axes become ours, by the formulas of wcslib.
+    """
     from astropy.wcs import WCS
 
-    k = number(header)
-    if not k or header[f"NAXIS{k}"] != count:
-        return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    places = np.arange(count, dtype=float)
+    values = wcs.wcs_pix2world(places[:, None], 0)[:, 0]
+    kinds = {kind: name for name, (kind, *_) in _TYPES.items()}
+    if not (wcs.wcs.restfrq or wcs.wcs.restwav):
+        kinds |= dict.fromkeys(_VELOCITIES, "velocity")  # of no known frequency
+    name = wcs.wcs.ctype[0][:4]
+    if name not in kinds:
+        step = values[0] or 1.0  # an even axis: wcslib knows no logarithms or tables of others
+        even = WCS(naxis=1)
+        even.wcs.ctype, even.wcs.cunit = [name], wcs.wcs.cunit
+        even.wcs.crpix, even.wcs.crval, even.wcs.cdelt = [1.0], values[:1], [step]
+        even.wcs.restfrq, even.wcs.restwav = wcs.wcs.restfrq, wcs.wcs.restwav
         try:
-            wcs = WCS(header).sub([k])
-            kinds = {kind: name for name, (kind, *_) in _TYPES.items()}
-            if not (wcs.wcs.restfrq or wcs.wcs.restwav):
-                kinds |= dict.fromkeys(_VELOCITIES, "velocity")  # of no known frequency
-            if wcs.wcs.ctype[0] not in kinds:
-                wcs.wcs.sptr("FREQ-???")
-            values = wcs.wcs_pix2world(np.arange(count, dtype=float)[:, None], 0)[:, 0]
-        except Exception:  # the picture is readable even if its WCS is not
-            return None
-    kind = kinds.get(wcs.wcs.ctype[0], "frequency")
+            even.wcs.sptr(f"{_BECOMES.get(name, 'VRAD')}-???")
+        except ValueError as error:
+            raise FileFormatError(
+                f"the axis {name} is no velocity without a frequency at rest; give its header "
+                "RESTFRQ, in Hz"
+            ) from error
+        values = even.wcs_pix2world((values - values[0])[:, None] / step, 0)[:, 0]
+    kind = kinds.get(name) or kinds[even.wcs.ctype[0][:4]]
     return SpectralAxis(values / _TYPES[kind][2], UNITS[kind])
 
 

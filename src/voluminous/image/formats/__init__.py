@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import check_name
 from ...files import check_start, expecting, replacing
 from ..cube import Cube
+from ..fits_header import as_fits, is_casa_image
 from ..tone import OPTIONS, check_options
 from . import exr, fits, npz, png, radmc3d, tiff
 
@@ -54,7 +56,13 @@ FORMATS = (
         tiff.read,
     ),
     Format("an OpenEXR image", (".exr",), (b"v/1\x01",), exr.write, exr.read),
-    Format("a FITS image", (".fits", ".fit", ".fts"), (b"SIMPLE  =",), fits.write, fits.read),
+    Format(
+        "a FITS image",
+        (".fits", ".fit", ".fts"),
+        (b"SIMPLE  =", b"\x1f\x8b"),
+        fits.write,
+        fits.read,
+    ),
     Format("a NumPy archive (.npz)", (".npz",), (b"PK",), npz.write, npz.read),
     Format(
         "a RADMC-3D image (image.out)",
@@ -93,9 +101,15 @@ def save(image: Image, path: Path, **options: Any) -> None:
 
 
 def load(path: Path, make: Callable[..., Image]) -> Image:
-    """Read a file and pass its content to `make`, or to `Cube` if it has channels of a spectrum."""
-    form = format_of(path)
-    check_start(path, form.magic, form.name)
-    with expecting(path, form.name):
-        content = form.read(path)
+    """Read a file and pass its content to `make`, or to `Cube` if it has channels of a spectrum.
+
+    A FITS file may be packed, by gzip or within (``.fits.gz``, ``.fits.fz``), or an image of CASA.
+    """
+    is_casa = is_casa_image(path)
+    name = path.with_suffix("") if path.suffix.lower() in (".gz", ".fz") else path
+    form = format_of(Path("image.fits") if is_casa else name)
+    if not is_casa:
+        check_start(path, form.magic, form.name)
+    with expecting(path, form.name), as_fits(path) if is_casa else nullcontext(path) as file:
+        content = form.read(file)
         return (Cube if content.get("spectral") else make)(**content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -10,14 +11,20 @@ import numpy as np
 
 from ...errors import FileFormatError
 from .. import hdu, metadata, spectral_fits
-from ..arguments import PLANES
+from ..arguments import PLANES, known_unit
 from ..cube import Cube
+from ..fits_header import beam_of, lenient_unit, text, world_of
 from ..sky import wcs_of_header
 
 if TYPE_CHECKING:
+    from astropy.io.fits import HDUList, Header
+    from astropy.wcs import WCS
+
     from ..image import Image
 
 _COUNT = "NEXTEND"
+# Types of third axes from which nobody expects a spectrum.
+_NO_SPECTRUM = ("", "CHANNEL", "STOKES")
 # Bytes of a block of a file, and channels that are written together: a line of the cache.
 _BLOCK, _TOGETHER = 2880, 16
 
@@ -59,12 +66,13 @@ def _write(one: Any, file: BinaryIO) -> None:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read the first image of a FITS file, with two axes or channels as the third.
+    """Read the first image of a FITS file: a plane, and channels if there is a third axis.
 
     Cards that another program has edited override the JSON text.
     """
     from astropy.io import fits
 
+    doubts: list[str] = []
     # astropy does not close a truncated file that it has opened itself. All is read at once.
     with warnings.catch_warnings(), open(path, "rb") as file:
         warnings.simplefilter("ignore")
@@ -74,10 +82,19 @@ def read(path: Path) -> dict[str, Any]:
             first = next((h for h in hdus if h.is_image and h.header.get("NAXIS", 0) >= 2), None)
             if first is None:
                 raise FileFormatError("expected an image with two axes or more; there is none")
-            header = first.header
-            intensity = _channels_last(first.data, spectral_fits.number(header))
+            sides = first.shape[::-1]
+            wcs, header = _world(first.header, sides, hdus, doubts)
+            plane, channel = _axes(sides, wcs, header)
+            intensity = _channels_last(first.data, [*plane, *channel])
             known = metadata.loads(header.get(hdu.TEXT), intensity.shape)
-            axis = spectral_fits.read(header, hdus, intensity.shape[2], known.pop("spectral", None))
+            axis = spectral_fits.read(
+                header,
+                hdus,
+                intensity.shape[2],
+                known.pop("spectral", None),
+                wcs.sub([channel[0] + 1]) if channel else None,
+            )
+            beam = beam_of(header, hdus, intensity.shape[2])
             extras = {h.name: np.array(h.data) for h in hdus[1:] if h.is_image and h is not first}
             found, count = len(hdus) - 1, header.get(_COUNT, 0)
     if hdu.TEXT in header and found < count:
@@ -85,31 +102,78 @@ def read(path: Path) -> dict[str, Any]:
     shape = intensity.shape
     image = known
     if axis is not None:
-        how, beam = known.get("provenance") or {}, hdu.beam_of(header)
         image = {**known, "spectral": axis}
-        if beam is not None and "beam" not in how:
-            image["provenance"] = {**how, "beam": beam}
+    elif channel and (kind := text(header, f"CTYPE{channel[0] + 1}")) not in _NO_SPECTRUM:
+        doubts.append(f"its axis {kind} is no spectrum: channels have numbers only")
+    how = known.get("provenance") or {}
+    if beam is not None and "beam" not in how:
+        image["provenance"] = {**how, "beam": beam}
     unit, bright = image.pop("unit", ""), image.pop("intensity_unit", "")
-    axes = hdu.read(header, shape, extras, image.pop("pixel_size", None))
+    numbers = [k + 1 for k in plane]
+    axes = hdu.read(header, numbers, shape, extras, image.pop("pixel_size", None))
     if axes and axes["unit"] in (None, hdu.unit_card(unit)):
         axes["unit"] = unit
     card = str(header.get("BUNIT", ""))
     for name in PLANES:
-        plane = extras.get(name.upper())
-        if plane is not None and plane.ndim >= 2 and plane.shape[-2:] == shape[:2]:
-            image[name] = _channels_last(plane)
-    image |= {"intensity": intensity, "wcs": wcs_of_header(header), **axes}
-    return {**image, "intensity_unit": bright if card == hdu.unit_card(bright) else card}
+        own = extras.get(name.upper())
+        if own is not None and own.ndim >= 2 and own.shape[-2:] == shape[:2]:
+            image[name] = _channels_last(own, list(range(min(own.ndim, 3))))
+    place = wcs.sub(numbers)
+    place.pixel_shape = shape[1::-1]
+    image |= {"intensity": intensity, "wcs": wcs_of_header(header, place), **axes}
+    for doubt in doubts:
+        warnings.warn(f"{path}: {doubt}", stacklevel=5)
+    return {**image, "intensity_unit": bright if card == hdu.unit_card(bright) else _unit(card)}
 
 
-def _channels_last(data: Any, spectral: int = 0) -> np.ndarray:
-    """Return an array (ny, nx, channel); `spectral` is the number of the axis of channels."""
+def _world(
+    header: Header, sides: tuple[int, ...], hdus: HDUList, doubts: list[str]
+) -> tuple[WCS, Header]:
+    """Return the WCS of a header, and the header as it is meant.
+
+    A plane without a usable one remains a picture; a cube would lose its spectrum.
+    """
+    from astropy.wcs import WCS
+
+    try:
+        return world_of(header, sides, lambda: nullcontext(hdus))
+    except Exception as error:  # wcslib and astropy raise many exception types
+        reason = f"its world coordinates cannot be used ({str(error).strip().splitlines()[-1]})"
+        if sum(n > 1 for n in sides) > 2:
+            raise FileFormatError(f"{reason}; vm.open reads it with wcs=False") from error
+        doubts.append(reason)
+        return WCS(naxis=len(sides)), header
+
+
+def _axes(sides: tuple[int, ...], wcs: WCS, header: Header) -> tuple[list[int], list[int]]:
+    """Return the axes (0 is NAXIS1) along x and y, and that of the channels, if any."""
+    every, spectral = range(len(sides)), wcs.wcs.spec
+    plane = [wcs.wcs.lng, wcs.wcs.lat]
+    if not set(plane) <= set(every):  # no sky: what is no spectrum comes first
+        long = [k for k in every if k < 2 or sides[k] > 1]
+        plane = sorted(sorted(long, key=lambda k: k == spectral)[:2])
+    # Radio images have an axis of one polarisation.
+    others = [k for k in every if k not in plane and (sides[k] > 1 or k == spectral)]
+    if len(others) > 1:
+        listed = ", ".join(f"{text(header, f'CTYPE{k + 1}') or '?'} of {sides[k]}" for k in every)
+        raise FileFormatError(
+            f"expected an image of two or three axes, got {listed}; write one plane of the others"
+        )
+    return plane, others
+
+
+def _unit(text: str) -> str:
+    """Return a unit as astropy writes it, unless it reads the text; a text that is none stays."""
+    meant = None if known_unit(text) is not None else lenient_unit(text)
+    return text if meant is None else str(meant)
+
+
+def _channels_last(data: Any, axes: list[int]) -> np.ndarray:
+    """Return an array (ny, nx, channel); `axes` (0 is NAXIS1) are along x, y and the channels."""
     array = np.asarray(data)
     if array.dtype.byteorder == ">" and array.flags.writeable:  # in place: no second cube
         array = array.byteswap(inplace=True).view(array.dtype.newbyteorder("="))
-    spare = [k for k in range(array.ndim - 2) if array.shape[k] == 1 and array.ndim - k != spectral]
-    # Radio images have an axis of one polarisation.
-    array = np.squeeze(array, tuple(spare[: max(array.ndim - 3, 0)]))
-    if array.ndim > 3:
-        raise FileFormatError(f"expected an image of two or three axes, got shape {array.shape}")
-    return np.moveaxis(array, 0, -1) if array.ndim == 3 else array[..., None]
+    last = array.ndim - 1
+    rest = [k for k in range(array.ndim) if k not in axes]  # of length one
+    array = array.transpose([last - k for k in (axes[1], axes[0], *axes[2:], *rest)])
+    return np.asarray(array.reshape(*array.shape[:2], -1))

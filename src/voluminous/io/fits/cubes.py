@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
+from ...image.fits_header import ON_SKY, SPECTRUM, card, lenient_unit, text
 from ...memory import check_memory
 from ..guard import by_library
 from ..names import field_name
-from .units import lenient_unit
 
 if TYPE_CHECKING:
     from astropy import units as u
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 # astropy's name of a compressed image without a name.
 _NAMELESS = {"", "COMPRESSED_IMAGE", "PRIMARY"}
-_SKY = ("RA", "DEC", "GLON", "GLAT", "ELON", "ELAT", "SLON", "SLAT", "HLON", "HLAT")
-_SPECTRUM = ("VEL", "VRAD", "VOPT", "FELO", "FREQ", "WAV", "AWAV", "ZOPT", "BETA", "ENER", "LAMBDA")
 _PLACE = ("X", "Y", "Z")
 _STOKES = "STOKES"
 
@@ -46,23 +44,6 @@ def opened(path: Path) -> Iterator[HDUList]:
                 if hdu.is_image and min(hdu.shape, default=0) < 0:
                     raise FileFormatError(f"an axis has {min(hdu.shape)} pixels")
             yield hdus
-
-
-def card(header: Header, key: str, default: Any = None) -> Any:
-    """Return the value of a card; the default if the card is missing or unreadable."""
-    from astropy.io.fits import VerifyError
-    from astropy.io.fits.card import Undefined
-
-    try:
-        value = header.get(key, default)
-    except (VerifyError, ValueError):
-        return default
-    return default if isinstance(value, Undefined) else value
-
-
-def text(header: Header, key: str) -> str:
-    """Return the text of a card in capitals."""
-    return str(card(header, key, "")).strip().upper()
 
 
 @dataclass(frozen=True)
@@ -225,7 +206,7 @@ def _cube(image: FITSImage, name: str, place: str, plane: Any) -> Cube:
     """Return a cube: of more than three axes sky and spectrum take precedence."""
     real, shape = image.real_axes, image.shape
     kinds = {k: text(image.header, f"CTYPE{k + 1}") for k in real}
-    known = [k for k in real if kinds[k].startswith((*_SKY, *_SPECTRUM))]
+    known = [k for k in real if kinds[k].startswith(SPECTRUM) or ON_SKY.match(kinds[k])]
     rest = sorted((k for k in real if k not in known), key=lambda k: kinds[k] == _STOKES)
     axes = sorted([*known, *rest][:3])
     others = [k for k in real if k not in axes]

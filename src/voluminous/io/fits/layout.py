@@ -10,11 +10,11 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...geometry import is_uniform
+from ...image.fits_header import card, lenient_unit
 from ...units import parse_unit, plain
 from ..contract import UnitLike
 from ..names import field_name
-from .cubes import Cube, card
-from .units import lenient_unit
+from .cubes import Cube
 from .wcs import HINT, has_world, linear_part, world
 
 if TYPE_CHECKING:
@@ -112,22 +112,22 @@ def place_of(cube: Cube, options: Mapping[str, Any]) -> CubePlace:
     if unit is None and card(header, UNIT):  # we wrote it
         unit = card(header, UNIT)
         depth = card(header, DEPTH) if depth is None and per_value is None else depth
-    result = world(cube.image, cube.axes, options.get("velocity"), options.get("rest"))
-    wcs = result[0]
+    velocity, rest = options.get("velocity"), options.get("rest")
+    wcs, header, axes, flipped = world(cube.image, cube.axes, velocity, rest)
     (x, y), own = _plane(wcs, parse_unit(unit))
     edges, centers, measure = _third_axis(wcs, header)
     if is_place(wcs):
         if depth is not None or per_value is not None:
             raise InputError("depth and spectral_scale are for cubes whose third axis is no length")
         grid = CartesianGrid(x, y, _converted(edges, measure, own), unit=own)
-        return CubePlace(grid, *result[1:], wcs)
+        return CubePlace(grid, axes, flipped, wcs)
     scale = _scale(edges, (x, y), own, depth, per_value, measure)
     half = 0.5 * scale * float(np.ptp(edges))
     z = (edges - 0.5 * (edges[0] + edges[-1])) * scale
     if is_uniform(edges):  # a difference of large numbers would not be uniform
         z = np.linspace(-half, half, len(edges))
     third = ThirdAxis(axis_name(wcs), centers, measure)
-    return CubePlace(CartesianGrid(x, y, z, unit=own), *result[1:], wcs, third)
+    return CubePlace(CartesianGrid(x, y, z, unit=own), axes, flipped, wcs, third)
 
 
 def _third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:

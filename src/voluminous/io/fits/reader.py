@@ -10,10 +10,11 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
+from ...image.fits_header import card
 from ...units import unit_name
 from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields
-from .cubes import Cube, FITSImage, card, cubes, images
+from .cubes import Cube, FITSImage, cubes, images
 from .layout import CubePlace, ThirdAxis, place_of
 from .write import write
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
+from ...image.fits_header import fits_name
 from ...image.sky import table_hdus, tables_of
 from ..axes import cartesian
 from .layout import DEPTH, UNIT, axis_name, is_place
-from .units import fits_name
 
 if TYPE_CHECKING:
     from astropy.io.fits import Header
