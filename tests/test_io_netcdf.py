@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -123,3 +125,61 @@ class _Contract(ReaderContract):
 # All but those that netCDF4's C library reads: what it makes of damage is not ours to test.
 class TestClassic(_Contract):
     kind = "classic"
+
+
+@pytest.mark.parametrize(
+    ("calendar", "start", "when"),
+    [
+        ("noleap", "2001-01-01", "2001-02-01"),
+        ("360_day", "2001-01-01", "2001-02-02"),
+        ("julian", "2001-01-01", "2001-02-01"),
+        ("standard", "0850-01-01", "0850-02-01"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["netcdf", "zarr", "memory"])
+def test_calendars_of_climate_models(tmp_path, kind, calendar, start, when):
+    pytest.importorskip("cftime")
+    times = {"units": f"days since {start}", "calendar": calendar}
+    values = np.random.default_rng(3).random((3, 4, 5, 6))
+    stored = xr.Dataset(
+        {"T": (("time", "z", "y", "x"), values)}, {"time": ("time", [0.0, 31.0, 59.0], times)}
+    )
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", xr.SerializationWarning)  # our test's own
+        decoded = xr.decode_cf(stored).load()
+
+    def opened(**options):
+        if kind == "memory":
+            return vm.Volume.from_xarray(decoded, **options)
+        return vm.open(tmp_path / kind, **options)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", xr.SerializationWarning)
+        if kind == "netcdf":
+            stored.to_netcdf(tmp_path / kind, engine="scipy")
+        elif kind == "zarr":
+            pytest.importorskip("zarr", "3")
+            stored.to_zarr(tmp_path / kind, consolidated=False)
+        by_number = opened(isel={"time": 1})
+        by_date = opened(sel={"time": when})
+    assert by_number.meta["time"].startswith(when)
+    for volume in (by_number, by_date):
+        np.testing.assert_array_equal(volume.array("T"), values[1].transpose(2, 1, 0))
+    with pytest.raises(vm.InputError, match=r"no time = '1999-05-05': expected .* …"):
+        opened(sel={"time": "1999-05-05"})
+    with pytest.warns(UserWarning, match="z = time: h"):
+        along = opened(dims=("x", "y", "time"), isel={"z": 0})
+    assert along.meta["axes"]["z"]["to"] == pytest.approx(24 * (59 + 14))
+
+
+def test_times_that_nobody_can_decode_are_numbers(tmp_path):
+    times = {"units": "days since 2001-01-01", "calendar": "of my own"}
+    stored = xr.Dataset(
+        {"T": (("time", "z", "y", "x"), np.ones((2, 3, 4, 5)))},
+        {"time": ("time", [0.0, 31.0], times)},
+    )
+    stored.to_netcdf(tmp_path / "a.nc", engine="scipy")
+    stored.to_zarr(tmp_path / "a.zarr", consolidated=False)
+    for name in ("a.nc", "a.zarr"):
+        assert vm.open(tmp_path / name, sel={"time": 31.0}).meta["time"] == 31.0

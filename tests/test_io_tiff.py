@@ -160,3 +160,80 @@ class TestPictures(ReaderContract):
 
     def victims(self, path):
         return sorted(path.glob("scan_9.*"))
+
+
+def ome_set(folder, values, counts, companion=""):
+    """Write the planes of a volume into several files, as microscopes do; return their paths."""
+    import tifffile
+
+    names = [f"part_{k}.ome.tif" for k in range(len(counts))]
+    planes = [(k, ifd) for k, count in enumerate(counts) for ifd in range(count)]
+    data = "".join(
+        f'<TiffData IFD="{ifd}" FirstZ="{z}" PlaneCount="1">'
+        f'<UUID FileName="{names[k]}">urn:uuid:{k}</UUID></TiffData>'
+        for z, (k, ifd) in enumerate(planes)
+    )
+    depth, rows, columns = values.shape
+    head = '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" '
+    pixels = (
+        '<Image ID="Image:0"><Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint16" SizeC="1" '
+        f'SizeT="1" SizeX="{columns}" SizeY="{rows}" SizeZ="{depth}" PhysicalSizeX="2" '
+        f'PhysicalSizeZ="3"><Channel ID="Channel:0"/>{data}</Pixels></Image></OME>'
+    )
+    for k, name in enumerate(names):
+        text = f'{head}UUID="urn:uuid:{k}">{pixels}'
+        if companion:
+            text = f'{head}UUID="urn:uuid:{k}"><BinaryOnly MetadataFile="{companion}"/></OME>'
+        own = [z for z, (file, _) in enumerate(planes) if file == k]
+        with tifffile.TiffWriter(folder / name) as file:
+            for z in own:
+                file.write(
+                    values[z],
+                    contiguous=False,
+                    description=text if z == own[0] else None,
+                    metadata=None,
+                )
+    if companion:
+        (folder / companion).write_text(f'{head}UUID="urn:uuid:c">{pixels}')
+    return [folder / name for name in names]
+
+
+@pytest.mark.parametrize("companion", ["", "set.companion.ome"])
+@pytest.mark.parametrize("counts", [(3, 2), (1, 1, 1, 1, 1), (5,)])
+def test_a_volume_in_several_files_is_read_from_all(tmp_path, counts, companion):
+    values = RNG.integers(0, 9999, (5, 6, 7)).astype(np.uint16)
+    paths = ome_set(tmp_path, values, counts, companion)
+    for path in paths:  # whichever is opened
+        volume = vm.open(path)
+        np.testing.assert_array_equal(volume.array(volume.fields[0]), of_pages(values))
+        np.testing.assert_array_equal(volume.grid.bounds, [[0, 14], [0, 12], [0, 15]])
+    gone = tmp_path / companion if companion else paths[-1]
+    gone.unlink()
+    if companion or len(counts) > 1:
+        with pytest.raises(vm.FileFormatError, match=f"there is no .*{gone.name} beside it"):
+            vm.open(paths[0])
+
+
+def test_files_that_announce_more_pictures_than_they_hold(tmp_path):
+    import tifffile
+
+    values = RNG.integers(0, 200, (3, 6, 7)).astype(np.uint8)
+    ome = (
+        '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06">'
+        '<Image ID="Image:0"><Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint8" '
+        'SizeX="7" SizeY="6" SizeZ="5" SizeC="1" SizeT="1">{}'
+        '<Channel ID="Channel:0"/></Pixels></Image></OME>'
+    )
+    told = {
+        "imagej": "ImageJ=1.53t\nimages=10\nslices=5\nframes=2\nhyperstack=true\n",
+        "shaped": '{"shape": [5, 6, 7]}',
+        "ome": ome.format(""),
+        "ome_data": ome.format('<TiffData IFD="0" PlaneCount="5"/>'),
+    }
+    for name, text in told.items():
+        with tifffile.TiffWriter(tmp_path / f"{name}.tif") as file:
+            for z, plane in enumerate(values):
+                description = None if z else text
+                file.write(plane, description=description, metadata=None, contiguous=False)
+        with pytest.raises(vm.FileFormatError, match="its description announces"):
+            vm.open(tmp_path / f"{name}.tif")

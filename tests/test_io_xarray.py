@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -170,3 +171,37 @@ def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():
         volume = vm.Volume.from_xarray(packed)
         np.testing.assert_allclose(volume.array("t"), expected)
         assert volume.units["t"] == "K"
+
+
+def test_dimensions_may_be_called_by_numbers():
+    values = np.random.default_rng(1).random((2, 3, 4, 5))
+    data = xr.DataArray(values, dims=(0, 1, 2, 3))
+    for isel in ({0: 1}, {"0": 1}):
+        volume = vm.Volume.from_xarray(data, isel=isel, dims=(3, 2, 1))
+        np.testing.assert_array_equal(volume.array("data"), values[1].transpose(2, 1, 0))
+    part = vm.Volume.from_xarray(data, isel={0: 0, 1: slice(1, None)})
+    np.testing.assert_array_equal(part.array("data"), values[0, 1:])
+    with pytest.raises(vm.InputError, match="differ by their types only"):
+        vm.Volume.from_xarray(data.rename({2: "0"}))
+
+
+def test_corners_of_cells_are_no_fields():
+    rng = np.random.default_rng(2)
+    shape = {"k": 3, "y": 5, "x": 6}
+
+    def on(*dims):
+        return dims, rng.random([shape.get(dim, 4) for dim in dims])
+
+    data = xr.Dataset({"T": on("k", "y", "x"), "depth": on("k", "y", "x")})
+    data["depth"].attrs["bounds"] = "depth_ends"
+    data["depth_ends"] = on("k", "y", "x", "two")
+    data["lat_vertices"], data["lon_vertices"] = on("y", "x", "vertices"), on("y", "x", "vertices")
+    data["z_bnds"] = (("k", "y", "bnds"), rng.random((3, 5, 2)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is left out that is worth a word
+        volume = vm.Volume.from_xarray(data)
+    assert (volume.fields, volume.grid.shape) == (("T", "depth"), (6, 5, 3))
+    with pytest.raises(vm.InputError, match="expected a variable of three dimensions"):
+        vm.Volume.from_xarray(data.drop_vars(["T", "depth"]).drop_vars("depth_ends"))
+    corners = vm.Volume.from_xarray(data, "lat_vertices")  # whoever asks for them
+    assert corners.grid.shape == (6, 5, 4)

@@ -251,3 +251,54 @@ def test_tasks_are_tried_again(server, monkeypatch):
     assert server.failures == 0
     whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
     np.testing.assert_array_equal(image.intensity, whole.intensity)
+
+
+class Reticent(Server):
+    """Says "forbidden" of what is not there, as S3 does to those who may not list a bucket."""
+
+    def __init__(self, directory):
+        super().__init__(directory)
+        handler, outer = self.server.RequestHandlerClass.func, self
+        self.closed = False
+
+        def do_get(request):
+            outer.asked.append(request.path)
+            if outer.closed or not Path(request.translate_path(request.path)).is_file():
+                return request.send_error(403)
+            return SimpleHTTPRequestHandler.do_GET(request)
+
+        handler.do_GET = do_get
+
+
+@pytest.mark.parametrize("form", [2, 3])
+def test_what_a_server_forbids_may_be_what_is_not_there(tmp_path, monkeypatch, form):
+    import zarr
+
+    pytest.importorskip("aiohttp")
+    monkeypatch.setattr("voluminous.io.remote.WAITS", (0.0, 0.0))
+    VOLUME.save(tmp_path / "own.zarr", chunks=4)
+    foreign = zarr.create_array(
+        tmp_path / "foreign.zarr",
+        shape=RHO.shape,
+        chunks=(4, 4, 3),
+        dtype="f4",
+        zarr_format=form,
+        fill_value=-1.0,
+    )
+    foreign[:8] = RHO[:8]  # chunks that were never written are not there
+    zarr.open_group(tmp_path / "group.zarr", mode="w", zarr_format=form).create_array(
+        "rho", shape=(2, 2, 2), dtype="f4"
+    )
+    served = Reticent(tmp_path)
+    np.testing.assert_array_equal(vm.open(f"{served.url}/own.zarr").array("rho"), RHO)
+    with pytest.warns(UserWarning, match=r"there is no chunk .*denied.*fill value -1"):
+        found = vm.open(f"{served.url}/foreign.zarr").array("foreign")
+    np.testing.assert_array_equal(found[:8], RHO[:8])
+    assert (found[8:] == -1).all()
+    with pytest.raises(UnreachableError, match="does not list"):
+        vm.open(f"{served.url}/group.zarr")
+    served.closed = True
+    for name in ("own", "foreign", "nothing"):
+        with pytest.raises(UnreachableError, match=r"access to .* is denied"):
+            vm.open(f"{served.url}/{name}.zarr")
+    served.server.shutdown()

@@ -56,6 +56,11 @@ def may_pass(error: Exception) -> bool:
     return (of_transfer or _of_http(error)) and not lasting
 
 
+def may_be_absent(error: Exception) -> bool:
+    """Return True for what servers that list no files say of one that is not there."""
+    return isinstance(error, PermissionError) or getattr(error, "status", None) == 403
+
+
 def _of_http(error: Exception) -> bool:
     return type(error).__module__.startswith("aiohttp")
 

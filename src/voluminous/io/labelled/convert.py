@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -29,8 +30,14 @@ AT_ONCE = 256 << 20
 _PACKED = {"scale_factor", "add_offset", "_FillValue", "missing_value"}
 # Attributes by which variables name others that describe them (CF conventions, appendix A).
 _HELPERS = (
-    *("ancillary_variables", "bounds", "cell_measures", "climatology", "coordinates"),
-    *("formula_terms", "grid_mapping", "quantization"),
+    *("ancillary_variables", "cell_measures", "coordinates", "formula_terms", "grid_mapping"),
+    "quantization",
+)
+_EDGES = ("bounds", "cell_bounds", "climatology")
+# Dimensions along which the corners of a cell lie, of which there are at most eight.
+_CORNERS = re.compile(
+    r"(axis_)?n?_?(bnds?|bounds?|corners?|vert(s|ex|ices)?)|[a-z]*_(bnds|bounds|vertices)|nvp?\d?",
+    re.IGNORECASE,
 )
 
 
@@ -116,6 +123,11 @@ def from_xarray(
 def _as_dataset(data: Any) -> Any:
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
+        every = [*data.dims, *data.variables]
+        names = {name: str(name) for name in every if not isinstance(name, str)}
+        if set(names.values()) & set(every):
+            raise InputError(f"names differ by their types only: {every}; rename some")
+        data = data.rename(names)
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())
         # A copy: decoding takes attributes away from what it is given.
         if packed:
@@ -168,7 +180,8 @@ def _volume(
         single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)
         if single and coordinate.dtype.kind in "fiubMmUSO":
             value = coordinate.values.reshape(-1)[0]
-            volume.meta[str(key)] = str(value) if value.dtype.kind in "mM" else value.item()
+            is_plain = isinstance(value, np.generic) and value.dtype.kind not in "mM"
+            volume.meta[str(key)] = value.item() if is_plain else str(value)
     volume.meta["axes"] = {a: line.described() for a, line in zip("xyz", layout.lines, strict=True)}
     return volume
 
@@ -184,19 +197,33 @@ def _described(data: xarray.Dataset, place: str) -> str:
 
 def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
     """Return the variables that can be fields, without those that only describe others."""
+    edges = _named_by(data, _EDGES)
     result = {
         str(name): array
         for name, array in data.data_vars.items()
-        if array.ndim >= 3 and array.dtype.kind in "fiub"
+        if array.ndim >= 3 and array.dtype.kind in "fiub" and name not in edges
+        if not any(n <= 8 and _CORNERS.fullmatch(str(dim)) for dim, n in array.sizes.items())
     }
-    texts = (
-        str(attributes.get(key, ""))
-        for variable in data.variables.values()
-        for attributes in (variable.attrs, variable.encoding)
-        for key in _HELPERS
-    )
-    helpers = {word for text in texts for word in text.split()}
+    helpers = _named_by(data, _HELPERS)
     return {name: array for name, array in result.items() if name not in helpers} or result
+
+
+def _named_by(data: xarray.Dataset, keys: tuple[str, ...]) -> set[str]:
+    """Return the variables that attributes of others name."""
+    told = [of for v in data.variables.values() for of in (v.attrs, v.encoding)]
+    return {word for of in told for key in keys for word in str(of.get(key, "")).split()}
+
+
+def decoded(source: Any, **options: Any) -> Any:
+    """Open a data set; times that no calendar tells are numbers."""
+    xarray = require("xarray", "arrays", "reading arrays with named dimensions")
+    options |= {"cache": False}  # memory is taken by the volume only
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", xarray.SerializationWarning)  # of early dates
+        try:
+            return xarray.open_dataset(source, decode_timedelta=False, **options)
+        except (ValueError, OverflowError, ImportError):
+            return xarray.open_dataset(source, decode_times=False, **options)
 
 
 def _chosen(data: xarray.Dataset, fields: Any) -> dict[str, str]:

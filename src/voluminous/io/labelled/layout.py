@@ -124,23 +124,35 @@ def selected(data: xarray.Dataset, options: Mapping[str, Any]) -> xarray.Dataset
         given = options.get(kind) or {}
         if not isinstance(given, Mapping):
             raise InputError(f"{kind} must be {{dimension: entry}}, got {given!r}")
-        for dim, entry in given.items():
+        for name, entry in given.items():
+            dim = str(name)  # it may be a number
             if dim not in data.sizes:
-                raise unknown_name("dimension", str(dim), [str(d) for d in data.sizes])
+                raise unknown_name("dimension", dim, [str(d) for d in data.sizes])
             try:
-                data = data.isel({dim: entry}) if kind == "isel" else data.sel({dim: entry})
+                part = data.isel({dim: entry}) if kind == "isel" else data.sel({dim: entry})
+                if not part.sizes.get(dim, 1):
+                    raise KeyError(entry)
             except (IndexError, KeyError, TypeError, ValueError) as error:
                 values = data[dim].values
                 ends = (0, len(values) - 1) if kind == "isel" else (values[0], values[-1])
                 raise InputError(f"no {dim} = {entry!r}: expected {ends[0]} … {ends[1]}") from error
+            data = part
     return data
 
 
 def axis_in(data: xarray.Dataset, dim: str) -> str:
     """Return what a dimension of a data set is: x, y, z, t or unknown."""
     attributes = data.coords[dim].attrs if dim in data.coords else {}
-    is_time = dim in data.coords and data.coords[dim].dtype.kind == "M"
+    is_time = dim in data.coords and (
+        data.coords[dim].dtype.kind == "M" or _of_calendar(data.coords[dim])
+    )
     return "t" if is_time else axis_of(dim, attributes)
+
+
+def _of_calendar(coordinate: xarray.DataArray) -> bool:
+    """Return True for times of climate models' calendars, and those before 1678: cftime's."""
+    values = coordinate.values if coordinate.dtype.kind == "O" else np.empty(0)
+    return values.size > 0 and hasattr(values.flat[0], "calendar")
 
 
 def dims_of(
@@ -152,15 +164,15 @@ def dims_of(
     if dims is None:
         return _spatial_dims(sizes, {dim: axis_in(data, dim) for dim in sizes})
     names = [dims.get(axis) for axis in AXES] if isinstance(dims, Mapping) else dims
-    listed = list(names) if isinstance(names, (list, tuple)) else []
-    if len(listed) != 3 or len({str(name) for name in listed}) != 3:
+    listed = [str(n) for n in names if n is not None] if isinstance(names, (list, tuple)) else []
+    if len(listed) != 3 or len(set(listed)) != 3:
         raise InputError(
             f"dims must name the dimensions along x, y and z, such as {tuple(sizes)[-3:][::-1]}, "
             f"got {dims!r}"
         )
     for name in listed:
         if name not in sizes:
-            raise unknown_name("dimension", str(name), sizes)
+            raise unknown_name("dimension", name, sizes)
     return _spatial_dims(sizes, {d: AXES[listed.index(d)] if d in listed else "" for d in sizes})
 
 
@@ -202,10 +214,13 @@ def _spatial_dims(sizes: Mapping[str, int], axes: Mapping[str, str]) -> tuple[st
 def _line(data: xarray.Dataset, dim: str, upright: bool) -> Line:
     """Return the axis of a dimension; if it is upright, what grows downwards is turned around."""
     count = int(data.sizes[dim])
-    if dim not in data.coords or data.coords[dim].dtype.kind not in "fiumM":
+    of_calendar = dim in data.coords and _of_calendar(data.coords[dim])
+    if dim not in data.coords or not (of_calendar or data.coords[dim].dtype.kind in "fiumM"):
         return Line(dim, np.arange(count + 1.0), counted=True)
     coordinate = data.coords[dim]
     values, unit = plain_values(coordinate), unit_in(coordinate)
+    if of_calendar:
+        values = (values - values[0]).astype("timedelta64[us]")
     if values.dtype.kind in "mM":
         values, unit = (values - values[0]) / np.timedelta64(1, "h"), "h"
     positive = str(coordinate.attrs.get("positive", "")).lower()

@@ -14,7 +14,7 @@ from ..contract import FieldInfo
 from ..guard import by_library
 from ..hdf5 import check_places, filters, first_bytes, is_hdf5, is_own, opened
 from ..remote import for_hdf5
-from .convert import AT_ONCE, LabelledReader
+from .convert import AT_ONCE, LabelledReader, decoded
 
 if TYPE_CHECKING:
     import xarray
@@ -48,7 +48,6 @@ class NetCDFReader(LabelledReader):
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
-        xarray = require("xarray", self.extra, "reading NetCDF")
         head = first_bytes(path, 8)
         check_places(path)
         groups = _groups(path) if is_hdf5(head) else []
@@ -59,14 +58,12 @@ class NetCDFReader(LabelledReader):
             engine = "netcdf4"
             _check_size(path)
         require(engine.replace("netcdf4", "netCDF4"), self.extra, "reading this kind of NetCDF")
-        # Memory is taken by the volume only: xarray would keep what it reads beside it.
-        options: dict[str, Any] = {"engine": engine, "cache": False}
-        options |= {} if group is None else {"group": group}
+        options = {"engine": engine} | ({} if group is None else {"group": group})
         url = url_of(path)
         if engine == "scipy" and path.stat().st_size <= AT_ONCE:
             options["mmap"] = False  # else SciPy has all of the file in memory
         source = for_hdf5(url) if url else nullcontext(path)
-        with by_library("xarray"), filters(), source as f, _decoded(xarray, f, options) as data:
+        with by_library("xarray"), filters(), source as f, decoded(f, **options) as data:
             has_fields = any(array.ndim >= 3 for array in data.data_vars.values())
             if group is None and groups and not has_fields:
                 listed = ", ".join(groups[:20]) + (", …" if len(groups) > 20 else "")
@@ -75,13 +72,6 @@ class NetCDFReader(LabelledReader):
                     f"of the groups {listed} with group={groups[0]!r}"
                 )
             yield data
-
-
-def _decoded(xarray: Any, source: Any, options: dict[str, Any]) -> Any:
-    try:
-        return xarray.open_dataset(source, decode_timedelta=False, **options)
-    except (ValueError, OverflowError, ImportError):
-        return xarray.open_dataset(source, decode_times=False, **options)
 
 
 def _check_size(path: Path) -> None:

@@ -11,7 +11,7 @@ import logging
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -43,6 +43,7 @@ _SUFFIXES = (*_TIFF, ".png")
 _NOTES = {"", ".txt", ".log", ".xml", ".json", ".csv", ".ini", ".md", ".db", ".info"}
 _NUMBER = re.compile(r"(\d+)")
 _PNG_END = b"IEND\xaeB`\x82"
+_TOO_FEW = "its description announces more pictures than there are"
 # Kinds of pixels whose numbers are values, as tifffile and Pillow call them.
 _MODES = ("YX", "YXS", "1", "L", "LA", "I", "I;16", "I;16B", "F", "RGB", "RGBA")
 
@@ -57,7 +58,7 @@ class _RaiseOfChain(logging.Handler):
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
-    """Open a file; of a set of files this one only, and without a word about odd tags."""
+    """Open a file, or the set that it is one of, without a word about odd tags."""
     import tifffile
 
     logger, handler = logging.getLogger("tifffile"), _RaiseOfChain(logging.ERROR)
@@ -65,11 +66,57 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
     logger.propagate = False
     logger.addHandler(handler)
     try:
-        with by_library("tifffile"), tifffile.TiffFile(path, _multifile=False) as file:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(by_library("tifffile"))
+            file = stack.enter_context(tifffile.TiffFile(path, _multifile=False))
+            whole, companion = _whole(path, file)
+            if whole is not None:
+                file = stack.enter_context(tifffile.TiffFile(whole, omexml=companion))
             yield file
     finally:
         logger.removeHandler(handler)
         logger.propagate = before
+
+
+def _whole(path: Path, file: tifffile.TiffFile) -> tuple[Path | None, str | None]:
+    """Return the file that describes a set in several files, or OME's text about it in another.
+
+    Of a file that is complete neither. Files that are not there are named.
+    """
+    import tifffile
+
+    whole, companion = None, None
+    text = file.ome_metadata if file.is_ome else None
+    only = ElementTree.fromstring(text).find("{*}BinaryOnly") if text else None
+    if only is not None:
+        _check_there(path, {name := only.get("MetadataFile", "")})
+        whole = path
+        if name.lower().endswith(_TIFF):
+            whole = path.parent / name
+            with tifffile.TiffFile(whole, _multifile=False) as described:
+                text = described.ome_metadata
+        else:
+            companion = text = (path.parent / name).read_text()
+    if not text:
+        return None, None
+    root = ElementTree.fromstring(text)
+    parts = {(e.text, e.get("FileName", "")) for e in root.findall(".//{*}UUID")}
+    if whole is None and (root.get("UUID") in {uuid for uuid, _ in parts} or len(parts) > 1):
+        own = {root.get("UUID"), *(uuid for uuid, name in parts if name == path.name)}
+        parts = {part for part in parts if part[0] not in own}
+        whole = path if parts else None
+    if whole is not None:
+        _check_there(path, {name for _, name in parts})
+    return whole, companion
+
+
+def _check_there(path: Path, names: Iterable[str]) -> None:
+    absent = sorted(name for name in names if not (path.parent / name).is_file())
+    if absent:
+        raise FileFormatError(
+            f"it is one of several files that hold one volume; there is no {', '.join(absent[:8])}"
+            f"{' …' * (len(absent) > 8)} beside it"
+        )
 
 
 class TIFFReader(VoxelReader):
@@ -131,6 +178,18 @@ class TIFFReader(VoxelReader):
 
 
 def _stack(file: tifffile.TiffFile) -> tuple[int, Any]:
+    pairs = [zip(s.axes, s.shape, strict=True) for s in file.series]
+    found = sum(math.prod(n for axis, n in pair if axis not in "XY") for pair in pairs)
+    announced = 0
+    if file.is_ome and file.ome_metadata:
+        every = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
+        announced = sum(math.prod(int(p.get(f"Size{a}", 1)) for a in "ZCT") for p in every)
+    elif file.is_imagej:
+        announced = int((file.imagej_metadata or {}).get("images", 1))
+    elif file.is_shaped and len(file.pages) > sum(len(s.pages) for s in file.series):
+        announced, found = found, len(file.pages)  # one page would stand for the bytes behind it
+    if announced > found:
+        raise FileFormatError(f"its description announces {announced} pictures, it has {found}")
     for number, series in enumerate(file.series):
         if _third(_sizes(series)):
             return number, series
@@ -164,13 +223,14 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
     with _opened(path) as file:
         series = file.series[number]
         index = tuple(chosen.get(axis, slice(None)) for axis in series.axes)
-        if series.dataoffset is not None:
+        if series.dataoffset is not None and not series.is_multifile:
             dtype = np.dtype(series.dtype).newbyteorder(file.byteorder)
             values = stored(path, series.dataoffset, series.shape, dtype, index)
         else:
-            outer = next(
-                k for k in range(series.ndim) if math.prod(series.shape[:k]) == len(series.pages)
-            )
+            sizes = (math.prod(series.shape[:k]) for k in range(series.ndim))
+            outer = next((k for k, n in enumerate(sizes) if n == len(series.pages)), None)
+            if outer is None:
+                raise FileFormatError(_TOO_FEW)
             numbers = np.arange(len(series.pages)).reshape(series.shape[:outer])[index[:outer]]
             keys = [int(k) for k in np.ravel(numbers)]
             _check_pages(path, [series.pages[k] for k in keys])
@@ -187,12 +247,12 @@ def _read(path: Path, number: int, chosen: Mapping[str, int], third: str) -> np.
 def _check_pages(path: Path, pages: Sequence[Any]) -> None:
     """Reject pictures missing from the file: tifffile would fill them with zeros."""
     if any(page is None for page in pages):
-        raise FileFormatError("some of its pictures are missing: they are in other files")
-    size, needed = path.stat().st_size, math.prod(pages[0].keyframe.chunked)
+        raise FileFormatError(_TOO_FEW)
+    needed = math.prod(pages[0].keyframe.chunked)
     for number, page in enumerate(pages, start=1):
-        ends = np.add(page.dataoffsets, page.databytecounts)
-        if len(ends) < needed or np.any(ends > size):
-            raise FileFormatError(f"{path.name} is cut short: picture {number} is not all there")
+        ends, held = np.add(page.dataoffsets, page.databytecounts), page.parent.filehandle
+        if len(ends) < needed or np.any(ends > held.size):
+            raise FileFormatError(f"{held.name} is cut short: picture {number} is not all there")
     size = len(pages) * math.prod(pages[0].shape) * pages[0].dtype.itemsize
     check_memory(size, f"reading {path.name}", "are the sizes right?")
 

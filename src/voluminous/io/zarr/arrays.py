@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, unknown_name
-from ...packages import require
 from ..arrays.layout import Entry
 from ..arrays.named_arrays import NamedArraysReader
-from ..labelled.convert import LabelledReader
+from ..labelled.convert import LabelledReader, decoded
 from ..names import field_name
 from ..unit_texts import known_unit
 from .store import arrays_in, dimensions, holds_zarr, opened, part, root_fits, warn_of_missing
@@ -78,19 +77,15 @@ class LabelledZarrReader(LabelledReader):
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
-        xarray = require("xarray", self.extra, "reading Zarr with named dimensions")
         with opened(path) as root:
             # Opened once, as the store is.
             kept = root.store.kept
             if group not in kept:
-                # Memory is taken by the volume only: xarray would keep what it reads beside it.
-                kept[group] = xarray.open_dataset(
+                kept[group] = decoded(
                     root.store,
                     engine="zarr",
-                    cache=False,
                     group=_group(list(arrays_in(root)), group) or None,
                     consolidated=None if root.metadata.consolidated_metadata else False,
-                    decode_timedelta=False,
                 )
             yield kept[group]
             warn_of_missing(path, root.store)

@@ -100,9 +100,12 @@ def _open(store: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files that are no part of the hierarchy
+        careful = _careful()(store)
         try:
-            return zarr.open(_careful()(store), mode="r")
+            return zarr.open(careful, mode="r")
         except FileNotFoundError:
+            if careful.denied:  # all that could say what the store holds
+                raise next(iter(careful.denied.values())) from None
             names = ", ".join(_NODES)
             raise FileFormatError(
                 f"there is no Zarr store here, which has one of {names}"
@@ -112,12 +115,13 @@ def _open(store: Any) -> Any:
 @functools.cache
 def _careful() -> type:
     """Return the class of stores that try again, and note what is not there."""
-    from zarr.storage import LocalStore, WrapperStore
+    from zarr.storage import FsspecStore, LocalStore, WrapperStore
 
     class CarefulStore(WrapperStore[Any]):
         def __init__(self, store: Any) -> None:
             super().__init__(store)
             self.absent: set[str] = set()
+            self.denied: dict[str, Exception] = {}  # what counts as absent, too
             self.arrays: dict[str, Any] = {}  # that were opened, by their places
             self.told: set[str] = set()  # those of which it was said that chunks are missing
             self.kept: dict[Any, Any] = {}  # what readers made of it
@@ -126,10 +130,16 @@ def _careful() -> type:
             if isinstance(self._store, LocalStore):
                 check_readable(self._store.root / key)
             for wait in (*remote.WAITS, None):
+                value = None
+                if key in self.denied:
+                    break
                 try:
                     value = await self._store.get(key, prototype, byte_range)
                     break
                 except Exception as error:
+                    if isinstance(self._store, FsspecStore) and remote.may_be_absent(error):
+                        self.denied[key] = remote.in_words(key, error)
+                        break
                     if wait is None or not remote.may_pass(error):
                         raise remote.in_words(key, error) from error
                 await asyncio.sleep(wait)
@@ -259,9 +269,10 @@ def warn_of_missing(path: Path, store: Any) -> None:
         array = store.owner(key)
         if array is not None and array.path not in store.told:
             store.told.add(array.path)
+            denied = " (or access to it is denied)" if key in store.denied else ""
             warnings.warn(
-                f"{url_of(path) or path}: there is no chunk {key}: Zarr takes the fill value "
-                f"{array.fill_value} for its cells; others may be missing, too",
+                f"{url_of(path) or path}: there is no chunk {key}{denied}: Zarr takes the fill "
+                f"value {array.fill_value} for its cells; others may be missing, too",
                 stacklevel=3,
             )
 
@@ -290,7 +301,15 @@ def arrays_in(node: Any, place: str = "") -> dict[str, zarr.Array[Any]]:
         return {place: checked(node)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files that are no part of the hierarchy
-        found = dict(node.members(max_depth=_DEEPEST))
+        try:
+            found = dict(node.members(max_depth=_DEEPEST))
+        except Exception as error:
+            if not remote.may_be_absent(error):
+                raise
+            raise UnreachableError(
+                "the server does not list what is in the store, nor has it consolidated metadata, "
+                "as zarr.consolidate_metadata writes them"
+            ) from error
     ordered = sorted(found, key=lambda name: name.split("/"))
     start = f"{place}/" if place else ""
     return {start + name: checked(found[name]) for name in ordered if hasattr(found[name], "shape")}
