@@ -123,7 +123,7 @@ _TYPES = {
     **dict.fromkeys(("LAMBDA", "WAVELENG", "WAVELENGTH"), "WAVE"),
     "ENERGY": "ENER",
 }
-_KINDS = {"length": "WAVE", "frequency": "FREQ", "energy": "ENER", "speed": "VELO"}
+_KINDS = {"length": "WAVE", "frequency": "FREQ", "energy": "ENER", "speed": "VRAD"}
 # Lengths that beside a sky are wavelengths.
 _OF_WAVES = ("Angstrom", "nm", "um")
 # Texts that say that there is no unit.

@@ -15,7 +15,6 @@ from .cube import Cube
 
 if TYPE_CHECKING:
     from astropy.coordinates import SkyCoord
-    from astropy.io.fits import Header
     from astropy.wcs import WCS
     from matplotlib.axes import Axes
 
@@ -61,16 +60,6 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
         column = fits.Column(title, f"{n}D", dim=f"(1,{n})", array=np.reshape(values, (1, n, 1)))
         hdus.append(fits.BinTableHDU.from_columns([column], name=name))
     return hdus
-
-
-def wcs_of_header(header: Header, wcs: WCS) -> Any:
-    """Return the WCS of the two axes of an image; None for plain coordinates.
-
-    Axes without a name, or named X and Y (as `voluminous` writes them), are plain coordinates.
-    """
-    kinds = list(wcs.wcs.ctype)
-    plain = not all(kinds) or kinds == ["X", "Y"] or header.get("WCSNAME") == _OFFSETS
-    return None if plain else wcs
 
 
 _NAMES = {
@@ -147,7 +136,7 @@ def _unit(wcs: WCS, number: int) -> Any:
 
 
 # Name of celestial coordinates whose origin is arbitrary.
-_OFFSETS = "offsets"
+OFFSETS = "offsets"
 # Tolerance for uniform pixel spacing, in pixels: a header stores only one pixel size.
 _EVEN_TO = 1e-6
 
@@ -200,7 +189,7 @@ def offsets(image: Image) -> WCS | None:
     except InputError:
         return None
     assert wcs is not None
-    wcs.wcs.name = _OFFSETS
+    wcs.wcs.name = OFFSETS
     return wcs
 
 

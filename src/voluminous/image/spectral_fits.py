@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FileFormatError
-from ..units import parse_unit
 from .spectral_axis import LIGHT_MICRON, UNITS, SpectralAxis
 
 if TYPE_CHECKING:
     from astropy.io.fits import HDUList, Header
     from astropy.wcs import WCS
 
-    from .arguments import Axis
 
 Card = tuple[str, Any, str]
 Linear = tuple[str, str, float, float]  # type, unit, first value and step
@@ -90,23 +88,20 @@ def read(
     `known` are arguments that our own description has, `wcs` is that of the channels' axis. The
     exact numbers are valid unless the header was edited afterwards.
     """
-    exact, table = (_values(hdus, name) for name in (_EXACT.upper(), _TABLE.upper()))
+    exact = next((np.array(h.data, np.float64) for h in hdus if h.name == _EXACT), None)
     axis = None if wcs is None or wcs.wcs.spec < 0 else _of_wcs(wcs, count)
     rest = header.get("RESTFRQ", header.get("RESTFREQ"))
     if not rest and header.get("RESTWAV"):
         rest = LIGHT_MICRON / (1e6 * header["RESTWAV"])
-    if known and exact is not None and len(exact[0]) == count:
-        own = SpectralAxis(exact[0], **known)
+    if known and exact is not None and len(exact) == count:
+        own = SpectralAxis(exact, **known)
         edited = own.rest is None or not np.isclose(rest or 0.0, own.rest, rtol=1e-12, atol=0.0)
         own = own.at_rest(rest) if rest and edited else own
         if not own.is_even or axis is None or _agree(own, axis):
             return own
-    if table is not None and len(table[0]) == count:
-        axis = SpectralAxis(*table)  # the same, without rounding
-    if axis is None:
+    if axis is None or wcs is None:
         return None
-    line = str(header.get("LINE", ""))
-    frame = str(header.get("SPECSYS", "")) or ("" if wcs is None else wcs.wcs.specsys)
+    line, frame = str(header.get("LINE", "")), str(header.get("SPECSYS", "")) or wcs.wcs.specsys
     return axis.replace(rest=rest or None, line=line or None, frame=frame)
 
 
@@ -137,8 +132,10 @@ def _of_wcs(wcs: WCS, count: int) -> SpectralAxis:
                 "RESTFRQ, in Hz"
             ) from error
         values = even.wcs_pix2world((values - values[0])[:, None] / step, 0)[:, 0]
-    kind = kinds.get(name) or kinds[even.wcs.ctype[0][:4]]
-    return SpectralAxis(values / _TYPES[kind][2], UNITS[kind])
+        wcs, name = even, even.wcs.ctype[0][:4]
+    unit = UNITS[kinds[name]]
+    # 15 digits make a factor of 1000.0000000000001 one of 1000.
+    return SpectralAxis(values * float(f"{wcs.wcs.cunit[0].to(unit):.15g}"), unit)
 
 
 def _agree(own: SpectralAxis, other: SpectralAxis) -> bool:
@@ -147,13 +144,3 @@ def _agree(own: SpectralAxis, other: SpectralAxis) -> bool:
     values, seen = own.places(own.kind), other.places(own.kind)
     step = abs(linear(own)[3]) / _TYPES[own.kind][2]
     return bool(np.abs(values - seen).max() <= _SAME * step + 1e-14 * np.abs(values).max())
-
-
-def _values(hdus: HDUList, name: str) -> tuple[Axis, Any] | None:
-    """Return the numbers of an extension, and the unit of a table's column."""
-    found = next((hdu for hdu in hdus if hdu.name.upper() == name), None)
-    if found is None:
-        return None
-    if found.is_image:
-        return np.array(found.data, np.float64), None
-    return np.array(found.data.field(0), np.float64), parse_unit(found.columns[0].unit)

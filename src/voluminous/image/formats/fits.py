@@ -14,7 +14,7 @@ from .. import hdu, metadata, spectral_fits
 from ..arguments import PLANES, known_unit
 from ..cube import Cube
 from ..fits_header import beam_of, lenient_unit, text, world_of
-from ..sky import wcs_of_header
+from ..sky import OFFSETS
 
 if TYPE_CHECKING:
     from astropy.io.fits import HDUList, Header
@@ -120,7 +120,10 @@ def read(path: Path) -> dict[str, Any]:
             image[name] = _channels_last(own, list(range(min(own.ndim, 3))))
     place = wcs.sub(numbers)
     place.pixel_shape = shape[1::-1]
-    image |= {"intensity": intensity, "wcs": wcs_of_header(header, place), **axes}
+    # Axes without a name, or named X and Y, as `write` does it, are plain coordinates.
+    kinds = list(place.wcs.ctype)
+    plain = not all(kinds) or kinds == ["X", "Y"] or header.get("WCSNAME") == OFFSETS
+    image |= {"intensity": intensity, "wcs": None if plain else place, **axes}
     for doubt in doubts:
         warnings.warn(f"{path}: {doubt}", stacklevel=5)
     return {**image, "intensity_unit": bright if card == hdu.unit_card(bright) else _unit(card)}

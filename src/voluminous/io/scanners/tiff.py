@@ -83,22 +83,13 @@ def _whole(path: Path, file: tifffile.TiffFile) -> tuple[Path | None, str | None
 
     Of a file that is complete neither. Files that are not there are named.
     """
-    import tifffile
-
     whole, companion = None, None
-    text = file.ome_metadata if file.is_ome else None
-    only = ElementTree.fromstring(text).find("{*}BinaryOnly") if text else None
-    if only is not None:
+    text = (file.ome_metadata if file.is_ome else None) or "<OME/>"
+    if (only := ElementTree.fromstring(text).find("{*}BinaryOnly")) is not None:
         _check_there(path, {name := only.get("MetadataFile", "")})
-        whole = path
         if name.lower().endswith(_TIFF):
-            whole = path.parent / name
-            with tifffile.TiffFile(whole, _multifile=False) as described:
-                text = described.ome_metadata
-        else:
-            companion = text = (path.parent / name).read_text()
-    if not text:
-        return None, None
+            raise FileFormatError(f"{name} tells of all files of this volume; open that one")
+        whole, companion = path, (text := (path.parent / name).read_text())
     root = ElementTree.fromstring(text)
     parts = {(e.text, e.get("FileName", "")) for e in root.findall(".//{*}UUID")}
     if whole is None and (root.get("UUID") in {uuid for uuid, _ in parts} or len(parts) > 1):
