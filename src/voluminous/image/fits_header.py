@@ -238,7 +238,7 @@ def _mended(header: Header, shape: tuple[int, ...], rest: Any) -> Header:
     for k, kind in kinds.items():
         told = text(header, f"CUNIT{k}")
         unit = lenient_unit(str(card(header, f"CUNIT{k}", "")))
-        if on_sky and unit is not None and kind in ("", "LINEAR", *_TYPES):
+        if on_sky and unit is not None and kind in ("", "LINEAR"):
             is_wave = unit.physical_type != "length" or unit.to_string() in _OF_WAVES
             named = (_KINDS[name] for name in _KINDS if is_wave and unit.physical_type == name)
             kind = next(named, kind)
