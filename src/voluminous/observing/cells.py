@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import get_backend
+from ..backend import dr, from_host, get_backend
 from ..cameras import Orthographic
+from ..geometry import CARTESIAN
 from ..media import Dust
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
@@ -93,19 +94,36 @@ def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
     """Return Σ j V per channel, and that of cells beside the frame, shape (2, channel)."""
     bands = medium.components()[0].bands
     grid, backend = bands.volume.grid, get_backend("auto", "single")
-    sums = np.zeros((2, medium.channels))
-    for block in blocks_of(medium.channels):  # the last may overlap
-        part, own = medium.block(block.start, block.stop), np.zeros((2, block.stop - block.start))
-        evaluator = CellEvaluator(bands.volume, part, PerChannel(part), backend)
-        for first in range(0, grid.size, SLAB):
-            last = min(first + SLAB, grid.size)
-            values = evaluator.classify(first, last - first)[0][: part.channels]
-            light = np.nan_to_num(values) * grid.cell_volumes.reshape(-1)[first:last] / grid.scale
-            beside = np.zeros(last - first, bool)
-            if not isinstance(camera, Rings):
-                frame, place = camera.frame(grid), grid.cell_centers(first, last)
-                away = np.abs(np.stack(camera.project(place, grid)[:2]).T - frame.shift)
-                beside = (away > 0.5 * np.array(frame.width)).any(axis=1)
-            own += [light.sum(axis=1), light[:, beside].sum(axis=1)]
-        sums[:, block] = own
-    return np.asarray(sums * bands.unit)
+    # Of boxes never all at once: they would take as much memory as a field.
+    volumes = None if tuple(grid.coordinates) == CARTESIAN else grid.cell_volumes.reshape(-1)
+
+    def beside(points: np.ndarray) -> np.ndarray:
+        frame = camera.frame(grid)
+        away = np.abs(np.stack(camera.project(points, grid)[:2]).T - frame.shift)
+        return np.asarray((away > 0.5 * np.array(frame.width)).any(axis=1))
+
+    corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1)
+    whole = isinstance(camera, Rings) or not beside(corners).any()
+    blocks = blocks_of(medium.channels)
+    parts = [medium.block(block.start, block.stop) for block in blocks]
+    evaluators = [CellEvaluator(bands.volume, p, PerChannel(p), backend) for p in parts]
+    sums = np.zeros((len(blocks), 2, parts[0].channels))
+    for first in range(0, grid.size, SLAB):
+        last = min(first + SLAB, grid.size)
+        if volumes is None:
+            weights = [np.prod(grid.cell_sizes(first, last), axis=0) / grid.scale]
+        else:
+            weights = [volumes[first:last] / grid.scale]
+        if not whole:
+            weights.append(weights[0] * beside(grid.cell_centers(first, last)))
+        weighed = [from_host(backend.Wide, w) for w in weights if w.any()]
+        for own, evaluator in zip(sums, evaluators, strict=True):
+            values = evaluator.classify(first, last - first)[0][: own.shape[1]]
+            values = [dr.select(dr.isfinite(v), v, 0.0) for v in values]
+            found = [[dr.sum(v * w) for v in values] for w in weighed]
+            dr.eval(found)
+            own[: len(found)] += np.array(found, np.float64).reshape(len(found), -1)
+    light = np.zeros((2, medium.channels))
+    for block, own in zip(blocks, sums, strict=True):  # the last may overlap
+        light[:, block] = own
+    return np.asarray(light * bands.unit)

@@ -44,6 +44,8 @@ from .light import (
 if TYPE_CHECKING:
     from ..progress import Progress
 
+# What is handed on to `render`.
+_OPTIONS = (*inspect.signature(render).parameters, "_quiet")
 # More channels are drawn in groups: in one, 1000 of them would take seven times the cube's memory.
 _TOGETHER = 64
 # Groups of so few are not made smaller.
@@ -205,7 +207,7 @@ def check_arguments(verb: str, volume: Any, medium: Any, options: Iterable[str])
             f"{type(medium).__name__}"
         )
     for name in options:
-        check_name("option", name, inspect.signature(render).parameters)
+        check_name("option", name, _OPTIONS)
 
 
 def _warn_of_lines(medium: Medium, bands: Bands) -> None:
