@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
 
 # What is handed on to `render`.
-_OPTIONS = (*inspect.signature(render).parameters, "_quiet")
+_OPTIONS = tuple(inspect.signature(render).parameters)
 # More channels are drawn in groups: in one, 1000 of them would take seven times the cube's memory.
 _TOGETHER = 64
 # Groups of so few are not made smaller.
