@@ -11,7 +11,9 @@ CORE = vm.models.prestellar_core(8)
 CAMERA = vm.Orthographic(resolution=8)
 KAPPA = vm.Opacity.power_law(3.5, 870.0, 1.8)
 DUST = vm.Dust("density * 4.7e-26 g", 12 * u.K, KAPPA)
-CO = vm.Molecule("CO", 28.0, [0.0, 3.845], [1, 3], ["0", "1"], [1], [0], [7.203e-8], [115.2712018e9])
+CO = vm.Molecule(
+    "CO", 28.0, [0.0, 3.845], [1, 3], ["0", "1"], [1], [0], [7.203e-8], [115.2712018e9]
+)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from ...image.fits_header import as_fits, is_casa_image
 from ..contract import FieldChoice, FieldInfo, Reader
-from ..hdf5 import first_bytes
 from .reader import FITSReader
 
 if TYPE_CHECKING:

@@ -61,7 +61,7 @@ class NetCDFReader(LabelledReader):
         options = {"engine": engine} | ({} if group is None else {"group": group})
         url = url_of(path)
         if engine == "scipy" and path.stat().st_size <= AT_ONCE:
-            options["mmap"] = False  # else SciPy has all of the file in memory
+            options["mmap"] = False  # else SciPy has all of the file in memory  # type: ignore[assignment]
         source = for_hdf5(url) if url else nullcontext(path)
         with by_library("xarray"), filters(), source as f, decoded(f, **options) as data:
             has_fields = any(array.ndim >= 3 for array in data.data_vars.values())
