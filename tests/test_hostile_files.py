@@ -209,3 +209,23 @@ def test_levels_that_cells_do_not_make(tmp_path, levels):
     described["attributes"]["levels"] = levels
     path.write_text(json.dumps(described))
     run("assert 'levels' in refusal(folder / 'a.zarr')", tmp_path)
+
+
+def test_channels_that_no_instrument_has(tmp_path):
+    zarr = pytest.importorskip("zarr", "3")
+    (tmp_path / "a.mhd").write_text(
+        "NDims = 3\nDimSize = 4 4 4\nElementType = MET_FLOAT\nCompressedData = True\n"
+        "ElementNumberOfChannels = 1000000000\nElementDataFile = a.zraw\n"
+    )
+    (tmp_path / "a.zraw").write_bytes(b"x")
+    group = zarr.open_group(str(tmp_path / "b.zarr"), mode="w")
+    group.create_array("0", shape=(10**9, 4, 4, 4), dtype="f4", chunks=(1, 4, 4, 4))
+    scale = [{"type": "scale", "scale": [1.0] * 4}]
+    data = [{"path": "0", "coordinateTransformations": scale}]
+    axes = [{"name": a} for a in "czyx"]
+    group.attrs["ome"] = {"version": "0.5", "multiscales": [{"axes": axes, "datasets": data}]}
+    script = """
+    for name in ("a.mhd", "b.zarr"):
+        assert "1000000000 channels or components" in refusal(folder / name), name
+    """
+    run(script, tmp_path)
