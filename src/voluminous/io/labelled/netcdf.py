@@ -58,10 +58,10 @@ class NetCDFReader(LabelledReader):
             engine = "netcdf4"
             _check_size(path)
         require(engine.replace("netcdf4", "netCDF4"), self.extra, "reading this kind of NetCDF")
-        options = {"engine": engine} | ({} if group is None else {"group": group})
+        options: dict[str, Any] = {"engine": engine} | ({} if group is None else {"group": group})
         url = url_of(path)
         if engine == "scipy" and path.stat().st_size <= AT_ONCE:
-            options["mmap"] = False  # else SciPy has all of the file in memory  # type: ignore[assignment]
+            options["mmap"] = False  # else SciPy has all of the file in memory
         source = for_hdf5(url) if url else nullcontext(path)
         with by_library("xarray"), filters(), source as f, decoded(f, **options) as data:
             has_fields = any(array.ndim >= 3 for array in data.data_vars.values())
