@@ -81,6 +81,7 @@ _ELSEWHERE = {
     "clip": "a medium shows a part of a volume with where='x > 0'; vm.regions are for measuring",
     "contour": "vm.Isosurface draws surfaces of one value",
     "crop": "volume.resample(vm.CartesianGrid.uniform(n, bounds)) is a smaller volume",
+    "first_hit": "vm.project(..., how='first') is the first value along each ray",
     "imshow": "image.plot() draws a picture with axes, vm.view(volume) opens the explorer",
     "integrate": "vm.column integrates along rays, vm.measure over cells",
     "load": "vm.open(path) reads a volume, vm.Image.load(path) a picture",

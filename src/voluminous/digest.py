@@ -90,7 +90,7 @@ class _Contents(pickle.Pickler):
             name = getattr(value, "__qualname__", "")
             module = str(value.__module__) if name else value.__name__
             if "<locals>" not in name and _is_installed(module):
-                return NotImplemented if name else _written("module", module)
+                return NotImplemented if isinstance(value, type) else _written(module, name)
             if id(value) in self.seen:
                 return _written("seen", list(self.seen).index(id(value)))
             self.seen[id(value)] = value
@@ -110,6 +110,8 @@ class _Contents(pickle.Pickler):
         if hasattr(value, "decompose") and hasattr(value, "bases"):  # a unit, which knows itself
             plain = value.decompose()
             return _written(str(value), plain.scale, list(map(str, plain.bases)), plain.powers)
+        if callable(header := getattr(value, "to_header_string", None)):  # of the sky
+            return _written("wcs", header(relax=True), value.array_shape)
         colors: Any = sys.modules.get("matplotlib.colors")
         if colors and isinstance(value, colors.Colormap):
             ends = value.get_under(), value.get_over(), value.get_bad()

@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import ExpressionError, InputError, UnitsError, unknown_name
 from ..units import Unit, parse_unit
 from .ops import NumpyOps
-from .tree import Call, Constant, Derivative, Field, Node, NumberWithUnit, nodes, text
+from .tree import Call, Constant, Derivative, Field, Node, NumberWithUnit, field_names, nodes, text
 
 CONSTANTS = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}
 
@@ -347,6 +347,8 @@ def _derivative(operation: str, argument: Node) -> Derivative:
 
 # A product of vectors becomes this many levels of sums and products.
 _LEVELS_OF_VECTORS = 3
+# Operations by which numbers overflow.
+_GROWS = {"power", "integer_power", "multiply", "exp"}
 # Names that no vector has.
 _SCALARS = {*CONSTANTS, *FUNCTIONS, "x", "y", "z", "r"}
 _A_VECTOR = "grad(density), vector(a, b, c), or the name of one, as in norm(velocity)"
@@ -361,6 +363,8 @@ def parse(text: str, *, vectors: bool = False) -> tuple[Node, tuple[str, ...]]:
     builder = _Builder(text)
     build = builder.build_any if vectors else builder.build
     tree = build(python_tree(text))
+    if builder.overflow is not None and builder.names:
+        builder._fail(builder.overflow, "this overflows: double precision cannot hold it")
     return tree, tuple(builder.names)
 
 
@@ -370,6 +374,7 @@ class _Builder:
     def __init__(self, text: str, depth: int = 0) -> None:
         self._text, self._depth = text, depth
         self.names: dict[str, None] = {}  # a dict, because it keeps the order
+        self.overflow: ast.expr | None = None
 
     def build(self, node: ast.expr) -> Node:
         """Return our node for Python's `node`: a number."""
@@ -389,11 +394,19 @@ class _Builder:
         self._depth += 1
         built = self._built(node)
         self._depth -= 1
-        if isinstance(built, Call) and all(isinstance(n, (Call, Constant)) for n in nodes(built)):
-            with np.errstate(all="ignore"):
-                if np.any(np.isinf(built.number(NumpyOps(), {}))):
-                    self._fail(node, "this overflows: double precision cannot hold it")
+        if isinstance(built, Call) and built.operation in _GROWS and not list(field_names(built)):
+            self._check_size(node, built)
         return built
+
+    def _check_size(self, node: ast.expr, built: Call) -> None:
+        """Note where a number overflows: with it there is nothing to compute from fields."""
+        if not all(isinstance(part, (Call, Constant)) for part in nodes(built)):
+            return
+        with np.errstate(all="ignore"):
+            first, *others = (float(part.number(NumpyOps(), {})) for part in built.arguments)
+            finite = all(map(math.isfinite, (first, *others))) and first != 0.0
+            if finite and math.isinf(float(built.number(NumpyOps(), {}))):
+                self.overflow = node
 
     def _built(self, node: ast.expr) -> Node:
         match node:

@@ -68,7 +68,7 @@ class Molecule(Value):
         partition: tuple[Any, Any] | None = None,
     ) -> None:
         what = f"molecule {name}"
-        if not is_listed(labels):
+        if not is_listed(labels) and not isinstance(labels, str):
             raise InputError(f"{what}: labels are a list of texts, got {shown(labels)}")
         self.name, self.labels = str(name), tuple(map(str, labels))
         (self.weight,) = listed([weight], None, f"{what}: weight").tolist()
