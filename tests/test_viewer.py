@@ -653,7 +653,17 @@ def test_a_follower_sees_what_the_leader_does_and_changes_nothing(explorer):
     follower.wait(lambda m: m["kind"] == "frame" and m["exact"] and m["camera"]["incl"] == 12)
     before = json.dumps(explorer.document.settings)
     follower.put("look", camera={"type": "orthographic", "incl": 80, "phi": 7}, moving=False)
-    follower.put("set", patch=[["medium", []]], label="remove")
+    for kind, rest in (
+        ("set", {"patch": [["medium", []]], "label": "remove"}),
+        ("undo", {}),
+        ("time", {"index": 0}),
+    ):
+        number = follower.put(kind, **rest)
+        # The page takes back what it changed.
+        follower.wait(lambda m, n=number: m["kind"] == "notice" and m["n"] == n)
+        follower.wait(lambda m, n=number: m["kind"] == "document" and m["n"] == n)
+    assert "follows" in follower.ask("suggest", name=None)["error"]
+    assert "follows" in follower.ask("film", path={"kind": "orbit"}, frames=2)["error"]
     assert json.dumps(explorer.document.settings) == before
 
 
@@ -670,6 +680,11 @@ def test_a_series_in_time(volume, tmp_path):
     page.wait(lambda m: m["kind"] == "notice" and "no file 7" in m["text"])
     explorer.close()
     assert last
+
+
+DEEP: list = []
+for _ in range(900):
+    DEEP = [DEEP]
 
 
 @pytest.mark.parametrize(
@@ -690,14 +705,100 @@ def test_a_series_in_time(volume, tmp_path):
         {"kind": "seen", "frame": None},
         {"kind": "hello", "protocol": 99},
         {"kind": "_open_numbers"},
+        {"kind": "_refuse"},
+        {"kind": "x" * 100_000},
+        {"kind": "look", "n": 1e400, "camera": {}},
+        {"kind": "look", "n": 1, "camera": {"type": "orthographic", "incl": 10**400}},
+        {"kind": "look", "n": 1, "camera": 3},
+        {"kind": "look", "n": 1, "camera": {"type": "perspective", "position": [1e308] * 3}},
+        {"kind": "size", "n": 1, "size": [10**400, 5]},
+        {"kind": "size", "n": 1, "size": [5, 5], "scale": float("nan")},
+        {"kind": "set", "n": 1, "patch": [["bookmarks", [float("inf")]]]},
+        {"kind": "set", "n": 1, "patch": [["medium.0.opacity", 10**400]]},
+        {"kind": "set", "n": 1, "patch": [["medium.0.opacity", {}]]},
+        {"kind": "set", "n": 1, "patch": [["medium", None]]},
+        {"kind": "set", "n": 1, "patch": [["camera", None]]},
+        {"kind": "set", "n": 1, "patch": [["camera", 3]]},
+        {"kind": "set", "n": 1, "patch": [["image", [1]]]},
+        {"kind": "set", "n": 1, "patch": [["render", 3]]},
+        {"kind": "set", "n": 1, "patch": [["bookmarks", DEEP]]},
+        {"kind": "undo", "n": None},
+        {"kind": "redo"},
+        {"kind": "seen", "frame": 1e400},
+        {"kind": "time", "n": 1, "index": 1e400},
+        {"kind": "time", "n": 1, "index": None},
+        {"kind": "cancel", "of": []},
+        {"kind": "probe", "id": float("nan"), "x": 0.5, "y": 0.5},
+        {"kind": "hello", "protocol": 1, "size": [1e400, 5]},
+        {"kind": "hello", "protocol": 1, "size": None},
     ],
+    ids=lambda message: repr(message)[:60],
 )
 def test_wrong_messages_are_answered_and_nothing_breaks(explorer, message):
     page = Page(explorer)
+    before = json.dumps(explorer.document.settings)
     page.client.receive(message)
-    page.wait(lambda m: m["kind"] == "notice" and m["level"] == "error")
+    notice, _ = page.wait(lambda m: m["kind"] == "notice" and m["level"] == "error")
+    assert len(notice["text"]) < 1000
+    assert json.dumps(explorer.document.settings) == before
     assert explorer.medium == SHELL + CORE
     assert "intensity" in page.ask("probe", x=0.5, y=0.5)
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        {"kind": "probe", "x": 10**400, "y": 0.5},
+        {"kind": "histogram", "expr": "a", "bins": 10**400},
+        {"kind": "slice", "expr": "a", "axis": 10**400, "at": 0.5},
+        {"kind": "highlight", "expr": "a", "low": -(10**400), "high": 1},
+        {"kind": "export", "what": "png", "width": 10**400},
+        {"kind": "film", "path": 3, "frames": 2},
+        {"kind": "load", "text": 3},
+        {"kind": "thumbnail", "name": []},
+    ],
+)
+def test_strange_questions_are_answered_with_an_error(explorer, question):
+    assert Page(explorer).ask(**question)["error"]
+
+
+def test_each_input_is_in_the_document_or_refused(explorer, monkeypatch):
+    monkeypatch.setattr("voluminous.viewer.explorer._MOST_INPUTS", 10)
+    page = Page(explorer)
+    for k in range(30):
+        last = page.put("set", patch=[["image.exposure", 1.0 + k]], label="exposure")
+    last = page.put("look", camera={"type": "orthographic", "incl": 12, "phi": 7})
+    document, _ = page.wait(lambda m: m["kind"] == "document" and m["n"] == last)
+    refused = {m["n"] for m, _ in page.messages if m["kind"] == "notice"}
+    assert last in refused
+    made = set(range(1, last)) - refused
+    assert len(made) >= 10
+    assert document["document"]["image"]["exposure"] == float(max(made))
+    assert document["document"]["camera"]["incl"] == 60
+
+
+def test_pages_are_answered_in_turn(explorer, monkeypatch):
+    from voluminous.viewer.questions import QUESTIONS
+
+    answered, begun, go_on = [], threading.Event(), threading.Event()
+
+    def slowly(page, message, progress):
+        begun.set()
+        assert go_on.wait(60)
+        answered.append(page)
+        return {}
+
+    monkeypatch.setitem(QUESTIONS, "slice", (slowly, QUESTIONS["slice"][1]))
+    busy, other = Page(explorer), Page(explorer)
+    for k in range(20):
+        busy.say("slice", id=k)
+    assert begun.wait(60)
+    for k in range(2):
+        other.say("slice", id=k)
+    go_on.set()
+    busy.wait(lambda m: m["kind"] == "reply" and m["id"] == 19)
+    assert answered[:4] == [busy.client, other.client] * 2
+    assert [m["id"] for m, _ in busy.messages if m["kind"] == "reply"] == list(range(20))
 
 
 def test_a_field_that_does_not_exist_is_refused_before_anything_is_drawn(explorer):

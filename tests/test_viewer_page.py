@@ -10,6 +10,7 @@ import json
 import os
 import socket
 import stat
+import threading
 import time
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from voluminous.cli import main
 from voluminous.viewer import frames
 from voluminous.viewer.explorer import Explorer
 from voluminous.viewer.guard import SUBPROTOCOL, Guard
@@ -76,6 +78,123 @@ def test_only_the_token_from_this_page_on_this_host_is_let_in(server, token, ori
     assert guard.lets_in(name, source, [SUBPROTOCOL, f"token.{secret}"]) is allowed
     assert not guard.lets_in(name, source, [SUBPROTOCOL])
     assert not guard.lets_in(name, source, [f"token.{secret}"])
+
+
+# What nginx and Apache pass on unless told otherwise, and what they do if they are.
+@pytest.mark.parametrize("host", ["127.0.0.1:8080", "localhost:8080", "hub.example.org"])
+@pytest.mark.parametrize(
+    ("origin", "allowed"),
+    [
+        ("https://hub.example.org", True),
+        ("http://hub.example.org", True),
+        ("https://HUB.example.org:8443", True),
+        ("http://[2001:db8::1]:8000", True),
+        # Local names are hosts, but a page of another port is another's.
+        ("http://localhost", False),
+        ("http://localhost:9999", False),
+        ("http://127.0.0.1:9999", False),
+        ("http://[::1]:9999", False),
+        ("ftp://hub.example.org", False),
+        ("https://hub.example.org.evil.example", False),
+        ("https://evil.example:443@hub.example.org", False),
+        ("https://hub.example.org@evil.example", False),
+        ("https://hub.example.org:443/", False),
+        ("https://evil.example/hub.example.org", False),
+        ("https://evil.example#://hub.example.org", False),
+        ("https://hub.example.org\n", False),
+        ("https://[hub.example.org]:x", False),
+        ("hub.example.org", False),
+        ("https://", False),
+        ("null", False),
+        ("", False),
+    ],
+)
+def test_pages_of_a_name_that_a_proxy_has_are_let_in(host, origin, allowed):
+    guard = Guard(["Hub.example.org", "[2001:db8::1]"])
+    protocols = [SUBPROTOCOL, f"token.{guard.token}"]
+    assert guard.knows_host(host)
+    assert guard.lets_in(host, origin, protocols) is allowed
+    assert not guard.lets_in(host, origin, [SUBPROTOCOL, "token.wrong"])
+    assert not guard.lets_in("evil.example", origin, protocols)
+    assert not Guard().knows_origin("https://hub.example.org", "127.0.0.1:8080")
+
+
+@pytest.fixture(scope="module", params=["/volume/", "/user/ada%40example.org/volume"])
+def prefixed(request):
+    explorer = Explorer(VOLUME, MEDIUM, CAMERA)
+    server = Server(explorer, base_path=request.param, hosts=["hub.example.org"])
+    server.start()
+    yield server, request.param.rstrip("/")
+    server.close()
+    explorer.close()
+
+
+def test_a_proxy_may_keep_or_strip_its_prefix(prefixed):
+    server, base = prefixed
+    assert server.url.startswith(f"http://127.0.0.1:{server.port}{base}/#token=")
+    for prefix in ("", base):
+        for path in _FILES:
+            assert get(server, prefix + path)[0] == 200
+        with connect(server, origin="https://hub.example.org", path=f"{prefix}/ws") as page:
+            page.send("3")
+            assert json.loads(page.recv(timeout=10))["kind"] == "notice"
+    for path in (f"{base}/ws", f"{base}{base}/", f"{base}{base}", f"{base}s/", f"{base}/../"):
+        assert get(server, path)[0] == 404
+    for path in (base, f"{base}{base}/ws", f"{base}s/ws", f"{base}ws", f"{base}/ws/"):
+        with pytest.raises(exceptions.InvalidStatus) as error:
+            connect(server, path=path)
+        assert error.value.response.status_code in (403, 404)
+
+
+def test_the_prefix_without_its_slash_leads_to_the_page(prefixed):
+    server, base = prefixed
+    for query in ("", "?follow", "?follow&a=%0d%0ab"):
+        status, headers, _ = get(server, base + query)
+        assert (status, headers["location"]) == (307, f"{base}/{query}")
+    assert get(server, base, Host="evil.example")[0] == 403
+    assert get(server, base, "POST")[0] == 405
+
+
+@pytest.mark.parametrize("path", ["/", ""])
+def test_without_a_prefix_all_is_as_it_was(server, path):
+    unserved = Server(server.explorer, base_path=path)
+    assert unserved.url.startswith(f"http://127.0.0.1:{unserved.port}/#token=")
+    unserved._socket.close()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "volume",
+        "//",
+        "//evil.example/",
+        "/a//b",
+        "/../",
+        "/a/./b",
+        "/a/%2e%2e/",
+        "/a b",
+        "/a?b",
+        "/a#b",
+        "/a%",
+        "/a%0d%0ab",
+        "/a\n",
+        "\\a",
+        "https://hub.example.org/volume/",
+    ],
+)
+def test_strange_prefixes_are_refused(server, path):
+    with pytest.raises(vm.InputError, match="/volume/"):
+        Server(server.explorer, base_path=path)
+
+
+def test_the_command_serves_under_the_prefix(tmp_path, monkeypatch, capsys):
+    vm.models.prestellar_core(8).save(tmp_path / "a.npz")
+    monkeypatch.setattr(Server, "wait", lambda self, seconds=None: True)
+    file = str(tmp_path / "a.npz")
+    assert main(["view", file, "--no-browser", "--base-path", "/volume/"]) == 0
+    assert "/volume/#token=" in capsys.readouterr().out
+    assert main(["view", file, "--no-browser", "--base-path", "volume"]) != 0
+    assert "/volume/" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("token", [None, "", "wrong"])
@@ -168,9 +287,71 @@ def test_what_is_no_message_is_answered_and_what_is_too_long_ends_it(server):
         with pytest.raises(exceptions.ConnectionClosed):
             list(iter(page.recv, None))
     with connect(server) as page:
-        page.send(b"bytes")
-        with pytest.raises(exceptions.ConnectionClosed):
-            page.recv(timeout=10)
+        for data in (b"bytes", b"", b'{"kind": "visible", "on": true}', '{"kind": "seen", "n": 1}'):
+            page.send(data)
+            assert json.loads(page.recv(timeout=10))["level"] == "error"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"kind": "look", "n": 1e400, "camera": {}}',
+        '{"kind": "look", "n": 1, "camera": {"type": "orthographic", "incl": -1e400}}',
+        '{"kind": "size", "n": 1, "size": [NaN, 5]}',
+        f'{{"kind": "size", "n": 1, "size": [1{"0" * 400}, 5]}}',
+        '{"kind": "set", "n": 1, "patch": [["bookmarks", [Infinity]]]}',
+        '{"kind": "undo", "n": 1e400}',
+        '{"kind": "seen", "frame": 1e400}',
+        '{"kind": "time", "n": 1, "index": 1e400}',
+        '{"kind": "histogram", "id": 1e400, "expr": "a"}',
+        '{"kind": "hello", "protocol": 1, "size": [1e400, 5]}',
+    ],
+)
+def test_numbers_that_are_too_large_end_no_connection(server, text):
+    with connect(server) as page:
+        page.send(text)
+        # As a browser's JSON, which has neither infinities nor NaN.
+        notice = json.loads(page.recv(timeout=10), parse_constant=pytest.fail)
+        assert (notice["kind"], notice["level"]) == ("notice", "error")
+        page.send(json.dumps({"kind": "histogram", "id": 7, "expr": "a"}))
+        while (answer := json.loads(page.recv(timeout=10))).get("id") != 7:
+            assert answer["kind"] == "document"
+        assert answer["counts"]
+
+
+def test_a_page_is_heard_while_another_sends_more_than_can_be_done(server, monkeypatch):
+    from voluminous.viewer import explorer
+
+    go_on, count = threading.Event(), 600
+    measured = explorer._open_numbers
+
+    def slowly(tables, volume):
+        assert go_on.wait(60)
+        return measured(tables, volume)
+
+    monkeypatch.setattr(explorer, "_open_numbers", slowly)
+    monkeypatch.setattr(explorer, "_MOST_INPUTS", 20)
+    question = json.dumps({"kind": "histogram", "id": 7, "expr": "a"})
+    with connect(server) as busy, connect(server) as other:
+        for n in range(1, count + 1):
+            patch = [["image.exposure", 1.0 + n]]
+            busy.send(json.dumps({"kind": "set", "n": n, "patch": patch, "label": "exposure"}))
+        busy.send(question)
+        other.send(question)
+        assert json.loads(other.recv(timeout=60))["id"] == 7
+        refused = set()
+        while (message := json.loads(busy.recv(timeout=60)))["kind"] == "notice":
+            refused.add(message["n"])
+        assert message["id"] == 7
+        go_on.set()
+        # One document was being made, and another one holds all that has come since.
+        told = [json.loads(busy.recv(timeout=60)) for _ in range(2)]
+    assert [message["kind"] for message in told] == ["document"] * 2
+    assert told[1]["n"] == count
+    # Each input is in the document or refused, and the page was told so.
+    made = set(range(1, count + 1)) - refused
+    assert 20 <= len(made) < count
+    assert told[1]["document"]["image"]["exposure"] == 1.0 + max(made)
 
 
 def test_a_unix_socket_is_this_users_alone_and_goes_away(monkeypatch):

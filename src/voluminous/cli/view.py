@@ -16,6 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--port", type=int, default=0, help="default: any that is free")
     help = "a name under which a proxy serves this machine; may be given several times"
     group.add_argument("--allow-host", action="append", default=[], metavar="NAME", help=help)
+    help = "the path under which a proxy serves the page, such as /volume/"
+    group.add_argument("--base-path", default="/", metavar="PATH", help=help)
     group.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
@@ -26,7 +28,8 @@ def run(args: argparse.Namespace) -> int:
 
     scene = scene_from(args, all_fields=True)
     explorer = Explorer(scene.volume(), scene.medium, scene.camera, scene.to_dict())
-    server = Server(explorer, port=args.port, unix_socket=args.socket, hosts=args.allow_host)
+    proxy = {"hosts": args.allow_host, "base_path": args.base_path}
+    server = Server(explorer, port=args.port, unix_socket=args.socket, **proxy)
     try:
         server.start()
         print(server.instructions(), flush=True)

@@ -68,7 +68,7 @@ class Document:
         """
         changed = copy.deepcopy(self.settings)
         for path, value in patch:
-            set_path(changed, path, value)
+            set_path(changed, path, copy.deepcopy(value))
         self._check(changed)
         if self._gesture is None or self._gesture != label:
             self._past.append((label, self.settings))

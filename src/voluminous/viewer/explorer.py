@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import threading
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -34,7 +37,7 @@ from .share import IN_MEMORY, tables_of, text_of
 PROTOCOL = 1
 # Seconds after a change of a medium in which another is expected.
 _EDITED = 1.0
-# Inputs a second; more are a fault or an attack.
+# Changes a second; more are a fault or an attack.
 _MOST_INPUTS = 240
 # Warnings of one answer: each picture of a film may have its own.
 _MOST_WARNINGS = 3
@@ -97,6 +100,8 @@ class Explorer:
         self.active_at, self.edited_at = time.monotonic(), -1e9
         self.painter = Painter(lambda: list(self._clients), self.shot)
         self.desk = ThreadPoolExecutor(1, thread_name_prefix="desk")
+        self._teller = ThreadPoolExecutor(1, thread_name_prefix="teller")
+        self._untold: set[Client] = set()
         self.filming = threading.Lock()
 
     def _opened(self, index: int) -> Volume:
@@ -113,7 +118,9 @@ class Explorer:
         """Fit the first camera to a page's picture, if none was given and it has a size."""
         if not self._framed and min(size) > 1:
             self._framed = True
-            self.document.look(_view(framed(self.volume, self.medium, resolution=size)))
+            view = _view(framed(self.volume, self.medium, resolution=size))
+            with self._lock:
+                self.document.look(view)
 
     def _source(self) -> dict[str, Any]:
         one = self.series[self.index]
@@ -146,6 +153,7 @@ class Explorer:
         """End the painter."""
         self.painter.close()
         self.desk.shutdown(wait=False, cancel_futures=True)
+        self._teller.shutdown(wait=False, cancel_futures=True)
 
     # --- pages --------------------------------------------------------------------------------
 
@@ -181,11 +189,44 @@ class Explorer:
     def changed(self, by: Client | None, *, moving: bool = False) -> None:
         """Tell all pages of the new document, and paint it."""
         now = time.monotonic()
+        self.tell(*self._clients)
         for client in list(self._clients):
-            client.tell_document()
             if client is not by:
                 client.session.want(now, moving=moving)
         self.painter.wake()
+
+    def tell(self, *clients: Client) -> None:
+        """Send the document to pages: once for all changes until it is sent."""
+        with self._lock, contextlib.suppress(RuntimeError):  # the explorer is closed
+            if not self._untold:
+                self._teller.submit(self._tell)
+            self._untold.update(clients)
+
+    def _tell(self) -> None:
+        with self._lock:
+            newest = {client: client.session.input for client in self._untold}
+            self._untold.clear()
+            settings, revision, volume = self.document.settings, self.document.revision, self.volume
+            undo, redo = self.document.labels
+        tables = shown(settings)
+        message = {
+            "kind": "document",
+            "document": settings,
+            "revision": revision,
+            "undo": undo,
+            "redo": redo,
+            "channels": build_medium(tables).channels if tables else 3,
+            "open": _open_numbers(settings["medium"], volume),
+        }
+        for client, newest_input in newest.items():
+            client.send({**message, "n": newest_input})
+
+    def answer_next(self) -> None:
+        """Answer a question, of the page that has waited for the longest time."""
+        if waiting := [client for client in list(self._clients) if client.questions]:
+            client = min(waiting, key=lambda one: one.answered_at)
+            client.answered_at = time.monotonic()
+            client.answer(client.questions.popleft())
 
     def describe(self) -> dict[str, Any]:
         """Return what a page needs to know of the volume."""
@@ -222,6 +263,8 @@ class Client:
         self.explorer, self._send = explorer, send
         self.session = Session(dict(explorer.document.settings["camera"]), visible=False)
         self._inputs: list[float] = []
+        self.questions: deque[dict[str, Any]] = deque()
+        self.answered_at = -1e9
         self._cancelled: set[Any] = set()
         self._closed = False
 
@@ -237,59 +280,44 @@ class Client:
         """Answer a message; errors are sent as a notice, or as the reply to a question."""
         self.explorer.active_at = time.monotonic()
         if not isinstance(message, dict) or not isinstance(message.get("kind"), str):
-            self.notice("error", "a message must be an object with a kind")
+            self.notice("error", "a message must be a text: an object, as JSON, with a kind")
             return
         kind = message["kind"]
         question = kind in QUESTIONS
         known = ("id", *QUESTIONS[kind][1]) if question else _KINDS.get(kind)
         if known is None or not set(message) <= {"kind", *known}:
-            self.notice("error", f"unknown message {kind!r}, or unknown keys in it")
+            self.notice("error", f"unknown message {kind!r:.200}, or unknown keys in it")
+            return
+        try:  # pages are sent what is in the document, and their JSON has no infinity
+            json.dumps(message, allow_nan=False)
+        except (TypeError, ValueError, RecursionError):
+            self._refuse(f"{kind}: numbers must be finite, and lists not so deep", message)
             return
         try:
+            if "n" in known:
+                message = {**message, "n": int(message["n"])}
             if question and kind != "film":
-                self.explorer.desk.submit(self._answer, message)
+                self.questions.append(message)
+                self.explorer.desk.submit(self.explorer.answer_next)
             else:
                 getattr(self, f"_{kind}")(message)
-        except VoluminousError as error:
-            self.notice("error", str(error), message.get("n"))
-            self.tell_document()
-        except (TypeError, ValueError, KeyError, IndexError) as error:
-            self.notice("error", f"{kind}: {error}", message.get("n"))
+        except Exception as error:  # an answer must come, or the page waits
+            text = str(error) if isinstance(error, VoluminousError) else f"{kind}: {error}"
+            if question:
+                self.send({"kind": "reply", "id": message.get("id"), "error": text})
+            else:
+                self._refuse(text, message)
 
-    def notice(self, level: str, text: str, refused: Any = None) -> None:
-        """Tell the user something; `refused` is the number of the input that was refused."""
-        number = {"n": refused} if isinstance(refused, int) else {}
-        self.send({"kind": "notice", "level": level, "text": text, **number})
+    def _refuse(self, text: str, message: dict[str, Any]) -> None:
+        """Tell why an input is not taken, and the document that holds instead."""
+        refused = {"n": message["n"]} if isinstance(message.get("n"), int) else {}
+        self.session.input = max([self.session.input, *refused.values()])
+        self.notice("error", text, **refused)
+        self.explorer.tell(self)
 
-    def tell_document(self) -> None:
-        """Send the document."""
-        document = self.explorer.document
-        undo, redo = document.labels
-        medium = self.explorer.medium
-        self.send(
-            {
-                "kind": "document",
-                "document": document.settings,
-                "revision": document.revision,
-                "n": self.session.input,
-                "undo": undo,
-                "redo": redo,
-                "channels": 3 if medium is None else medium.channels,
-                "open": self._open_numbers(),
-            }
-        )
-
-    def _open_numbers(self) -> dict[str, float]:
-        """Return the numbers that stand for "auto", as measured in the volume."""
-        found = {}
-        for k, table in enumerate(self.explorer.document.settings["medium"]):
-            if table.get("path_length", "auto") != "auto" or table.get("hidden"):
-                continue
-            medium = build_medium([table])
-            if medium.path_length == "auto":
-                length = medium.calibrated(self.explorer.volume).path_length
-                found[f"medium.{k}.path_length"] = float(length)
-        return found
+    def notice(self, level: str, text: str, **rest: Any) -> None:
+        """Tell the user something; `n` is the number of the input that was refused."""
+        self.send({"kind": "notice", "level": level, "text": text, **rest})
 
     # --- inputs -------------------------------------------------------------------------------
 
@@ -316,61 +344,54 @@ class Client:
                 "colormaps": _colormaps(),
             }
         )
-        self.tell_document()
+        explorer.tell(self)
         session.want(time.monotonic())
         explorer.painter.wake()
 
     def _look(self, message: dict[str, Any]) -> None:
-        if not self._may_change():
-            return
-        camera = dict(message["camera"])
-        camera.pop("resolution", None)
-        build_camera(camera)
-        with self.explorer._lock:
-            self.session.camera = camera
-            self.explorer.document.look(camera)
-        moving = message.get("moving") is True
+        explorer, moving = self.explorer, message.get("moving") is True
+        self._check_change()
+        camera = {key: v for key, v in dict(message["camera"]).items() if key != "resolution"}
         now = time.monotonic()
-        self.session.want(now, moving=moving, number=int(message["n"]))
-        for other in list(self.explorer._clients):
-            if not other.session.leader:
-                other.session.camera = camera
-                other.session.want(now, moving=moving)
-        self.explorer.painter.wake()
+        with explorer._lock:
+            explorer.document.look(camera)
+            self.session.camera = camera
+            self.session.want(now, moving=moving, number=message["n"])
+            for other in explorer._clients:
+                if not other.session.leader:
+                    other.session.camera = camera
+                    other.session.want(now, moving=moving)
+        explorer.painter.wake()
 
     def _size(self, message: dict[str, Any]) -> None:
         self.session.resize(message["size"], message.get("scale", 1.0))
         if not self.explorer._framed:
             self.explorer.frame_for(self.session.size)
             self.session.camera = dict(self.explorer.document.settings["camera"])
-        self.session.want(time.monotonic(), number=int(message["n"]))
+        self.session.want(time.monotonic(), number=message["n"])
         self.explorer.painter.wake()
 
     def _set(self, message: dict[str, Any]) -> None:
-        if not self._may_change():
-            return
-        moving = message.get("moving") is True
         patch = [(str(path), value) for path, value in message["patch"]]
-        self.session.input = int(message["n"])
-        self.change(patch, str(message.get("label", "")), moving=moving)
+        with self.explorer._lock:  # a document says which input is the newest in it
+            self.change(patch, str(message.get("label", "")), moving=message.get("moving") is True)
+            self.session.input = message["n"]
 
     def change(self, patch: Patch, label: str, *, moving: bool = False) -> None:
         """Change the document, and paint it for all pages."""
         explorer = self.explorer
-        if not self.session.leader:
-            return
+        self._check_change()
         with explorer._lock:
             explorer.document.apply(patch, label, moving=moving)
             if any(path.startswith("camera") for path, _ in patch):
                 for client in explorer._clients:
                     client.session.camera = dict(explorer.document.settings["camera"])
-        if all(path.startswith(("image.", "bookmarks")) for path, _ in patch):
-            for client in list(explorer._clients):  # the pages do it: nothing is painted
-                client.tell_document()
-            return
-        self.session.want(time.monotonic(), moving=moving)
-        explorer.edited_at = time.monotonic()
-        explorer.changed(self, moving=moving)
+            if all(path.startswith(("image.", "bookmarks")) for path, _ in patch):
+                explorer.tell(*explorer._clients)  # the pages do it: nothing is painted
+                return
+            self.session.want(time.monotonic(), moving=moving)
+            explorer.edited_at = time.monotonic()
+            explorer.changed(self, moving=moving)
 
     def _undo(self, message: dict[str, Any]) -> None:
         self._step(message, self.explorer.document.undo)
@@ -379,15 +400,14 @@ class Client:
         self._step(message, self.explorer.document.redo)
 
     def _step(self, message: dict[str, Any], step: Callable[[], bool]) -> None:
-        if self._may_change():
-            with self.explorer._lock:
-                stepped = step()
-            self.session.input = int(message["n"])
+        self._check_change()
+        with self.explorer._lock:
+            stepped, self.session.input = step(), message["n"]
             if stepped:
                 self.session.want(time.monotonic())
                 self.explorer.changed(self)
             else:
-                self.tell_document()
+                self.explorer.tell(self)
 
     def _seen(self, message: dict[str, Any]) -> None:
         self.session.seen(int(message["frame"]), time.monotonic())
@@ -399,26 +419,29 @@ class Client:
 
     def _time(self, message: dict[str, Any]) -> None:
         explorer, index = self.explorer, int(message["index"])
-        if not self._may_change():
-            return
+        self._check_change()
         if not 0 <= index < len(explorer.series):
             raise InputError(f"there is no file {index}; there are {len(explorer.series)}")
         volume = explorer._opened(index)
         with explorer._lock:
-            explorer.index, explorer.volume = index, volume
+            explorer.index, explorer.volume, self.session.input = index, volume, message["n"]
             explorer.document.settings["volume"] = explorer._source()
             explorer.document.revision += 1
-        explorer.changed(None)
+            explorer.changed(None)
 
-    def _may_change(self) -> bool:
-        """Return whether the page leads; and whether it does not send too much."""
+    def _check_change(self) -> None:
+        """Refuse what a page that follows changes, and what comes too fast."""
+        if not self.session.leader:
+            raise InputError("this page follows another one, and changes nothing")
         now = time.monotonic()
-        self._inputs = [at for at in self._inputs if now - at < 1.0] + [now]
-        return self.session.leader and len(self._inputs) <= _MOST_INPUTS
+        self._inputs = [at for at in self._inputs if now - at < 1.0]
+        if len(self._inputs) >= _MOST_INPUTS:
+            raise InputError(f"more than {_MOST_INPUTS} changes in a second: one was not made")
+        self._inputs.append(now)
 
     # --- questions ----------------------------------------------------------------------------
 
-    def _answer(self, message: dict[str, Any]) -> None:
+    def answer(self, message: dict[str, Any]) -> None:
         answer, _ = QUESTIONS[message["kind"]]
         identity = message.get("id")
         reply = {"kind": "reply", "id": identity}
@@ -442,14 +465,13 @@ class Client:
     def _film(self, message: dict[str, Any]) -> None:
         """Make a film in another thread, so that other questions need not wait for it."""
         explorer = self.explorer
-        if not self._may_change() or not explorer.filming.acquire(blocking=False):
-            text = "one film at a time: wait for the other, or cancel it"
-            self.send({"kind": "reply", "id": message.get("id"), "error": text})
-            return
+        self._check_change()
+        if not explorer.filming.acquire(blocking=False):
+            raise InputError("one film at a time: wait for the other, or cancel it")
 
         def make() -> None:
             try:
-                self._answer(message)
+                self.answer(message)
             finally:
                 explorer.filming.release()
 
@@ -472,6 +494,19 @@ _KINDS: dict[str, tuple[str, ...]] = {
     "time": ("n", "index"),
     "cancel": ("of",),
 }
+
+
+def _open_numbers(tables: list[dict[str, Any]], volume: Volume) -> dict[str, float]:
+    """Return the numbers that stand for "auto", as measured in the volume."""
+    found = {}
+    for k, table in enumerate(tables):
+        if table.get("path_length", "auto") != "auto" or table.get("hidden"):
+            continue
+        medium = build_medium([table])
+        if medium.path_length == "auto":
+            with contextlib.suppress(Exception):  # the painter tells it
+                found[f"medium.{k}.path_length"] = float(medium.calibrated(volume).path_length)
+    return found
 
 
 def _view(camera: Camera) -> dict[str, Any]:

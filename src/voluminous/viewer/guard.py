@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hmac
 import os
+import re
 import secrets
 from collections.abc import Iterable
 from urllib.parse import urlsplit
@@ -16,7 +17,8 @@ from urllib.parse import urlsplit
 from ..errors import InputError
 
 SUBPROTOCOL = "voluminous.v1"
-_LOCAL = ("localhost", "127.0.0.1", "[::1]", "::1")
+_LOCAL = ("localhost", "127.0.0.1", "::1")
+_ORIGIN = r"https?://([^][/:@?#\s]+|\[[^][/@?#\s]+\])(:\d+)?"
 _VARIABLE = "VOLUMINOUS_TOKEN"
 
 
@@ -33,7 +35,9 @@ class Guard:
         self.token = os.environ.get(_VARIABLE) or secrets.token_urlsafe(32)
         if len(self.token) < 20:
             raise InputError(f"{_VARIABLE} must have at least 20 characters")
-        self.hosts = {*_LOCAL, *(host.lower() for host in hosts)}
+        # A proxy may give another Host header than the browser, so pages of these may have any.
+        self.given = {host.lower().strip("[]") for host in hosts}
+        self.hosts = {*_LOCAL, *self.given}
 
     def knows_host(self, host: str) -> bool:
         """Return whether a Host header names this machine: others are rebound by DNS."""
@@ -41,14 +45,14 @@ class Guard:
             name = urlsplit(f"//{host}").hostname
         except ValueError:
             return False
-        return name is not None and (name in self.hosts or f"[{name}]" in self.hosts)
+        return name in self.hosts
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
         """Return whether a request comes from a page of this server, or from no page."""
-        return origin is None or origin.lower() in (
-            f"http://{host}".lower(),
-            f"https://{host}".lower(),
-        )
+        if origin is None or origin.lower() in (f"{s}://{host}".lower() for s in ("http", "https")):
+            return True
+        found = re.fullmatch(_ORIGIN, origin.lower())
+        return found is not None and found[1].strip("[]") in self.given
 
     def lets_in(self, host: str, origin: str | None, subprotocols: Iterable[str]) -> bool:
         """Return whether a websocket is accepted."""

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import os
+import re
 import socket
 import stat
 import tempfile
@@ -16,10 +17,11 @@ from collections.abc import Awaitable, Callable, Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 from ..errors import InputError
 from ..packages import require
-from .explorer import Explorer
+from .explorer import Client, Explorer
 from .frames import packed
 from .guard import SUBPROTOCOL, Guard
 
@@ -61,8 +63,8 @@ IDLE = 3600.0
 class App:
     """The ASGI application: every request passes here, and here alone."""
 
-    def __init__(self, explorer: Explorer, guard: Guard) -> None:
-        self.explorer, self.guard = explorer, guard
+    def __init__(self, explorer: Explorer, guard: Guard, base: str = "") -> None:
+        self.explorer, self.guard, self.base = explorer, guard, base
         folder = resources.files(__package__) / "static"
         self.files = {
             path: ((folder / name).read_bytes(), kind) for path, (name, kind) in _FILES.items()
@@ -78,25 +80,34 @@ class App:
         headers = _headers(scope)
         host = headers.get("host", "")
         content, kind, status = b"not found", "text/plain; charset=utf-8", 404
+        path, more = self._path(scope), {}
         if not (
             self.guard.knows_host(host) and self.guard.knows_origin(headers.get("origin"), host)
         ):
             content, status = b"this host or origin is not served", 403
         elif scope["method"] not in ("GET", "HEAD"):
             content, status = b"only GET is served", 405
-        elif scope["path"] in self.files:
-            (content, kind), status = self.files[scope["path"]], 200
-        told = {**_HEADERS, "content-type": kind, "content-length": str(len(content))}
+        elif path in self.files:
+            (content, kind), status = self.files[path], 200
+        elif self.base and scope["path"] == self.base:
+            query = scope["query_string"].decode("latin-1")
+            more, status = {"location": f"{quote(self.base)}/{'?' * bool(query)}{query}"}, 307
+        told = {**_HEADERS, **more, "content-type": kind, "content-length": str(len(content))}
         pairs = [(name.encode(), value.encode()) for name, value in told.items()]
         await send({"type": "http.response.start", "status": status, "headers": pairs})
         body = b"" if scope["method"] == "HEAD" else content
         await send({"type": "http.response.body", "body": body})
 
+    def _path(self, scope: dict[str, Any]) -> str:
+        """Return the path below the prefix, which a proxy keeps or strips."""
+        path: str = scope["path"]
+        return path[len(self.base) :] if path.startswith(f"{self.base}/") else path
+
     async def _talk(self, scope: dict[str, Any], receive: Receive, send: Transmit) -> None:
         if (await receive())["type"] != "websocket.connect":
             return
         headers = _headers(scope)
-        allowed = scope["path"] == "/ws" and self.guard.lets_in(
+        allowed = self._path(scope) == "/ws" and self.guard.lets_in(
             headers.get("host", ""), headers.get("origin"), scope.get("subprotocols", ())
         )
         if not allowed or self.explorer.pages >= _MOST_PAGES:
@@ -115,18 +126,19 @@ class App:
         writer = asyncio.create_task(_write(outbox, send))
         try:
             while (event := await receive())["type"] == "websocket.receive":
-                text = event.get("text")
-                if text is None or len(text) > _LONGEST_MESSAGE:
-                    await send({"type": "websocket.close", "code": 1009})
-                    break
-                try:
-                    message = json.loads(text)
-                except (ValueError, RecursionError):
-                    message = None
-                client.receive(message)
+                # One at a time, and not in this thread: other pages are heard meanwhile.
+                await asyncio.to_thread(_take, client, event.get("text"))
         finally:
             client.close()
             writer.cancel()
+
+
+def _take(client: Client, text: str | None) -> None:
+    try:
+        message = json.loads(text or "")
+    except (ValueError, RecursionError):
+        message = None
+    client.receive(message)
 
 
 async def _write(outbox: asyncio.Queue[bytes | str], send: Transmit) -> None:
@@ -153,6 +165,8 @@ class Server:
         Serve a socket in a folder that only this user can enter, for ``ssh -L``.
     hosts : iterable of str
         Names under which a proxy serves this machine.
+    base_path : str
+        Path under which a proxy serves the page, which may keep or strip it.
     idle : float
         Seconds without a page, after which it ends.
 
@@ -169,11 +183,15 @@ class Server:
         port: int = 0,
         unix_socket: bool = False,
         hosts: Iterable[str] = (),
+        base_path: str = "/",
         idle: float = IDLE,
     ) -> None:
         uvicorn = require("uvicorn", "view", "the explorer")
         require("websockets", "view", "the explorer")
         self.explorer, self.guard, self.idle = explorer, Guard(hosts), idle
+        base = unquote(base_path).removesuffix("/")
+        if not re.fullmatch(r"(/(?!\.\.?(/|$))[\w.~@+-]+)*", base):
+            raise InputError(f"a base path is one such as /volume/, got {base_path!r}")
         self.socket_path: Path | None = None
         if unix_socket:
             self._socket, self.socket_path = _unix_socket()
@@ -181,10 +199,10 @@ class Server:
         else:
             self._socket = _loopback(port)
             self.port = self._socket.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}/#token={self.guard.token}"
+        self.url = f"http://127.0.0.1:{self.port}{quote(base)}/#token={self.guard.token}"
         self._server = uvicorn.Server(
             uvicorn.Config(
-                App(explorer, self.guard),
+                App(explorer, self.guard, base),
                 log_level="warning",
                 access_log=False,
                 ws_max_size=_LONGEST_MESSAGE,
