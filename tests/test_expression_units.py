@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import pickle
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pytest
 from astropy import units as u
 
 import voluminous as vm
+from voluminous.expressions import IntervalOps
+from voluminous.expressions.interval import Interval
 
 CAMERA = vm.Orthographic(0, 0, width=0.1 * u.AU, resolution=1)
 A0 = 1e-13  # 1 / cm
@@ -84,6 +88,13 @@ KNOWN = [
     ("atan2(velocity_x, velocity_y) / (1 deg)", "", 45),
     ("exp(-(angle / (1 deg))**2 / 100)", "", np.exp(-((0.1 * 180 / np.pi) ** 2) / 100)),
     ("interp(temperature, [0, 20 K], [0, 4 cm2/g]) * density", "1/cm", 2e-20),
+    # What is a unit times a number is in that unit.
+    ("10 K * (3 erg/cm3) / density / (1 km/s)**2", "K", 3e11),
+    ("where(share > 3, T, T * (1 N/m2) / (1 dyn/cm2))", "K", 100),
+    ("sqrt((4 erg/cm3) / density) * (1 s)", "cm", 2e10),
+    ("density * (1 pc)**3", "g", 1e-20 * (3.0856775814913674e18) ** 3),
+    ("(1 pc)**2 / (1 AU) + 0*x", "pc", 648000 / np.pi),
+    ("velocity_x / (1 cm)", "1/s", 1e4),
 ]
 # Expression, and what the message must show.
 REFUSED = [
@@ -124,6 +135,57 @@ def read_back(volume, expression):
     read = pickle.loads(pickle.dumps(plain))
     np.testing.assert_allclose(volume.evaluate(read), volume.evaluate(expression), rtol=1e-12)
     assert volume.expression_unit(read) == volume.expression_unit(plain)
+
+
+BASES = {"temperature": "K", "x": "AU", "(3 Msun)": "Msun", "(2 yr)": "yr"}
+# Units of the same kind.
+ALIKE = [
+    ("km/s", "cm/s"),
+    ("erg", "g km2 / s2"),
+    ("pc", "cm"),
+    ("g", "Msun"),
+    ("N/m2", "dyn/cm2"),
+    ("W", "erg/yr"),
+    ("cm2/g", "pc2/Msun"),
+    ("erg/g", "km2/s2"),
+]
+RATIOS = st.lists(
+    st.tuples(st.sampled_from(ALIKE), st.sampled_from([-2, -1, 1, 2]), st.floats(0.1, 10.0)),
+    min_size=1,
+    max_size=3,
+)
+
+
+@hypothesis.given(st.sampled_from(list(BASES)), RATIOS)
+@hypothesis.settings(max_examples=60, deadline=None)
+def test_what_is_a_unit_times_a_number_is_in_that_unit(base, ratios):
+    text, factor = base, 1.0
+    for (one, other), power, number in ratios:
+        text += f" * (({number!r} {one}) / (2 {other}))**{power}"
+        factor *= (number / 2 * u.Unit(one).to(other)) ** power
+    expression = vm.Expression(text)
+    unit = GAS.expression_unit(expression)
+    assert len(unit.bases) == 1
+    assert unit.scale == 1.0
+    start = GAS.evaluate(base) * u.Unit(BASES[base]).to(unit)
+    # Factors of 1e33 and their powers: each is rounded a few times.
+    np.testing.assert_allclose(GAS.evaluate(text), start * factor, rtol=1e-11)
+    plain, ops = GAS.without_units(expression), IntervalOps()
+    x = GAS.evaluate("x")
+    fields = {"temperature": Interval(*[np.array(10.0)] * 2), "x": Interval(x.min(), x.max())}
+    found = ops.number(plain.evaluate(ops, {n: fields[n] for n in plain.names}))
+    np.testing.assert_allclose([found.lo, found.hi], np.sort([start.min(), start.max()]) * factor)
+
+
+def test_rays_see_the_same_units():
+    hot = "10 K * (3 erg/cm3) / density / (1 km/s)**2"
+    found = vm.column(GAS, hot, CAMERA)
+    assert found.intensity.item() == pytest.approx(3e11 * 2, rel=1e-6)  # along 2 AU
+    assert u.Unit(found.intensity_unit) == u.K * u.AU
+    medium = vm.Gaussian(hot, 3e11 * u.K, 1e10 * u.K, 1.0, 0.5, 2 * u.AU)
+    assert vm.render(GAS, medium, CAMERA).intensity.item() == pytest.approx(
+        2 - 2 * np.exp(-0.5), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(("expression", "message"), REFUSED)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..backend.types import Float
 from ..errors import InputError
+from ..grids.arguments import on_grid
 from ..grids.contract import Ray
 from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
@@ -119,7 +120,8 @@ class Orthographic(Camera):
 
         It is found in a coarse picture: pixels of more than 2 % of its brightest, except for 0.2 %
         of their light along each axis. They fill 0.85 of the frame. Where they fill 0.7 of a square
-        frame around the whole volume, the frame is that.
+        frame around the whole volume, the frame is that. A picture in which they are few is drawn
+        again around them, and around the brightest cells, which may be far smaller than its pixels.
 
         Parameters
         ----------
@@ -141,6 +143,11 @@ class Orthographic(Camera):
         Orthographic
             Its ``width`` and ``shift`` are plain numbers in the volume's unit of length.
 
+        Warns
+        -----
+        UserWarning
+            If nothing of the medium shows: the frame is around the whole volume.
+
         Raises
         ------
         InputError, UnknownNameError
@@ -157,10 +164,10 @@ class Orthographic(Camera):
         >>> vm.Orthographic.framing(volume, medium, 90, 0).width < 6
         True
         """
-        framed: Orthographic = room("rendering.framing").framed(
-            volume, medium, incl, phi, view=view, resolution=resolution
+        framed: tuple[Orthographic, float] = room("rendering.framing").framed_or_warned(
+            volume, medium, incl, phi, view, resolution
         )
-        return framed
+        return framed[0]
 
     @property
     def straight(self) -> bool:
@@ -170,7 +177,7 @@ class Orthographic(Camera):
         bounds, (nx, ny) = grid.bounds, self.resolution
         center = bounds.mean(axis=1)
         if self.center is not None:
-            center = vector(self.center, "center", grid.unit)
+            center = vector(on_grid(self.center, grid, "center"), "center")
         axes = image_axes(self.incl, self.phi, self.posang)
         if self.width is None:  # all corners of the domain are visible, pixels square
             corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T - center
@@ -178,8 +185,9 @@ class Orthographic(Camera):
             pixel = max(2.0 * half[0] / nx, 2.0 * half[1] / ny)
             size = pixel * nx, pixel * ny
         else:
-            size = plane_size(plain(self.width, grid.unit, "width"), self.resolution, "width")
-        x, y = vector(self.shift, "shift", grid.unit, length=2).tolist()
+            width = on_grid(self.width, grid, "width", across=True)
+            size = plane_size(width, self.resolution, "width")
+        x, y = vector(on_grid(self.shift, grid, "shift"), "shift", length=2).tolist()
         return Frame(self.resolution, size, (x, y), np.stack([center, *axes[:2], -axes[2]]))
 
     def rays(self, vectors: list[list[Float]], u: Float, v: Float) -> Ray:

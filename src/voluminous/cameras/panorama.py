@@ -10,9 +10,10 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..errors import InputError, check_name
+from ..grids.arguments import on_grid
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import as_given, degrees, described, is_quantity, plain
+from ..units import as_given, degrees, described, is_quantity
 from .contract import Camera, Frame, finite_degrees, pixel_counts, sight_from, vector
 from .stereo import SEEN_TWICE, check_stereo, doubled, halved, one_eye
 
@@ -127,8 +128,8 @@ class Panorama(Camera):
         return (self.fov, self.fov) if self.projection == "fulldome" else (3.0, 2.0)
 
     def frame(self, grid: Grid) -> Frame:
-        position = vector(self.position, "position", grid.unit)
-        target = vector(self.target, "target", grid.unit)
+        position = vector(on_grid(self.position, grid, "position"), "position")
+        target = vector(on_grid(self.target, grid, "target"), "target")
         away = position - target
         if not np.any(away):
             raise InputError("position and target of a panorama must not coincide")
@@ -137,7 +138,7 @@ class Panorama(Camera):
         axes = image_axes(incl, phi, posang)
         eyes = np.linalg.norm(away) / 30.0
         if self.eye_distance is not None:
-            eyes = float(plain(self.eye_distance, grid.unit, "eye_distance"))
+            eyes = float(on_grid(self.eye_distance, grid, "eye_distance"))
         size = doubled(self._one, self.stereo)
         return Frame(
             self.resolution,
@@ -176,7 +177,7 @@ class Panorama(Camera):
         return ("panorama", self.projection, self.stereo) if own else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
-        return sight_from(vector(self.position, "position", grid.unit), points)
+        return sight_from(vector(on_grid(self.position, grid, "position"), "position"), points)
 
     def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if self.stereo is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..errors import InputError, check_name
+from ..grids.arguments import on_grid
 from ..grids.contract import Ray
 from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
@@ -177,8 +178,8 @@ class Perspective(Camera):
         angle = degrees(45.0 if fov is None else fov, "fov")
         _screen(angle, "flat")
         framing = room("rendering.framing")
-        frame = framing.framed(volume, medium, incl, phi, view=view, resolution=resolution)
-        position, target, up = framing.perspective(frame, volume, angle)
+        found = framing.framed_or_warned(volume, medium, incl, phi, view, resolution)
+        position, target, up = framing.perspective(*found, volume, angle)
         return cls(position, target, angle, up=up, resolution=resolution)
 
     @property
@@ -186,8 +187,8 @@ class Perspective(Camera):
         return self.projection == "flat" and self.stereo is None
 
     def frame(self, grid: Grid) -> Frame:
-        position = vector(self.position, "position", grid.unit)
-        target = vector(self.target, "target", grid.unit)
+        position = vector(on_grid(self.position, grid, "position"), "position")
+        target = vector(on_grid(self.target, grid, "target"), "target")
         axes = self._axes(position, target)
         tilt = self.zenith / _ZENITH_DEGREE
         c, s = np.cos(tilt), np.sin(tilt)
@@ -197,7 +198,7 @@ class Perspective(Camera):
             away = float(np.linalg.norm(target - position))
             eyes = away / 30.0
             if self.eye_distance is not None:
-                eyes = float(plain(self.eye_distance, grid.unit, "eye_distance"))
+                eyes = float(on_grid(self.eye_distance, grid, "eye_distance"))
             half = 0.5 * self.width[0 if self.stereo == "side-by-side" else 1] / 2
             vectors.append([0.5 * eyes, 0.5 * eyes / away, half])
         return Frame(self.resolution, self.width, (0.0, 0.0), np.vstack(vectors))
@@ -226,7 +227,7 @@ class Perspective(Camera):
         return ("perspective", self.projection, self.stereo) if own else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
-        return sight_from(vector(self.position, "position", grid.unit), points)
+        return sight_from(vector(on_grid(self.position, grid, "position"), "position"), points)
 
     def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if self.stereo is not None:

@@ -6,8 +6,9 @@ the units of its fields are known, inserts a factor wherever numbers in differen
 
 A plain number, written as such, is in the unit of what it is compared with (comparisons, ``min``,
 ``max``, ``clip``, ``%``, the places of ``interp``), and nowhere else. A ratio of velocities is a
-plain number, in km/s and cm/s too; only fields in percent are compared in percent. ``log10`` of a
-quantity is in dex of its unit, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain
+plain number, in km/s and cm/s too; only fields in percent are compared in percent. A result whose
+unit is another one times a number, such as ``K erg s2 / (g km2)``, is in that: in kelvin.
+``log10`` of a quantity is in dex of its unit, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain
 factor, is a power of the field.
 """
 
@@ -145,11 +146,11 @@ class _Walk:
 
     def whole(self, tree: Node) -> tuple[Node, Unit]:
         if not isinstance(tree, Steps):
-            result = self._plain_if_pure(self.part(tree))
+            result = self._known(self.part(tree))
             return result.node, result.unit
         for step in tree.steps:
             self._steps.append(self.part(step))
-        result = self._plain_if_pure(self.part(tree.result))
+        result = self._known(self.part(tree.result))
         return Steps(tuple(step.node for step in self._steps), result.node), result.unit
 
     def part(self, node: Node) -> _Part:
@@ -219,6 +220,14 @@ class _Walk:
         """Return a plain number in place of one in km/cm; a field in percent stays as it is."""
         bare = part.unit is None or isinstance(part.node, (Field, InUnit)) or is_dex(part.unit)
         return part if bare or not _is_pure(part.unit) else self._in(part, None, part.node)
+
+    def _known(self, part: _Part) -> _Part:
+        """Return a plain number, or one in kelvin in place of one in ``K erg s2 / (g km2)``."""
+        part = self._plain_if_pure(part)
+        if part.unit is None or isinstance(part.node, (Field, InUnit)) or is_dex(part.unit):
+            return part
+        known = _known_unit(part.unit)
+        return self._in(part, known, part.node)._replace(unit=known)
 
     def _refuse(self, node: Node, problem: str, advice: str = _ADVICE) -> NoReturn:
         shown = text(node)
@@ -404,6 +413,17 @@ def _of_gauss(unit: Unit) -> Unit:
         is_gauss = base.name.endswith(("G", "Gauss", "gauss")) and base.is_equivalent(u.T)
         result = result * (base.to(u.G) * gauss if is_gauss else base) ** power
     return u.Unit(result)
+
+
+@functools.lru_cache(maxsize=256)
+def _known_unit(unit: Unit) -> Unit:
+    """Return a part of a unit that is all of it but for a number, or a base unit; else itself."""
+    u = _astropy()
+    parts = [b**p for b, p in zip(unit.bases, unit.powers, strict=True)]
+    if unit.scale == 1.0 and len(parts) == 1:
+        return unit
+    known = (*parts, *unit.bases, u.K, u.cm, u.g, u.s)
+    return next((part for part in known if _is_pure(unit / part)), unit)
 
 
 def _is_angle(unit: Unit) -> bool:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import reprlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..units import is_quantity, plain, space_unit, unit_of
+from ..units import is_quantity, plain, shown, space_unit, unit_name, unit_of
+
+if TYPE_CHECKING:
+    from .contract import Grid
+
+# Plain lengths of more than so many boxes, pictures narrower than this part of a cell, and lengths
+# between these parts of the box were meant in another unit: rounding of numbers as large as the box
+# leaves more than the last, and no two units of length differ more than by the first.
+_FAR, _THIN, _ROUNDING = 1e6, 1e-3, (1e-28, 1e-17)
 
 
 def plain_points(points: Any, unit: Any) -> np.ndarray:
@@ -21,6 +29,42 @@ def plain_points(points: Any, unit: Any) -> np.ndarray:
             + ("; transpose them" if array.ndim == 2 and array.shape[0] == 3 else "")
         )
     return array
+
+
+def on_grid(value: Any, grid: Grid, what: str, *, across: bool = False) -> Any:
+    """Return lengths as plain floats in a grid's unit, see `plain`; `across` is to show cells.
+
+    Raises
+    ------
+    InputError
+        If plain numbers are so small or large in that unit that another one was meant.
+    """
+    found = plain(value, grid.unit, what)
+    size = float(np.max(np.abs(found), initial=0.0))
+    if grid.unit is None or not size or unit_of(value) is not None:
+        return found
+    box = float(np.abs(grid.bounds).max())
+    rounding = _ROUNDING[0] * box < size < _ROUNDING[1] * box
+    if size > _FAR * box or rounding or (across and size < _THIN * thinnest(grid)):
+        raise InputError(
+            f"plain numbers are in the volume's unit, {unit_name(grid.unit)}, and {what} is "
+            f"{shown(value)}: far {'more' if size > box else 'less'} than the volume, whose walls "
+            f"are up to {box:.3g} {unit_name(grid.unit)} from its origin. If another unit was "
+            f"meant, give it, such as {what}={shown(value)} * u.pc"
+        )
+    return found
+
+
+def thinnest(grid: Grid) -> float:
+    """Return the length of the shortest side of a cell; angles do not count on grids of arrays."""
+    known: dict[str, Any] = vars(grid)
+    if "_thinnest" not in known:
+        sides = [grid.cell_sizes()]
+        if grid.is_structured:
+            walls = zip(grid.coordinates, grid.edges, strict=True)
+            sides = [np.diff(own) for name, own in walls if name not in ("theta", "phi")]
+        known["_thinnest"] = float(min(side.min() for side in sides))
+    return float(known["_thinnest"])
 
 
 def length_unit(lengths: tuple[Any, ...], unit: Any) -> Any:

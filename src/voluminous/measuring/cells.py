@@ -13,6 +13,7 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression, components, is_dex, without_unit
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
+from ..grids.arguments import on_grid
 from ..progress import reported_range
 from ..regions import Region
 from ..regrid.resample import points_along
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 _CHUNK = 1 << 20
 # Bytes for each of them, for temporary arrays and what cells are multiplied by.
 _PER_CELL = 320
+# Arguments of regions that are lengths, or places.
+_LENGTHS = ("low", "high", "center", "radius", "start", "end", "apex", "height")
 # The parts of a cell that is entirely inside add up to one only to this.
 _ROUNDING = 1e-12
 
@@ -233,6 +236,7 @@ class CellParts:
                 f"a region needs cells that are boxes, got a {type(volume.grid).__name__}; use "
                 "where= with coordinates, or volume.resample(grid) first"
             )
+        _check_lengths(region, volume.grid)
         self.region, self.samples = region, int(samples)
         self.where = None if where is None else CellQuantity.of(volume, where, "where").expression
         self.names = () if self.where is None else self.where.names
@@ -285,6 +289,15 @@ class CellParts:
         low, high = np.array([(e[a], e[b]) for e, a, b in ends]).T
         away = self.region.beyond(0.5 * (low + high)[:, None], grid.unit)
         return bool(away[0] > 0.5 * np.linalg.norm(high - low))
+
+
+def _check_lengths(region: Any, grid: Grid) -> None:
+    """Refuse regions whose plain numbers were meant in another unit; see `on_grid`."""
+    for name, value in vars(region).items() if isinstance(region, Region) else ():
+        for part in value if isinstance(value, tuple) else (value,):
+            _check_lengths(part, grid)
+        if name in _LENGTHS and value is not None:
+            on_grid(value, grid, name, across=name in ("radius", "height"))
 
 
 def _fraction(

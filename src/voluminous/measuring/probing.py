@@ -12,6 +12,7 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
+from ..grids.arguments import on_grid
 from ..media.panel import PLACES
 from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
@@ -117,6 +118,8 @@ def probe(
         progress=progress,
         pieces=pieces,
     )
+    if at is not None and not camera.plane_unit:
+        at = on_grid(at, volume.grid, "at")
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)
     seen = volume.seen_by(camera) if pieces is None else pieces.outline
     listed = also if isinstance(also, (list, tuple)) else [also]

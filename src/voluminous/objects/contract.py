@@ -14,6 +14,7 @@ import numpy as np
 from ..backend import from_host
 from ..colormaps import without_alpha
 from ..errors import InputError, check_name
+from ..grids.arguments import on_grid
 from ..units import as_quantity, described, plain
 from ..value import Value
 from .values import MANY, count_of, is_named, is_spectrum, named_rgb
@@ -194,7 +195,7 @@ class View:
 
     def length(self, value: Any, what: str) -> Any:
         """Return lengths in the volume's unit."""
-        return plain(value, self.grid.unit, what)
+        return on_grid(value, self.grid, what)
 
     def place(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x and y in pixels and the depth of points (n, 3); NaN where they are not seen."""

@@ -33,6 +33,7 @@ from ..volume import Volume
 from .cells import beside_cells, warn_of_scattering
 from .light import (
     INTENSITY,
+    check_channels,
     check_distance,
     intensities,
     lit,
@@ -151,6 +152,10 @@ def observe(
     if volume.grid.mirror and moving and options.get("scheme") != "first-order":
         volume = volume.unfolded()  # velocities change their sign where fields are interpolated
     bands = bands_of(volume, medium, axis.frequencies, known)
+    dark = not things and isinstance(behind, float) and behind == 0.0
+    for name, value in {"wavelengths": wavelengths, "frequencies": frequencies}.items():
+        if value is not None:
+            check_channels(name, value, medium, bands, dark)
     bands = with_room_for([*things, behind], replace(bands, once=len(axis) > _TOGETHER))
     tuned, count = at_frequencies(medium, bands), len(axis)
     _warn_of_lines(tuned, bands)

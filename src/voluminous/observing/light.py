@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..image.spectral_axis import LIGHT_MICRON, SpectralAxis
+from ..media.spectral import SpectralMedium
 from ..objects import SceneObject, Stars
 from ..objects.values import is_spectrum
 from ..packages import room
 from ..units import is_listed, is_quantity, parse_unit, plain, shown, unit_of
 
 if TYPE_CHECKING:
+    from ..media.contract import Medium
     from ..media.spectral import Bands
     from ..volume import Volume
 
@@ -22,6 +25,9 @@ if TYPE_CHECKING:
 _BRIGHTEST = 2.0**90
 # An observer nearer than this part of the volume's width was not meant in centimetres.
 _NEAREST = 1e-6
+# Longer waves than those of this frequency (Hz) are not observed from space or ground. A cloud as
+# luminous as the Sun (1e46 photons a second) sends one photon in a day at this hν/kT.
+_LOWEST, _COLDEST = 1e5, 115.0
 INTENSITY = "erg / (s cm2 Hz sr)"
 
 
@@ -92,6 +98,32 @@ def check_distance(distance: Any, volume: Volume) -> None:
             f"plain numbers are centimetres: the observer is {distance} cm from a volume of "
             f"{width:.2g} cm; give distance={distance} * u.pc"
         )
+
+
+def check_channels(name: str, value: Any, medium: Medium, bands: Bands, dark: bool) -> None:
+    """Refuse plain wavelengths (micron) and frequencies (Hz) at which nothing is seen.
+
+    `dark`: nothing else shines.
+
+    Raises
+    ------
+    InputError
+        If they are beyond radio waves, or so far in the Wien tail that no photon is emitted.
+    """
+    if isinstance(value, SpectralAxis) or unit_of(value) is not None:
+        return
+    nu, why = bands.frequencies, f"waves longer than {LIGHT_MICRON / _LOWEST / 1e6:.0f} m"
+    parts = [part for part in medium.components() if isinstance(part, SpectralMedium)]
+    lowest = bands.constants.planck_exponent * nu.min() / bands.hottest
+    if dark and all(part.temperatures(bands.volume) for part in parts) and lowest > _COLDEST:
+        why = f"hν/kT is {lowest:.3g}, and more, where it is hottest ({bands.hottest:.3g} K)"
+    elif nu.max() >= _LOWEST:
+        return
+    unit, meant = ("micron", "mm") if name == "wavelengths" else ("Hz", "GHz")
+    raise InputError(
+        f"plain numbers are {unit}, and nothing is seen there: {why}. If another unit was meant, "
+        f"give it: {name}={shown(value)} * u.{meant}"
+    )
 
 
 def lit(thing: SceneObject, bands: Bands) -> SceneObject:

@@ -12,6 +12,7 @@ import numpy as np
 from ..cameras import Orthographic
 from ..errors import InputError
 from ..geometry import CARTESIAN
+from ..grids.arguments import on_grid
 from ..image.spectrum import Spectrum
 from ..objects import SceneObject, Stars
 from ..progress import Progress, with_progress
@@ -22,6 +23,7 @@ from .light import check_distance, model_background, scene_objects
 from .rings import Rings
 
 if TYPE_CHECKING:
+    from ..grids.contract import Grid
     from ..image.cube import Cube
     from ..media import Medium
     from ..volume import Volume
@@ -259,7 +261,7 @@ def _first_camera(volume: Volume, incl: Any, phi: Any, aperture: Any, away: floa
         inner = np.linspace(0.0, radial[0], _INNER_RINGS + 1)
         walls = np.unique(np.concatenate([inner, radial, [outer]]))
     if aperture is not None:
-        radius = _aperture(aperture, away, grid.unit)
+        radius = _aperture(aperture, away, grid)
         walls = np.append(walls[walls < radius], radius)
         if len(walls) <= _FIRST // 2:
             walls = np.linspace(0.0, radius, _FIRST // 2 + 1)
@@ -272,16 +274,16 @@ def _is_angle(aperture: Any) -> bool:
     return own is not None and bool(own.is_equivalent("rad"))
 
 
-def _aperture(aperture: Any, away: float, unit: Any) -> float:
+def _aperture(aperture: Any, away: float, grid: Grid) -> float:
     """Return the radius of an aperture in the grid's unit."""
     given = as_given(aperture, "aperture", "2 arcsec")
     if is_listed(getattr(given, "value", given)) or isinstance(given, range):
         raise InputError(f"an aperture is the radius of one circle, got {aperture!r}")
     if _is_angle(given):
         centimetres = away * float(radians(given, "aperture"))
-        radius = centimetres if unit is None else centimetres / float(unit.to("cm"))
+        radius = centimetres if grid.unit is None else centimetres / float(grid.unit.to("cm"))
     else:
-        radius = float(plain(given, unit, "aperture"))
+        radius = float(on_grid(given, grid, "aperture", across=True))
     if not 0.0 < radius < np.inf:
         raise InputError(f"aperture must be a positive angle or length, got {aperture!r}")
     return radius

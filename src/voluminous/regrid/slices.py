@@ -221,9 +221,12 @@ def make_plane(
 ) -> Plane:
     """Return a plane through a grid; see `Volume.slice`."""
     towards, right, upwards = _frame(normal, up)
-    middle = grid.bounds.mean(axis=1) if center is None else _three(center, grid.unit, "center")
+    middle = grid.bounds.mean(axis=1)
+    if center is not None:
+        middle = _three(center, grid.unit, "center")
     if position is not None:
-        middle = middle + (_finite(position, grid.unit, "position") - middle @ towards) * towards
+        level = _finite(position, grid.unit, "position")
+        middle = middle + (level - middle @ towards) * towards
     size = _size(grid, width, middle, right, upwards)
     return Plane(middle, right, upwards, size, _pixels(resolution, size))
 

@@ -234,7 +234,9 @@ def in_steps(
     if medium is None and isinstance(volume, Volume):
         medium, fitted = first_medium(volume), True
     if camera is None:
-        camera = framed(volume, medium, view=view) if fitted else first_camera(volume)
+        camera = (
+            framed(volume, medium, view=view, memory=memory) if fitted else first_camera(volume)
+        )
     things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,

@@ -8,6 +8,7 @@ from ..backend.device import PRECISIONS, get_backend
 from ..calibration import calibrated
 from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, check_name, how_to_take
+from ..grids.arguments import on_grid
 from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.sum import with_each
@@ -87,6 +88,9 @@ def prepare(
         )
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
+    for part in medium.components():
+        if not isinstance(part.path_length, (str, type(None))):  # texts have a unit
+            on_grid(part.path_length, volume.grid, "path_length", across=True)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))
     if by_field:
         medium = with_each(medium, lambda part: part.on_rays())

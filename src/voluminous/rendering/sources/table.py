@@ -23,7 +23,7 @@ from ..cache import SLABS, Cache
 from ..precision import in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
 from .channel_layout import ChannelLayout, PerChannel, blocks_of, some_channels
-from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk, visible_cells
+from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk, visible_leaves
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
@@ -384,7 +384,7 @@ def _pruned(evaluator: CellEvaluator, cache: Cache) -> Any:
         key = ("pruned cells", own, backend, cache.statistics.digests(medium.names))
 
     def make() -> Any:
-        return pruned_walk(evaluator.grid, visible_cells(evaluator), backend, "cells")
+        return pruned_walk(evaluator.grid, visible_leaves(evaluator, {}, 0.0), backend, "cells")
 
     return cache.get_or_make(key, make)
 
