@@ -8,8 +8,8 @@ A plain number, written as such, is in the unit of what it is compared with (com
 ``max``, ``clip``, ``%``, the places of ``interp``), and nowhere else. A ratio of velocities is a
 plain number, in km/s and cm/s too; only fields in percent are compared in percent. A result whose
 unit is another one times a number, such as ``K erg s2 / (g km2)``, is in that: in kelvin.
-``log10`` of a quantity is in dex of its unit, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain
-factor, is a power of the field.
+``log10`` of a quantity is in dex of its unit, astropy's ``dex(g / cm3)``: a plain number added to
+it, or a plain factor, is a power of the field.
 """
 
 from __future__ import annotations
