@@ -83,7 +83,7 @@ def test_channels_beside_all_lines_are_told_where_the_nearest_is():
 @pytest.mark.parametrize("wavelength", [0.6, 0.87, 1.6])
 def test_matter_too_cold_to_shine_is_dark(wavelength):
     """At 0.87 micron 12 K emit exp(-1378): not even double precision has such numbers."""
-    cube = vm.observe(CORE, DUST, CAMERA, wavelengths=wavelength)
+    cube = vm.observe(CORE, DUST, CAMERA, wavelengths=wavelength * u.micron)
     assert np.all(cube.intensity < 1e-290)
     assert np.all(cube.optical_depth > 0.0)
 
@@ -119,7 +119,7 @@ def test_scattered_light_that_is_not_there_is_told_once(scattering, draw):
 
 
 def test_scattering_that_does_not_matter_or_is_left_out_is_not_told(recwarn):
-    for scattering, waves in (("none", 1.6), (False, [100.0, 870.0])):
+    for scattering, waves in (("none", 1.6 * u.micron), (False, [100.0, 870.0])):
         dust = vm.Dust("density * 4.7e-26 g", 12 * u.K, SILICATE, scattering=scattering)
         vm.observe(CORE, dust, CAMERA, wavelengths=waves)
     assert not [one for one in recwarn if "albedo" in str(one.message)]
@@ -128,7 +128,7 @@ def test_scattering_that_does_not_matter_or_is_left_out_is_not_told(recwarn):
             CORE,
             vm.Dust("density * 4.7e-26 g", 12, SILICATE, scattering=s),
             CAMERA,
-            wavelengths=1.6,
+            wavelengths=1.6 * u.micron,
         ).optical_depth
         for s in (True, "none")
     )

@@ -223,7 +223,7 @@ def test_free_free_in_pieces_and_of_formulas():
     pieces = vm.observe(volume, medium, CAMERA, memory="1 GiB", **how)
     np.testing.assert_allclose(pieces.intensity, whole.intensity, rtol=1e-3)
     ball = vm.FreeFree("1e3 * exp(-(r / 3e16)**2)", temperature=8000.0)
-    ray = vm.Orthographic(width=1e10, resolution=1)
+    ray = vm.Orthographic(width=1e10 * u.cm, resolution=1)
     depth = vm.observe(volume, ball, ray, **how).optical_depth.item()
     alpha = vm.observe(volume, vm.FreeFree(1e3, temperature=8000.0), ray, **how)
     per_length = alpha.optical_depth.item() / path_through(ray, volume)

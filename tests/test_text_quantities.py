@@ -97,8 +97,6 @@ def far_too_small():
         "position": lambda: vm.render(volume, medium, near),
         "position inside": lambda: vm.render(volume, medium, round_),
         "width of a projection": lambda: vm.project(volume, "density", camera.replace(width=0.25)),
-        "width of a slice": lambda: volume.slice("density", width=0.25),
-        "position of a slice": lambda: volume.slice("density", position=0.25),
         "at": lambda: vm.probe(volume, medium, camera, at=(0.1, 0.2)),
         "radius": summed(ball((0, 0, 0), 0.25)),
         "center of two": summed(ball((0, 0, 0), 1e17) | ~ball((0.2, 0, 0), 1e17)),

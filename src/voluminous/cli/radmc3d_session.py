@@ -419,7 +419,7 @@ class Session:
                 request.incl,
                 request.phi,
                 request.posang,
-                width=width,
+                width=np.array(width) * self.volume.grid.unit,
                 resolution=pixels,
                 center=request.point,
                 shift=request.middle,
@@ -532,7 +532,9 @@ class Session:
         cube = observe(self.volume, medium, rings, **{**how, "objects": []})
         total = np.sum(cube.intensity.astype(np.float64) * rings.areas[:, :, None], axis=(0, 1))
         if how["objects"]:
-            disc = Orthographic(*angles, width=1e-6 * star, resolution=1, center=(0.0, 0.0, 0.0))
+            disc = Orthographic(
+                *angles, width=1e-6 * star * grid.unit, resolution=1, center=(0.0, 0.0, 0.0)
+            )
             how["objects"] = [self._spheres()]
             middle = observe(self.volume, medium, disc, **how).intensity[0, 0]
             total = total + np.pi * star**2 * middle

@@ -45,7 +45,7 @@ def on_grid(value: Any, grid: Grid, what: str, *, across: bool = False) -> Any:
         return found
     box = float(np.abs(grid.bounds).max())
     rounding = _ROUNDING[0] * box < size < _ROUNDING[1] * box
-    if size > _FAR * box or rounding or (across and size < _THIN * thinnest(grid)):
+    if size > _FAR * box or rounding or (across and size < _THIN * grid.thinnest):
         raise InputError(
             f"plain numbers are in the volume's unit, {unit_name(grid.unit)}, and {what} is "
             f"{shown(value)}: far {'more' if size > box else 'less'} than the volume, whose walls "
@@ -53,18 +53,6 @@ def on_grid(value: Any, grid: Grid, what: str, *, across: bool = False) -> Any:
             f"meant, give it, such as {what}={shown(value)} * u.pc"
         )
     return found
-
-
-def thinnest(grid: Grid) -> float:
-    """Return the length of the shortest side of a cell; angles do not count on grids of arrays."""
-    known: dict[str, Any] = vars(grid)
-    if "_thinnest" not in known:
-        sides = [grid.cell_sizes()]
-        if grid.is_structured:
-            walls = zip(grid.coordinates, grid.edges, strict=True)
-            sides = [np.diff(own) for name, own in walls if name not in ("theta", "phi")]
-        known["_thinnest"] = float(min(side.min() for side in sides))
-    return float(known["_thinnest"])
 
 
 def length_unit(lengths: tuple[Any, ...], unit: Any) -> Any:

@@ -9,6 +9,7 @@ point where it enters the whole domain: pieces of a volume agree on them.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeVar
@@ -345,6 +346,14 @@ class Grid:
         """
         count = (self.size if last is None else last) - first
         return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
+
+    @functools.cached_property
+    def thinnest(self) -> float:
+        """Length of the shortest side of a cell; angles do not count on grids of arrays."""
+        if not self.is_structured:
+            return float(self.cell_sizes().min())
+        walls = zip(self.coordinates, self.edges, strict=True)
+        return min(float(np.diff(e).min()) for name, e in walls if name not in ("theta", "phi"))
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return the cells' widths along their own coordinates, as lengths, shape (3, n).

@@ -64,6 +64,8 @@ def framed(
 
 def framed_or_warned(*args: Any) -> tuple[Orthographic, float]:
     """Return the same, and how far behind its centre that part is; warn if nothing shows."""
+    if not hasattr(args[0], "grid"):
+        raise InputError(f"framing needs a vm.Volume first, got {type(args[0]).__name__}")
     camera, depth, empty = _framed(*args)
     if empty is not None:
         warn_of_nothing(empty)
