@@ -220,8 +220,9 @@ def film_that_is_killed(tmp_path, file, frames, stops, workers):
                 os.killpg(child.pid, signal.SIGKILL)
         child.stdout.close()
         killed = child.wait() != 0
-        assert killed == (stop <= frames)
-        assert killed == (len(list(target.glob("[0-9]*.png"))) < frames)
+        # On a busy machine all frames may be there before the signal is.
+        made = len(list(target.glob("[0-9]*.png")))
+        assert made == frames or (killed and stop <= frames)
     return sums(target.iterdir())
 
 
