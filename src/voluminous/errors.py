@@ -157,7 +157,7 @@ def check_name(kind: str, name: Any, known: Iterable[str]) -> None:
 
 def check_flag(name: str, value: Any) -> None:
     """Refuse what is neither true nor false, such as a text."""
-    if value is not True and value is not False and type(value).__name__ not in ("bool", "bool_"):
+    if type(value).__name__ not in ("bool", "bool_"):  # Python's and NumPy's
         raise InputError(f"{name} must be True or False, got {value!r}")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Sized
+from contextlib import suppress
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -129,14 +130,10 @@ def parse_unit(unit: Any) -> Any:
     """Return the astropy unit for a name, a unit or None (dimensionless)."""
     if unit is None or (isinstance(unit, str) and unit == ""):
         return None
-    try:
-        if not isinstance(unit, (complex, tuple)):
+    if not isinstance(unit, (complex, tuple)):  # of which astropy makes units of its own
+        with suppress(TypeError, OverflowError):  # lists and the like cannot be looked up
             return _known_unit(unit)
-        raise TypeError
-    except (TypeError, OverflowError):  # lists and the like cannot be looked up
-        raise UnitsError(
-            f"{shown(unit)} is not a unit; expected one such as 'cm', 'pc' or 'g / cm3'"
-        ) from None
+    raise UnitsError(f"{shown(unit)} is not a unit; expected one such as 'cm', 'pc' or 'g / cm3'")
 
 
 @functools.lru_cache(maxsize=256)  # a picture asks for a few units, hundreds of times

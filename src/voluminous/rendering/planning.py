@@ -294,6 +294,8 @@ def in_picture(camera: Camera, pieces: Pieces, low: np.ndarray, high: np.ndarray
 
     The corners of a box are projected, and the picture of the box is between them.
     """
+    if not camera.straight:
+        return np.ones(len(low), bool)
     frame = camera.frame(pieces.grid)
     ends = np.stack(
         [w[np.stack([a, b])] for w, a, b in zip(pieces.walls, low.T, high.T, strict=True)]
@@ -308,8 +310,6 @@ def in_picture(camera: Camera, pieces: Pieces, low: np.ndarray, high: np.ndarray
         at = (places.reshape(-1, 8) - shift) / step
         within &= (at.min(axis=1) < 0.5 * count) & (at.max(axis=1) > -0.5 * count)
         known &= np.isfinite(at).all(axis=1)
-    if not camera.straight:
-        return np.ones(len(low), bool)
     return np.where(known, within, np.isfinite(seen[0]).reshape(-1, 8).any(axis=1))
 
 
