@@ -103,7 +103,7 @@ def test_films_stay_and_go_on_with_the_frames_that_are_made(volume, tmp_path, su
     path.write_bytes(b"what was there before")
     film = functools.partial(vm.movie, volume, vm.Coefficients("density", 1), cameras, path)
     # Dr.Jit keeps what it compiles in files, too, which is not what this is about.
-    vm.render(volume, vm.Coefficients("density", 1), cameras[0])
+    vm.movie(volume, vm.Coefficients("density", 1), cameras, tmp_path / "before.png")
     with full_disk(64), pytest.raises(OSError, match=NO_SPACE):
         film()
     assert path.read_bytes() == b"what was there before"
