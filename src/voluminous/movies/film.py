@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import os
 import re
 import shutil
@@ -19,7 +18,7 @@ import numpy as np
 from ..cameras import Camera
 from ..colormaps import get_colormap
 from ..digest import content_key
-from ..errors import InputError, check_name
+from ..errors import InputError
 from ..executors import Sent, as_executor, run_tasks
 from ..files import (
     as_path,
@@ -34,7 +33,7 @@ from ..image import Image
 from ..io import open as open_volume
 from ..media.contract import Medium
 from ..progress import Progress, with_progress
-from ..rendering import render
+from ..rendering.api import check_options
 from ..units import is_count, shown
 from ..volume import Volume
 from .encode import ENCODERS, check_fps, encode
@@ -251,9 +250,7 @@ class _Film:
         if not (isinstance(picture, dict) and (finish is None or callable(finish))):
             wanted = "picture is a dict of options of Image.save, finish a function of an image"
             raise InputError(f"{wanted}, got {shown(picture)} and {shown(finish)}")
-        known = set(inspect.signature(render).parameters) - {"volume", "medium", "camera"}
-        for name in options:
-            check_name("option", name, known)
+        check_options(options)
         if not (volumes and media and eyes):
             raise InputError("a film needs at least one volume, medium and camera")
         lengths = {len(each) for each in (media, eyes) if len(each) > 1} or {len(volumes)}

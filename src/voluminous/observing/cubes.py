@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, MemoryNeededError, check_name
+from ..errors import InputError, MemoryNeededError
 from ..expressions import Expression, IntervalOps
 from ..image import Image
 from ..image.cube import Cube
@@ -23,6 +22,7 @@ from ..media.sum import with_each
 from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
 from ..rendering import render
+from ..rendering.api import check_options
 from ..rendering.cache import Cache, VolumeStatistics
 from ..rendering.empty_picture import keeping, warn_caller
 from ..rendering.options import check_in_pieces
@@ -45,8 +45,6 @@ from .light import (
 if TYPE_CHECKING:
     from ..progress import Progress
 
-# What is handed on to `render`.
-_OPTIONS = tuple(inspect.signature(render).parameters)
 # More channels are drawn in groups: in one, 1000 of them would take seven times the cube's memory.
 _TOGETHER = 64
 # Groups of so few are not made smaller.
@@ -211,8 +209,7 @@ def check_arguments(verb: str, volume: Any, medium: Any, options: Iterable[str])
             f"{verb} needs a medium (vm.Dust, vm.Lines, vm.FreeFree, …) second, got "
             f"{type(medium).__name__}"
         )
-    for name in options:
-        check_name("option", name, _OPTIONS)
+    check_options(options)
 
 
 def _warn_of_lines(medium: Medium, bands: Bands) -> None:

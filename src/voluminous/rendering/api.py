@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, check_name
 from ..image import Image
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
@@ -35,6 +36,9 @@ from .tolerance import fixed_relative_error
 from .tracer import exhausted
 
 Steps: TypeAlias = Generator[tuple[np.ndarray, np.ndarray, np.ndarray], None, Image]
+
+# What is drawn, beside which there are options.
+_SCENE = ("volume", "medium", "camera")
 
 
 @with_progress
@@ -159,6 +163,15 @@ def render(
         If it does not fit into memory; raised before any is allocated.
     """
     return exhausted(in_steps(**locals()))
+
+
+_OPTIONS = [n for n in inspect.signature(render).parameters if n not in _SCENE]
+
+
+def check_options(options: Iterable[str]) -> None:
+    """Refuse options of other functions that `render` does not have."""
+    for name in options:
+        check_name("option", name, _OPTIONS)
 
 
 def in_steps(

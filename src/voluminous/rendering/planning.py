@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from ..calibration import calibrated
 from ..calibration.plain import in_plain_numbers
 from ..cameras.contract import Camera, check_camera
-from ..errors import InputError, check_name
+from ..errors import InputError
 from ..files import url_of
 from ..grids.contract import CellBox
 from ..media.contract import Medium
@@ -23,7 +22,7 @@ from ..schemes import get_scheme
 from ..schemes.base import Scheme
 from ..units import is_count
 from ..volume import Volume
-from .api import render
+from .api import check_options
 from .cache import Cache
 from .levels import at_level
 from .options import check_antialias, check_scheme_in_pieces, check_tolerance
@@ -164,8 +163,7 @@ def plan(
     >>> plan.chunks, plan.passes
     (1, (2, 4))
     """
-    for name in options:
-        check_name("option", name, inspect.signature(render).parameters)
+    check_options(options)
     if not is_count(workers, 1 << 31):
         raise InputError(f"workers is the number of processes, 1 or more, got {workers!r}")
     check_camera(camera, "plan")

@@ -83,9 +83,7 @@ def prepare(
         volume = volume.seen_by(camera)
     else:
         drawn = with_each(medium, lambda part: part.on_rays()) if by_field else medium
-        volume = pieces.seen_by(
-            camera, {**dict.fromkeys(medium.names), **dict.fromkeys(drawn.names)}
-        )
+        volume = pieces.seen_by(camera, dict.fromkeys((*medium.names, *drawn.names)))
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
     for part in medium.components():
