@@ -22,7 +22,7 @@ from ...errors import FileFormatError
 from ...memory import check_memory
 from ..channels import Y_DOWN, Channel, channel, of_samples
 from ..guard import by_library, reading
-from ..payload import stored
+from ..payload import inside, stored
 from .placement import conversion, equal_voxels, length_unit
 from .voxels import COLORS, TIMED, VoxelReader, Voxels, component_names, time_step, times_meta
 
@@ -89,7 +89,7 @@ def _whole(path: Path, file: tifffile.TiffFile) -> tuple[Path | None, str | None
         _check_there(path, {name := only.get("MetadataFile", "")})
         if name.lower().endswith(_TIFF):
             raise FileFormatError(f"{name} tells of all files of this volume; open that one")
-        whole, companion = path, (text := (path.parent / name).read_text())
+        whole, companion = path, (text := inside(path.parent, name).read_text())
     root = ElementTree.fromstring(text)
     parts = {(e.text, e.get("FileName", "")) for e in root.findall(".//{*}UUID")}
     if whole is None and (root.get("UUID") in {uuid for uuid, _ in parts} or len(parts) > 1):
