@@ -213,7 +213,6 @@ class Fields(MutableMapping[str, np.ndarray]):
     def _naming_chunk(
         self, name: str, low: Sequence[int], high: Sequence[int], level: int
     ) -> Iterator[None]:
-        """Read within a context that explains errors, and names the chunk that is damaged."""
         try:
             with self.reading():
                 yield
@@ -226,7 +225,6 @@ class Fields(MutableMapping[str, np.ndarray]):
     def _damaged(
         self, name: str, low: Sequence[int], high: Sequence[int], level: int
     ) -> tuple[int, ...] | None:
-        """Return the number of the first chunk that cannot be read, if the file has chunks."""
         pieces = self._fields[name].pieces
         if pieces is None or pieces.chunks is None:
             return None

@@ -133,7 +133,6 @@ def _written(*parts: Any) -> Any:
 
 
 def _of_class(value: Any) -> list[Any]:
-    """Return the members of a class, or of a module, but for tables of attributes and the like."""
     members = vars(value).items()
     own = [(n, v) for n, v in members if n != "_abc_impl" and (callable(v) or n[:2] != "__")]
     return [value.__name__, getattr(value, "__bases__", ()), own]
@@ -152,7 +151,6 @@ def _of_function(value: types.FunctionType) -> list[Any]:
 
 
 def _names(code: types.CodeType, kinds: tuple[str, ...]) -> list[str]:
-    """Return the names that some kinds of instructions have, in functions within, too."""
     names = [step.argval for step in dis.get_instructions(code) if step.opname in kinds]
     inner = [_names(c, kinds) for c in code.co_consts if isinstance(c, types.CodeType)]
     return sum(inner, names)
@@ -160,7 +158,6 @@ def _names(code: types.CodeType, kinds: tuple[str, ...]) -> list[str]:
 
 @functools.cache
 def _is_installed(module: str) -> bool:
-    """Return whether a module is Python's, this package's, or in a folder of installed ones."""
     top = module.partition(".")[0]
     if top in ("voluminous", *sys.stdlib_module_names):
         return True

@@ -187,7 +187,6 @@ def checked_array(name: str, array: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def _advice(name: str, shape: tuple[int, ...], grid: Grid) -> str:
-    """Return advice for an array of another shape than the grid's."""
     index = f"index is [{', '.join(f'i{axis}' for axis in grid.coordinates)}]"
     if shape[::-1] == grid.shape:
         return f"; transpose it ({index})"

@@ -267,7 +267,6 @@ def remove_unfinished(paths: Iterable[Path]) -> None:
 
 @contextmanager
 def _naming_if_full(path: Path, temporary: Path) -> Iterator[None]:
-    """Name the file that cannot be written where a disk is full, whatever a library raises then."""
     try:
         yield
     except VoluminousError:

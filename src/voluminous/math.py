@@ -62,7 +62,6 @@ def log10(x: Float) -> Float:
 
 
 def _evaluated(name: str, *values: Float) -> Float:
-    """Return a function of symbols, or Dr.Jit's function of arrays."""
     from .backend import dr
 
     return apply(name, *values) if is_symbolic(*values) else getattr(dr, name)(*values)

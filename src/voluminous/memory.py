@@ -59,7 +59,6 @@ def available_memory(
 
 
 def _left_of_limits() -> Iterator[int]:
-    """Yield what the process has left of its limits, which Linux enforces."""
     if sys.platform == "linux":
         import resource
 

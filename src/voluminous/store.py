@@ -187,13 +187,11 @@ class FieldStore:
             raise unknown_name("field", name, self._fields)
 
     def _factors(self, level: int) -> tuple[int, ...]:
-        """Return how many cells, along each axis, a cell of a level covers."""
         factors = level_factors(self._shapes[0], self._shapes[level])
         return factors or (1,) * len(self._shapes[0])
 
 
 def _reduced(table: np.ndarray, factors: Sequence[int]) -> np.ndarray:
-    """Return the ranges of so many chunks along each axis taken together."""
     for axis, factor in enumerate(factors):
         if factor > 1:
             starts = np.arange(0, table.shape[axis], factor)
@@ -203,7 +201,6 @@ def _reduced(table: np.ndarray, factors: Sequence[int]) -> np.ndarray:
 
 
 def _several(chunk: Sequence[int]) -> list[int]:
-    """Return the sides of as many small pieces as make one of the usual size."""
     sides = [int(n) for n in chunk]
     for axis in np.argsort(sides, kind="stable"):
         others = math.prod(sides) // sides[axis]
@@ -265,7 +262,6 @@ def weighted_means(
 
 
 def _sums(values: np.ndarray, factors: Sequence[int]) -> np.ndarray:
-    """Return sums over groups of so many cells, the powers of two, along each axis."""
     for axis, factor in enumerate(factors):
         for _ in range(factor.bit_length() - 1):
             lines = np.moveaxis(values, axis, 0)

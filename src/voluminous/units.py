@@ -165,7 +165,6 @@ def space_unit(unit: Any) -> Any:
 
 
 def _has_extent(unit: Any) -> bool:
-    """Return True for lengths, angles, what is made of them, and what astropy has no word for."""
     bases = {base.name for base in unit.decompose().bases}
     return unit.physical_type == "unknown" or bool(bases & {"m", "rad"})
 

@@ -139,7 +139,6 @@ def _own(value: Any) -> Any:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Return whether two arguments are equal, arrays and lists number by number."""
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
     if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):

@@ -688,11 +688,9 @@ def _needed(derived: DerivedField) -> set[str]:
 
 
 def _made_in_boxes(read: Any, dtype: Any, shape: tuple[int, ...]) -> Deferred:
-    """Return a field of which boxes are made when they are used."""
     return Deferred(functools.partial(read, (0,) * len(shape), shape), dtype, pieces=Pieces(read))
 
 
 def _load(name: str, grid: Grid, value: Deferred, size: int) -> np.ndarray:
-    """Return the array of a deferred field."""
     check_memory(size, f"reading {name!r}", _SMALLER)
     return checked_array(name, grid.pack(value.load()), grid)

@@ -143,7 +143,6 @@ def _backend(device: str, precision: str, derivatives: bool) -> Backend:
 
 
 def _check_llvm() -> None:
-    """Refuse an LLVM that is missing, or too old to be trusted."""
     if missing_llvm is not None:
         raise missing_llvm
     version = llvm_version()

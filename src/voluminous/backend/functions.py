@@ -182,7 +182,6 @@ def decay(x: Float) -> Float:
 
 
 def _bits(real: Any) -> tuple[Any, int, int]:
-    """Return the integer type of a float type, and bias and position of its exponent."""
     if precision_of(real) == "single":
         return dr.int32_array_t(real), 127, 23
     return dr.int64_array_t(real), 1023, 52

@@ -61,7 +61,6 @@ def _emission(part: PartBounds, channel: int) -> Ends:
 
 
 def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any) -> Ends:
-    """Return bounds from the means and ranges of the coefficients."""
     brightest = any_attenuation(depth[0])[1]
     last, dimmest = any_attenuation(depth[1])
     off = dr.exp(0.25 * dr.select(change < 2000.0, change, 2000.0))
@@ -72,7 +71,6 @@ def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any
 
 
 def _one_by_one(parts: list[PartBounds], channel: int) -> Ends:
-    """Return the sum of the parts' emission, each dimmed by between none and all of the others."""
     e = channel if len(parts[0].extinction) > 1 else 0
     low, high = 0.0, 0.0
     for k, part in enumerate(parts):

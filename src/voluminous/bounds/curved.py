@@ -166,7 +166,6 @@ class CurvedField:
 
 
 def _point(a: Float, b: Float) -> TracedJet:
-    """Return what is between two coordinates of a ray, and what rounding makes of it."""
     low, high = extremes([a, b])
     slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
     return TracedJet(TracedInterval(low - slack, high + slack))

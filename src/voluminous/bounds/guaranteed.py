@@ -90,7 +90,6 @@ def bracket(
 
 
 def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:
-    """Return all paths, recomputed with narrower panels where brackets are too wide."""
     tracer = RayTracer(job, source, 0.0)
     tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
     allowed = job.tolerance * brightest
@@ -111,7 +110,6 @@ def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> P
 def _intensities(
     job: RenderJob, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of the intensities, widened by rounding errors and by the skipped space."""
     neglected, (nx, ny) = source.neglected, job.frame.pixels
     lower, upper = _ends(paths, job.medium.channels)
     panels = paths.depth[0] * job.samples**2
@@ -140,7 +138,6 @@ class _End:
 
 
 def _ends(paths: Paths, channels: int) -> tuple[_End, _End]:
-    """Return the lower and the upper ends, from positive and negative emissions."""
     parts = np.stack(paths.emission)
     parts = parts.reshape(-1, 2, channels, parts.shape[1])
     through = np.stack(paths.transparency)

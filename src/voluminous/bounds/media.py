@@ -286,7 +286,6 @@ def _modulated(
     courses: Courses,
     context: CourseContext,
 ) -> PartBounds:
-    """Return bounds of a medium with gates and colours, from its values and means without them."""
     ranges, modulation = medium.ranges(courses.fields, context), medium.modulation
     if modulation.shade is not None:
         raise InputError(
@@ -392,7 +391,6 @@ def _crossings(course: Course, level: Float) -> tuple[TracedInterval, Float]:
 
 
 def _shell(course: Course, level: Float, width: Float) -> tuple[TracedInterval, Float]:
-    """Return bounds of the total variation within a shell, in widths, and its largest density."""
     first, last, x = (_place(v, level, width) for v in (course.first, course.last, course.values))
     never = (x.hi <= 0.0) | (x.lo >= 1.0)
     densest = dr.select(never, 0.0, raised(course.slope.size / width))
@@ -410,7 +408,6 @@ def _monotonic(course: Course) -> Mask:
 
 
 def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> TracedInterval:
-    """Return crossings weighted by |∇x|/|∂x/∂s|, for a sheet of constant thickness."""
     ratio = steep / abs(course.slope)
     one = type(course.bow)(1)
     result = crossed * TracedInterval(larger(ratio.lo, one), larger(ratio.hi, one))
@@ -440,7 +437,6 @@ def _sheet(
 
 
 def _light(medium: Isosurface, courses: Courses, context: CourseContext) -> TracedInterval:
-    """Return bounds of the light factor of a surface for a headlight."""
     one: TracedInterval = context.number(1.0)
     if medium.shading == 0:
         return one

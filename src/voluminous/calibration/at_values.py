@@ -140,7 +140,6 @@ def scalar_of(part: Medium) -> Expression | None:
 
 
 def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
-    """Refuse incomplete values, and surfaces without a width."""
     needed: dict[str, None] = {}
     for part in medium.components():
         used = [feature.expr for feature in part.features()] or list(map(Expression, part.names))
@@ -163,7 +162,6 @@ def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
 
 
 def _length_unit(medium: Medium, fields: GivenValues) -> Unit:
-    """Return the unit of length of path lengths and extinctions."""
     parts = medium.components()
     units = [part.path_length.unit for part in parts if is_quantity(part.path_length)]
     for part in parts:

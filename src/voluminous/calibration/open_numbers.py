@@ -67,7 +67,6 @@ def calibrated(medium: Medium, volume: Volume, known: Known) -> Medium:
 
 
 def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
-    """Return the medium with all open path lengths measured."""
     parts = [part for part in medium.components() if isinstance(part.path_length, str)]
     lengths: dict[int, float] = {}
     for expr in dict.fromkeys(part.scalars()[0] for part in parts):
@@ -163,7 +162,6 @@ def _cells(
     visible_in: Callable[..., Any],
     positive: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return an expression's values in cells, their volumes, and a visibility mask."""
     context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
     columns: list[tuple[np.ndarray, ...]] = []
     for own, *others in zip(*(pieces(volume, e) for e in (expr, *names)), strict=True):

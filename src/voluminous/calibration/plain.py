@@ -93,7 +93,6 @@ def _plain_coefficients(medium: Coefficients, volume: Evaluation) -> Coefficient
 
 
 def _plain_function(function: Function, volume: Evaluation) -> Medium:
-    """Return a function of plain numbers, or the formulas that it computes, with their units."""
     inputs, units = zip(*(volume.resolved(e) for e in function.inputs), strict=True)
     if any(new is not old for new, old in zip(inputs, function.inputs, strict=True)):
         function = function.replace(fields=inputs)
@@ -116,7 +115,6 @@ def _plain_function(function: Function, volume: Evaluation) -> Medium:
 def _with_declared_units(
     function: Function, inputs: Sequence[Expression], units: Sequence[Unit], volume: Evaluation
 ) -> Function:
-    """Return a function that declares its units, as one of plain numbers, per volume's length."""
     emission, own = function.units or (None, None)
     factor = per_length(own, volume.unit, f"the extinction of {function.title}")
     return function.replace(

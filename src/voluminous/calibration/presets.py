@@ -104,7 +104,6 @@ def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
 
 
 def _levels(volume: Volume, field: Any, percentiles: Sequence[float]) -> list[float]:
-    """Return percentiles of the finite values, increasing."""
     expr = main_scalar(volume) if field is None else Expression(field)
     values = np.asarray(measurable(volume).evaluate(expr), dtype=np.float64)
     values = values[np.isfinite(values)]

@@ -64,7 +64,6 @@ class CellRuns:
 
     @functools.cached_property
     def _gradient(self) -> tuple[np.ndarray, np.ndarray]:
-        """The gradients, per unit length of the grid, and which cells are at the surface."""
         with np.errstate(all="ignore"):
             gradient, surface = self._cells.gradient(self._runs)
         return np.where(np.isfinite(gradient), gradient, 0.0), surface

@@ -127,7 +127,6 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
 
 
 def _may_be_labels(values: np.ndarray) -> bool:
-    """Return False if no set that contains these sorted, distinct numbers can be labels."""
     whole = bool(np.all(values == np.round(values)))
     return whole and len(values) <= _MOST and bool(np.ptp(values) < _SPAN * _MOST)
 
@@ -344,7 +343,6 @@ def _expression(expr: Any) -> Expression:
 def _boundaries(
     volume: Volume, expr: Expression, values: np.ndarray, n: int
 ) -> tuple[Expression, np.ndarray, float]:
-    """Return the expression to show, the centres of shells at boundaries, and their σ."""
     wide = is_wide(values)
     floor = _NOISE * noise_of(values)
     signed = bool(values[0] < 0) and not wide and not floor

@@ -270,14 +270,12 @@ def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[t
 
 
 def _closed(part: Medium) -> Medium:
-    """Return a part as one path length of it shows, over the places of an open colormap."""
     if isinstance(part, Colormap) and part.range.is_open:
         part = part.within(*((1.0, 10.0) if part.range.positive else (0.0, 1.0)), None)
     return one_path_length(part)
 
 
 def _unit_of(part: Medium) -> Unit:
-    """Return the unit in which a part's values are given."""
     if isinstance(part, Table):
         return part.unit
     given: Any = part.levels[0] if isinstance(part, Isosurface) else None
@@ -334,7 +332,6 @@ def _draw_lines(
 
 
 def _fill(axes: Axes, x: np.ndarray, j: np.ndarray) -> None:
-    """Fill the area below the brightest channel with the colours."""
     top = j.max(axis=0)
     good = np.isfinite(top) & (top > 0)
     if not good.any():

@@ -122,7 +122,6 @@ class Panorama(Camera):
 
     @property
     def _one(self) -> tuple[float, float]:
-        """Width and height of the picture for one eye on the image plane."""
         if self.projection == "equirectangular":
             return 2.0 * np.pi, np.pi
         return (self.fov, self.fov) if self.projection == "fulldome" else (3.0, 2.0)
@@ -243,7 +242,6 @@ def _pixels(resolution: Any, projection: str, stereo: str | None) -> tuple[int, 
 
 
 def _on_cube(u: Float, v: Float) -> list[Float]:
-    """Return directions through points of the unfolded cube, three faces wide and two high."""
     column = dr.clip(dr.floor(u + 1.5), 0, 2)
     row = dr.select(v >= 0, type(u)(0), type(u)(1))
     s, t = 2.0 * (u + 1.0 - column), 2.0 * (v - 0.5 + row)

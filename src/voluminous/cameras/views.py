@@ -61,7 +61,6 @@ def view_angles(meta: Mapping[str, Any], view: Any = None) -> dict[str, float]:
 
 
 def _patient(code: Any) -> dict[str, np.ndarray]:
-    """Return the directions of a patient, by their letters, in coordinates of the volume."""
     letters = code.upper() if isinstance(code, str) else ""
     if len(letters) != 3 or {_AXES.get(c, (None,))[0] for c in letters} != {0, 1, 2}:
         raise InputError(

@@ -89,8 +89,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Remove what is half written where a batch system ends a job, or a terminal is closed."""
-
     def end(number: int, frame: Any) -> None:
         raise SystemExit(128 + number)
 

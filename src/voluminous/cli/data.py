@@ -149,7 +149,6 @@ def first_field(volume: Volume) -> str | None:
 
 
 def _varies(volume: Volume, name: str) -> bool:
-    """Return whether a field has two different finite values."""
     import numpy as np
 
     from .statistics import statistics

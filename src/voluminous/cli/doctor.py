@@ -94,7 +94,6 @@ def _devices() -> Iterator[str]:
 
 
 def _cache() -> Iterator[str]:
-    """Yield the folder of the cache of compiled kernels."""
     usual = tempfile.gettempdir() + "/drjit" if sys.platform == "win32" else "~/.drjit"
     folder = Path(os.environ.get(_CACHE_VARIABLE) or usual).expanduser()
     try:

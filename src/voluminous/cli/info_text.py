@@ -158,7 +158,6 @@ def _times(counts: Iterable[int]) -> str:
 
 
 def _meta(volume: Volume) -> Iterator[str]:
-    """Yield the metadata of a file that are not shown with the grid."""
     for key, value in volume.meta.items():
         is_unit = key.endswith(_UNIT) and key.removesuffix(_UNIT) in volume.meta
         text = f"{value:.10g}" if isinstance(value, float) else str(value)

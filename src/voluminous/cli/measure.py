@@ -146,7 +146,6 @@ def _cameras(args: argparse.Namespace, volume: Volume) -> list[Camera]:
 
 
 def _one_row(result: Any) -> QTable:
-    """Return a measurement as a table."""
     from astropy import units as u
     from astropy.table import QTable
 
@@ -157,7 +156,6 @@ def _one_row(result: Any) -> QTable:
 
 
 def _with_units(table: QTable, units: dict[str, str], columns: list[str]) -> QTable:
-    """Convert columns to the requested units."""
     from ..units import parse_unit, unit_name
 
     for name, unit in units.items():
@@ -171,7 +169,6 @@ def _with_units(table: QTable, units: dict[str, str], columns: list[str]) -> QTa
 
 
 def _text(table: QTable) -> str:
-    """Return a table as text, with units below the names."""
     shown = table.copy()
     for name in shown.colnames:
         if shown[name].dtype.kind == "f":

@@ -112,7 +112,6 @@ class Session:
             raise InputError(f"radmc3d.inp: {name} must be a number, got {text!r}") from None
 
     def _refuse(self) -> None:
-        """Refuse settings that draw another picture than the one drawn here."""
         for name, (value, why) in _FIXED.items():
             if self.setting(name, value) != value:
                 raise InputError(f"radmc3d.inp: {name} must be {value:g}: {why}")
@@ -384,7 +383,6 @@ class Session:
         return np.where(warm > 0.0, RADMC3D.planck(self.frequencies, warm), field)
 
     def _halvings(self) -> str | None:
-        """Return the kind of sub-pixels."""
         asked = self.request.refine
         if self.request.local and (asked is None or asked < 1):
             return None  # RADMC-3D refuses unless nofluxcons is given
@@ -441,7 +439,6 @@ class Session:
         )
 
     def _surface(self, **options: Any) -> Image:
-        """Return where the optical depth is reached, from the pointing position on."""
         from ..measuring import tau_surface
         from ..observing.cubes import tuned
 
@@ -510,7 +507,6 @@ class Session:
         return self._fluxes(np.array(fluxes) / PARSEC**2)
 
     def _of_rings(self, **options: Any) -> Spectrum:
-        """Return fluxes of rays on rings that follow the radial walls of a spherical grid."""
         from ..cameras import Orthographic
         from ..observing import observe
         from ..observing.rings import Rings

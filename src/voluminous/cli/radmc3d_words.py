@@ -120,7 +120,6 @@ Change = Callable[..., dict[str, Any]]
 
 
 def _length(unit: float, name: str) -> dict[str, tuple[str, Change]]:
-    """Return the words for lengths that end with the name of a unit."""
     return {
         f"size{name}": ("x", lambda s: {"half_size": (unit * s / 2,) * 2, "local": False}),
         f"zoom{name}": ("xxxx", lambda *z: {"zoom": _times(unit, z), "local": False}),
@@ -306,7 +305,6 @@ def _number(word: str, kind: str, text: str) -> Any:
 
 
 def _line_defaults(word: str, request: Request) -> Request:
-    """Return the request with the width, or number of channels, that a word brings along."""
     if word == "linenlam" and request.linenlam > 1 and request.widthkms == 0.0:
         return dataclasses.replace(request, widthkms=_WIDTH)
     if word == "widthkms" and request.linenlam == 1:
@@ -317,7 +315,6 @@ def _line_defaults(word: str, request: Request) -> Request:
 
 
 def _framed(request: Request) -> Request:
-    """Return the request with half sizes and middle of a zoomed frame, its pixels made square."""
     if request.zoom is None:
         return request
     left, right, low, high = request.zoom

@@ -107,7 +107,6 @@ def _default_output(path: Path, of_data: bool) -> Path:
 
 
 def _annotate(scene: Scene, outputs: list[Path]) -> None:
-    """Set the scene's image options so that pictures are annotated from volume and medium."""
     from ..image.formats import format_of
 
     if not any("annotate" in format_of(path).options for path in outputs):
@@ -219,7 +218,6 @@ def _scene_of_data(
 
 
 def _choice(volume: Volume, medium: Medium, camera: dict[str, Any]) -> str:
-    """Return a line that says which medium and camera were chosen."""
     parts: list[Any] = list(medium.components())
     if hasattr(parts[0], "center"):
         if len(parts) == 1:

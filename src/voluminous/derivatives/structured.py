@@ -62,7 +62,6 @@ def second_derivative(f: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _slopes(f: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances of neighbours, with axes to multiply fields with, and the slopes."""
     h = np.diff(x)[:, None, None]
     slope = np.diff(f, axis=0)
     slope /= h
@@ -117,7 +116,6 @@ class DifferentiatedLayers:
         return np.moveaxis(rule(turned, q)[inner], 0, axis)
 
     def _bent(self, own: np.ndarray) -> np.ndarray:
-        """Return what the Laplacian has of first derivatives, because coordinates are curved."""
         radial = self._along(0, first_derivative)
         if self.grid.coordinates == SPHERICAL:
             r, theta = own[0], own[1]
@@ -154,7 +152,6 @@ def whole(operation: str, layers: Callable[[slice], np.ndarray], grid: Grid) -> 
 def _filled(
     dtype: np.dtype, operation: str, layers: Callable[[slice], np.ndarray], grid: Grid
 ) -> tuple[np.ndarray, float]:
-    """Return the derivative, and the largest size of a number in it before it was rounded."""
     centers = [0.5 * (edges[1:] + edges[:-1]) for edges in grid.edges]
     nx, ny, nz = shape = tuple(len(c) for c in centers)
     check_memory(

@@ -291,7 +291,6 @@ class CellSlopes:
         return *sums, (count > 0.0) | alike, slanted
 
     def _sloping(self, way: list[Float]) -> list[Float]:
-        """Return vectors with their components along axes of symmetry set to exactly zero."""
         zero = self.backend.Float(0)
         return [zero if alike else w for w, alike in zip(way, self.around.alike, strict=True)]
 
@@ -417,7 +416,6 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
 
 
 def _terms(way: list[Float]) -> list[Float]:
-    """Return the Taylor terms of first, second and mixed derivatives."""
     bends = [(0.5 if a == b else 1.0) * way[a] * way[b] for a, b in _QUADRATIC_FIT_PAIRS]
     return [*way, *bends]
 
@@ -493,7 +491,6 @@ class BoxesOfTree:
         return out
 
     def _slopes(self, part: TreeCellsPart) -> np.ndarray:
-        """Return gradients, from quadratic fits beside cells of other sizes."""
         (slopes,), alone, aside = self.slopes.looked_at(part)
         at_jump = aside & ~alone
         dr.eval(slopes, at_jump)
@@ -502,7 +499,6 @@ class BoxesOfTree:
         return found
 
     def _turned(self, slopes: np.ndarray, first: int, last: int) -> np.ndarray:
-        """Rotate gradients along the cells' axes to x, y and z, and divide by the grid's scale."""
         slopes /= self.grid.scale
         if tuple(self.grid.coordinates) == CARTESIAN:
             return slopes

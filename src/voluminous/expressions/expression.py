@@ -300,12 +300,10 @@ def _kind_of_call(node: Call, kinds: list[Monotonicity]) -> Monotonicity:
 
 
 def _is_odd(exponent: float) -> bool:
-    """Return whether a power increases with its base and has no pole."""
     return exponent > 0 and exponent % 2 == 1
 
 
 def _is_stepped(tree: Node) -> bool:
-    """Return whether a tree is true or false by order comparisons alone."""
     match tree:
         case Call("logical_and" | "logical_or" | "logical_not", arguments):
             return all(map(_is_stepped, arguments))

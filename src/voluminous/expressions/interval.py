@@ -310,14 +310,12 @@ _SMALLEST = 2.0**-960
 
 
 def _sum(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the rounded sum and its error."""
     rounded = x + y
     shift = rounded - x
     return rounded, (x - (rounded - shift)) + (y - shift)
 
 
 def _product(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the rounded product and its error, NaN where that is not a number."""
     rounded = x * y
     (a, b), (c, d) = _halves(x), _halves(y)
     error = ((a * c - rounded) + a * d + b * c) + b * d
@@ -332,7 +330,6 @@ def _halves(x: Array) -> tuple[Array, Array]:
 
 
 def _quotient(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the rounded quotient and a number with the sign of its error."""
     rounded = x / y
     back, error = _product(rounded, y)
     known = (np.abs(rounded) > _SMALLEST) | (x == 0)

@@ -194,7 +194,6 @@ def _increasing(
     least: float = -math.inf,
     most: float = math.inf,
 ) -> Own:
-    """Return the range of an increasing function that is exact at one place."""
     low, high, ends = function(x.lo), function(x.hi), x.ends
     low = ends.select(x.lo == exact_at, low, ends.lowered(low, _LOSS))
     high = ends.select(x.hi == exact_at, high, ends.raised(high, _LOSS))
@@ -213,7 +212,6 @@ def _from_zero(x: Own) -> Own:
 
 
 def _wave(function: Callable[[Array], Array], x: Own, highest_at: float) -> Own:
-    """Return the range of the sine or cosine, which is highest at some angle."""
     moved: list[Array] = []
     for angle in (x.lo, x.hi):
         value = function(angle)

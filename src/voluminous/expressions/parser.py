@@ -559,7 +559,6 @@ class _Builder:
         return built
 
     def _vector_argument(self, node: ast.expr) -> Vector:
-        """Return the vector of an argument, which may be its name, also in quotes."""
         if isinstance(node, ast.Name) and node.id not in _SCALARS:
             name = node.id
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -589,7 +588,6 @@ class _Builder:
         return Call("multiply", (result, NumberWithUnit(1.0, entries_unit)))
 
     def _list(self, node: ast.expr) -> tuple[list[float], Unit]:
-        """Return the numbers of a list, in the unit of the first that has one, and that unit."""
         if not isinstance(node, ast.List):
             self._fail(node, f"here a list of numbers is needed: {FUNCTIONS['interp'].signature}")
         numbers: list[float] = []

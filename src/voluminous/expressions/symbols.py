@@ -123,7 +123,6 @@ def _finite(value: float) -> float:
 
 
 def _composed(name: str, values: Sequence[Any]) -> Node:
-    """Return the node for an operation, or for several that compute the same."""
     nodes = tuple(_node(value) for value in values)
     if name == "power" and not isinstance(values[1], Symbol):
         return power(*nodes)  # an exponent written in the function, not a parameter

@@ -264,7 +264,6 @@ class TracedJetOps(Ops):
 
 
 def _around(ops: TracedJetOps, number: float) -> TracedInterval:
-    """Return an interval around a number that is not exact."""
     return TracedInterval(*(ops._float(float(np.nextafter(number, end))) for end in (0, np.inf)))
 
 

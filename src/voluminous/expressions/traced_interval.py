@@ -131,7 +131,6 @@ def traced(real: type[Float], value: Float) -> TracedInterval:
 
 
 def _from_host(real: type[Float], value: Interval) -> TracedInterval:
-    """Return an interval of the host, with ends rounded outward to the type of the kernel."""
     dtype = float_info(real).dtype
     with np.errstate(over="ignore"):
         lo, hi = np.ravel(value.lo).astype(dtype), np.ravel(value.hi).astype(dtype)

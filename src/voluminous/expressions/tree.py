@@ -278,7 +278,6 @@ def _chained(operations: Sequence[str], operands: Sequence[Node]) -> str:
 
 
 def _operand(node: Node) -> str:
-    """Return the text of an operand, in parentheses if it needs them."""
     shown = text(node)
     operator = isinstance(node, Call) and node.operation in _NOT_FUNCTIONS
     return f"({shown})" if operator or shown.startswith("-") else shown

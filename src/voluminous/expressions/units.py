@@ -192,7 +192,6 @@ class _Walk:
         return [p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)]
 
     def _in(self, part: _Part, unit: Unit, node: Node) -> _Part:
-        """Return a part converted to a unit."""
         if part.unit == unit or not (_counts(part.unit) or _counts(unit)):
             return part
         dex = is_dex(part.unit)
@@ -248,7 +247,6 @@ class _Walk:
         self._refuse(node, f"{shown!r} is {own}, {wanted}", advice)
 
     def _refuse_dex(self, node: Node, part: _Part) -> None:
-        """Refuse the logarithm of a quantity."""
         if is_dex(part.unit):
             self._refuse(
                 node,
@@ -284,7 +282,6 @@ class _Walk:
         return plain._replace(unit=_product(first.unit, second.unit, sign))
 
     def _power(self, node: Call, base: _Part, exponent: float) -> _Part:
-        """Return a power with a number as exponent."""
         self._refuse_dex(node, base)
         plain = base.unit is None or (_is_radian(base.unit) and node.operation != "sqrt")
         return self._call(node, [base], None if plain else parse_unit(base.unit**exponent))

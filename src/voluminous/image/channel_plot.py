@@ -146,7 +146,6 @@ def _is_corner(panel: Any) -> bool:
 
 
 def _draw_beam(panel: Any, cube: Cube, extent: Extent) -> None:
-    """Draw the beam into the lower left corner."""
     from matplotlib.patches import Ellipse
 
     covariance = beam_in_pixels(cube)

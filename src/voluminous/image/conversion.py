@@ -64,7 +64,6 @@ def rows_of(cube: Image) -> Iterator[slice]:
 
 
 def _scaled(values: Array, factor: Any) -> Array:
-    """Return values times a factor, in double precision if single over- or underflows."""
     info = np.finfo(values.dtype)
     result = np.empty(values.shape, values.dtype)
     parts = max(1, values.size // _TOGETHER)

@@ -93,7 +93,6 @@ def fits_name(unit: Any) -> str:
 
 
 def _spellings(text: str) -> Iterator[str]:
-    """Yield a unit text as written, without remarks, and with the usual lower-case letters."""
     if not text:
         return
     # CASA's spelling of a spectral sum; the standard would put everything in the denominator.

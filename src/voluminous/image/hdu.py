@@ -60,7 +60,6 @@ def channels_first(planes: np.ndarray) -> np.ndarray:
 
 
 def _cards(image: Image) -> Iterator[Card]:
-    """Yield the cards for x, y, the channels if there are several, the camera and the beam."""
     several = image.channels > 1 or isinstance(image, Cube)
     yield "WCSAXES", 2 + several, "number of axes"
     key, wcs = "", offsets(image) if image.wcs is None else image.wcs

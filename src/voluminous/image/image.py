@@ -617,5 +617,4 @@ def _read_only(values: Array) -> Array:
 
 
 def _spread(array: Array | None, shape: tuple[int, ...]) -> Array | None:
-    """Return a read-only view broadcast to every channel."""
     return None if array is None else np.broadcast_to(array, shape)

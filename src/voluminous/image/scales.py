@@ -184,7 +184,6 @@ def _displayed(rows: Any, options: dict[str, Any], exposure: float) -> np.ndarra
 def _of_shells(
     expr: str, parts: list[dict[str, Any]], options: dict[str, Any], spans: Spans | None
 ) -> Scale:
-    """Return a bar with the shells of one expression at their centres, in their colours."""
     from matplotlib.colors import ListedColormap
 
     shells: list[tuple[float, float, Any]] = []

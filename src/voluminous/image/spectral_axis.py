@@ -228,7 +228,6 @@ def as_spectral(value: Any) -> SpectralAxis:
 
 
 def _hertz(rest: Any) -> float:
-    """Return the frequency of a plain number of Hz, a frequency or a wavelength."""
     given = as_given(rest, "rest", "230.538 GHz")
     if is_quantity(given) and given.unit.is_equivalent("micron"):
         given = LIGHT_MICRON / np.asarray(plain(given, "micron", "rest"))

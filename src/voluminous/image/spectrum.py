@@ -328,7 +328,6 @@ class Spectrum(Value):
 
 
 def _name(spectrum: Spectrum) -> str:
-    """Return the label of the values, by their unit."""
     unit = parse_unit(spectrum.unit)
     for name, kinds in (
         (r"$F_\nu$", ("Jy", "ph / (s cm2 Hz)")),

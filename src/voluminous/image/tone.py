@@ -99,7 +99,6 @@ def finite(value: Any, what: str) -> float:
 
 
 def _top(exposure: Any, vmax: Any) -> float | None:
-    """Return the intensity shown as white or as the end of the colormap, if it is given."""
     if exposure is not None and vmax is not None:
         raise InputError(_NOT_BOTH.format("exposure", "vmax"))
     if exposure is not None:
@@ -310,7 +309,6 @@ def signed_exposure(values: NDArray[Any]) -> float | None:
 
 
 def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | None:
-    """Return the values shown as black and white, for negative values and signed projections."""
     valid = values[np.isfinite(values)]
     most = valid.max() if valid.size else 1.0
     if (most > 0.0 and not projection) or valid.min(initial=0.0) >= -_SHARE * max(most, 0.0):
@@ -344,7 +342,6 @@ def chosen(channels: Any, count: int) -> list[int]:
 
 
 def _single(channels: Any, count: int) -> int:
-    """Return the index of the one channel to show."""
     index, *others = chosen(channels, count)
     if others:
         raise InputError(

@@ -136,7 +136,6 @@ def placed_values(values: np.ndarray, source: np.ndarray) -> np.ndarray:
 def _fillers(
     counts: np.ndarray, level: np.ndarray, index: np.ndarray, axes: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return levels and indices of the largest cells that fill the gaps between leaves."""
     bits, deepest = len(axes), int(level.max())
     per_level = np.bincount(level).tolist()  # Python's integers do not overflow
     filled = sum(n << bits * (deepest - depth) for depth, n in enumerate(per_level))

@@ -90,7 +90,6 @@ def _of_leiden(source: TextFile, name: str | None) -> Molecule:
 
 
 def _numbers(source: TextFile, count: int, what: str) -> tuple[np.ndarray, list[bytes]]:
-    """Return the numbers that a line begins with, and its other words."""
     tokens = source.tokens(f"{what}: expected {count} numbers")
     if len(tokens) < count:
         raise FileFormatError(
@@ -133,7 +132,6 @@ def _cards(path: Path) -> dict[str, Any] | None:
 
 
 def _columns(table: Any) -> dict[str, Any]:
-    """Return the columns of a table of astroquery."""
     needed = ("FREQ", "ELO", "GUP", "LGAIJ" if "LGAIJ" in table.colnames else "LGINT")
     absent = [name for name in needed if name not in table.colnames]
     if absent:

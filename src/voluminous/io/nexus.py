@@ -88,7 +88,6 @@ def _groups(file: Any) -> dict[str, str]:
 
 
 def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
-    """Return the signal, all arrays of its shape in the group, and the axes as coordinates."""
     inside = dict(_members(group))
     shape = inside[signal].shape
     names = _axes(group, signal)

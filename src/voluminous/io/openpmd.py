@@ -255,7 +255,6 @@ def _field(
 
 
 def _unit(powers: Any) -> UnitLike:
-    """Return the SI unit with these powers of the base units, by its usual name if it has one."""
     from astropy import units as u
 
     base = u.dimensionless_unscaled
@@ -266,7 +265,6 @@ def _unit(powers: Any) -> UnitLike:
 
 
 def _grid(points: MeshPoints, unit: UnitLike, azimuths: Any) -> CartesianGrid | CylindricalGrid:
-    """Return the grid with one point per cell."""
     from astropy import units as u
 
     from ..grids import CartesianGrid, CylindricalGrid

@@ -121,7 +121,6 @@ def _steps(grid: Any) -> np.ndarray:
 
 
 def _box(path: Path, name: str, grid: Any) -> tuple[Any, Any]:
-    """Return the first and last index of the active voxels."""
     low, high = (grid.metadata.get(f"file_bbox_{end}") for end in ("min", "max"))
     if low is None or high is None:
         low, high = _voxels(path, name).evalActiveVoxelBoundingBox()

@@ -135,7 +135,6 @@ def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype | Non
 
 
 def _split(path: Path) -> tuple[str, str]:
-    """Return suffix and stem of a file name, ignoring the suffix of a compressor."""
     inner = path.with_suffix("") if path.suffix.lower() in _PACKED else path
     return inner.suffix.lower(), inner.stem
 
@@ -143,7 +142,6 @@ def _split(path: Path) -> tuple[str, str]:
 def _described(
     path: Path, stem: str, options: dict[str, Any]
 ) -> tuple[tuple[int, ...], np.dtype, str, str]:
-    """Return shape and type, what gave the shape, and the rest of the file's name."""
     cells, dtype, rest = described_by_name(stem)
     source, shape, order = "the file's name", options.get("shape"), options.get("byteorder")
     if shape is not None:

@@ -183,7 +183,6 @@ def undefined_as_missing(
 
 
 def _is_finite(volume: Volume, expression: Expression) -> bool:
-    """Return whether the ranges of the fields suffice to know that it is finite everywhere."""
     if not expression.partial:
         return True
     with np.errstate(all="ignore"):
@@ -268,7 +267,6 @@ class CellParts:
     def _known(
         self, region: Region, grid: Grid, first: int, last: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether centres are inside, and which cells the region's surface may cut."""
         centers, images = np.asarray(grid.cell_centers(first, last)), mirror_images(grid)
         half = 0.5 * np.asarray(grid.cell_sizes(first, last))
         # Any point can be reached along the coordinates one after another, the angles first.
@@ -308,7 +306,6 @@ def _fraction(
     cells: np.ndarray,
     steps: list[np.ndarray],
 ) -> np.ndarray:
-    """Return the fraction inside, of points of cells given by fractions along each axis."""
     system = tuple(grid.coordinates)
     inside, total, images = np.zeros(len(cells)), np.zeros(len(cells)), mirror_images(grid)
     low, high = (ends[:, cells] for ends in grid.spans(first, last))

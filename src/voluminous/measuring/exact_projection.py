@@ -142,7 +142,6 @@ class _BoxSpline:
 
 
 def _along(edges: np.ndarray) -> np.ndarray:
-    """Return the direction in the first quadrant that is farthest from the normals of all edges."""
     normals = (np.arctan2(edges[:, 1], edges[:, 0]) + 0.5 * np.pi) % np.pi
     angles = np.sort([0.0, 0.5 * np.pi, *normals[normals < 0.5 * np.pi]])
     widest = int(np.argmax(np.diff(angles)))

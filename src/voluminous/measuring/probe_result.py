@@ -419,7 +419,6 @@ def _draw_coefficients(panel: Axes, probe: Probe) -> None:
 
 
 def _draw_depth(panel: Axes, probe: Probe) -> None:
-    """Draw optical depth and transparency between the observer and each place."""
     x, other, grey = _walls(probe), panel.twinx(), probe.depth.shape[1] == 1
     _label(panel, "optical depth τ", _FIRST if grey else None)
     _label(other, "transparency (dashed)", _SECOND if grey else None)
@@ -435,7 +434,6 @@ def _draw_depth(panel: Axes, probe: Probe) -> None:
 
 
 def _draw_light(panel: Axes, probe: Probe) -> None:
-    """Draw the intensity gathered from the observer on, and that which arrives from behind."""
     x = _walls(probe)
     lines = zip(_lines(probe.gathered), probe.arriving.T, probe.background, strict=True)
     for (gathered, color), arriving, behind in lines:
@@ -455,7 +453,6 @@ def _draw_light(panel: Axes, probe: Probe) -> None:
 
 
 def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a line that is constant in each segment, and broken where no cell was visited."""
     x = np.stack([probe.begin, probe.end, probe.end], axis=1)
     y = np.repeat(values[:, None], 3, axis=1).astype(float)
     gap = probe.begin[1:] - probe.end[:-1] > 1e-3 * (probe.end[:-1] - probe.begin[:-1])

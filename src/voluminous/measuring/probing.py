@@ -249,7 +249,6 @@ class _Recorder(Scheme):
     def _coefficients(
         self, source: Any, segment: Segment, before: list[Float]
     ) -> tuple[Any, dict[str, Float], list[Float]]:
-        """Return mean coefficients, fields at the midpoint, and coefficients at the end."""
         if self.coefficients_at == "cell":
             return source.at(segment), {}, []
         if self.coefficients_at == "vertex":
@@ -342,7 +341,6 @@ def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _
 
 
 def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
-    """Return the ray of channels that are drawn together."""
     inner, job = tracer.scheme, tracer.job
     names = job.medium.names if inner.coefficients_at == "field" else ()
     tracer.scheme = recorder = _Recorder(inner, names, capacity)

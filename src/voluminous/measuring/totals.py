@@ -249,7 +249,6 @@ def _in_pixels(
 
 
 def _with_unit(volume: Volume, total: float, unit: Unit) -> Any:
-    """Return ∫ q dV as a Quantity, with lengths in the unit that q contains."""
     own, factor = integral_unit(unit, volume.unit, 3)
     own = parse_unit(own)
     return float(total * factor) if own is None else float(total * factor) * own

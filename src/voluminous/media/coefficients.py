@@ -91,7 +91,6 @@ class Coefficients(Medium):
     def _evaluated(
         self, expressions: Sequence[Expression], fields: dict[str, Any], context: Context
     ) -> MediumSample:
-        """Return coefficients from expressions that stand for its own."""
         sample = self.split([context.evaluate(e, fields) for e in expressions])
         sample.extinction = [
             context.number(per_length(context.unit_of(e), context.unit, f"extinction {e.text!r}"))
@@ -142,7 +141,6 @@ class Coefficients(Medium):
         return seen, hidden | self._peaks(panel, context)
 
     def _peaks(self, panel: Panel, context: Context) -> Mask:
-        """Return where a coefficient may have a peak that the nodes do not show."""
         found = panel.length < 0.0
         units = (context.radiance / context.scale, 1.0 / context.scale)
         for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
@@ -156,7 +154,6 @@ class Coefficients(Medium):
         return found
 
     def _decided(self, panel: Panel) -> bool:
-        """Return whether all comparisons have the same result as in the middle of the panel."""
         return panel.edgeless and bool(self._sides)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:

@@ -502,7 +502,6 @@ class Medium(Value):
         return medium
 
     def _repr_png_(self) -> bytes | None:
-        """Return a swatch of the transfer function, or None if that needs a volume."""
         data: bytes | None = room("calibration.transfer").swatch(self)
         return data
 

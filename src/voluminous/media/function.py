@@ -154,7 +154,6 @@ class Function(Medium):
         return MediumSample(*(list(map(context.real, v)) for v in self._listed(result)))
 
     def _listed(self, result: Any) -> list[list[Any]]:
-        """Return the function's result as lists of emissivities and extinctions."""
         if not isinstance(result, tuple) or len(result) != 2:
             raise InputError(
                 f"{self.title} must return (emissivity, extinction), got {type(result).__name__}"

@@ -231,7 +231,6 @@ def gaussian_mean(first: Float, last: Float, faint: float = 0.0) -> Float:
 
 
 def _difference(first: Float, last: Float, half: Float) -> Float:
-    """Return the difference of error functions at the ends, over the distance."""
     return dr.abs((_area(last) - _area(first)) * (1.0 / half))
 
 

@@ -349,7 +349,6 @@ class Isosurface(Medium):
         return self.surface_only and panel.edgeless
 
     def _folded(self, panel: Panel, context: Context, level: Any) -> Mask:
-        """Return where an extremum beyond the nodes may be within a thick surface."""
         width = self.numbers(context).width
         low, high = panel.hull(self.expr)
         near = (low <= level + 0.5 * width) & (high >= level - 0.5 * width)
@@ -360,7 +359,6 @@ class Isosurface(Medium):
         return near & (context.narrow(panel.beyond(self.expr) / width) > least)
 
     def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return the amount of a surface that the chord of a panel crosses, per length, lit."""
         panel = panel
         crossed = dr.select(_between(panel.ends(self.expr), level), panel.per_length, 0.0)
         if not self.looks_inside:
@@ -391,7 +389,6 @@ class Isosurface(Medium):
         return [gate * dense, *(f * dense * light for f in shown)]
 
     def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return the amount of a finite-width surface in a panel, per length, gated and lit."""
         width = self.numbers(context).width
         ends = [x - level for x in panel.ends(self.expr)]
         in_halves = [context.narrow(2.0 * x / width) for x in ends]

@@ -210,7 +210,6 @@ class Lines(SpectralMedium):
         )
 
     def _in_volume(self, bands: Bands) -> Lines:
-        """Return the medium with what does not depend on frequencies."""
         volume, constants, molecule = bands.volume, bands.constants, self.molecule
         density, temperature, turbulence = (
             InCgs.of(value, unit, what, volume)
@@ -291,7 +290,6 @@ class Lines(SpectralMedium):
         return tuple(InCgs.of(v, "1 / cm3", "population", volume) for v in chosen)
 
     def _components(self, volume: Volume) -> tuple[tuple[InCgs, ...], tuple[str, ...]]:
-        """Return the components of the velocity, and the axes that they are along."""
         given = self.velocity
         if given is None:
             return (), ()
@@ -306,7 +304,6 @@ class Lines(SpectralMedium):
         raise InputError(f"there is no vector {given!r} in the volume: expected {expected}")
 
     def _partition(self, cold: float, hot: float, constants: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return temperatures and partition functions, between which it is linear."""
         if self.populations is not None:
             return np.ones(2), np.ones(2)
         molecule = self.molecule
@@ -340,7 +337,6 @@ class Lines(SpectralMedium):
         return MediumSample([ratio[c] * v for c, v in zip(channels, j, strict=True)], alpha)
 
     def _state(self, fields: dict[str, Any], context: Context) -> LineState:
-        """Return the gas at a place."""
         density, turbulence = (self._fields[k].value(fields, context) for k in (0, 2))
         temperature = self._fields[1].where(density, fields, context)
         number = context.kept_number
@@ -444,14 +440,12 @@ class Lines(SpectralMedium):
         return found
 
     def _velocity(self, fields: dict[str, Any], context: Context) -> Any:
-        """Return the velocity away from the observer."""
         found: Any = 0.0
         for move, axis in zip(self._moves, self.sight, strict=True):
             found = found + move.value(fields, context) * fields[f"los.{axis}"]
         return found
 
     def _narrowness(self, temperature: Float, turbulence: Float, context: Context) -> Float:
-        """Return one over the Doppler width."""
         square = context.kept_number(self._per_kelvin) * temperature + turbulence * turbulence
         return 1.0 / dr.sqrt(dr.select(square > _NARROWEST**2, square, _NARROWEST**2))
 
@@ -521,14 +515,12 @@ class Lines(SpectralMedium):
         return self.split(found)
 
     def _widths(self, fields: dict[str, Interval], context: Context) -> tuple[Any, Any]:
-        """Return the least and the largest Doppler width."""
         _, warm, turbulence = (q.value(fields, context) for q in self._fields)
         square = self._per_kelvin * warm + turbulence * turbulence
         low, high = (np.sqrt(np.maximum(end, _NARROWEST**2)) for end in (square.lo, square.hi))
         return low, high
 
     def _speed(self, fields: dict[str, Interval], context: Context) -> Any:
-        """Return the largest speed."""
         parts = [q.value(fields, context).size for q in self._moves]
         return np.sqrt(sum((v * v for v in parts), np.float64(0.0)))
 
@@ -637,7 +629,6 @@ def _by_boole(
     dense: list[Float],
     shifts: list[Float],
 ) -> list[Float]:
-    """Return, per channel, means of emission and absorption over both halves, and their errors."""
     rows = [midway(row) for row in (narrow, speed, bright, dense)]
     found = []
     bends = [_bend(row) for row in (speed, bright, dense)]
@@ -669,7 +660,6 @@ def _in_closed_form(
     shifts: list[Float],
     faint: float,
 ) -> list[Float]:
-    """Return the same where the velocity changes by more than the width of the line."""
     found = []
     for shift in shifts:
         nodes = [_ROOT2 * dr.fma(shift, n, u) for n, u in zip(narrow, speed, strict=True)]
@@ -692,7 +682,6 @@ def _in_closed_form(
 
 
 def _reach(context: Context) -> float:
-    """Return where a profile falls below what may be neglected, in Doppler widths."""
     return math.sqrt(-math.log(min(max(context.faint, 1e-60), 1e-6)))
 
 

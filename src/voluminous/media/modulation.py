@@ -275,7 +275,6 @@ class Modulation:
         return kept(panel, key, lambda: self._narrow_gate(panel.fields(s), context))
 
     def _is_decided(self, panel: Panel) -> bool:
-        """Return whether the gate has the same state on the whole panel as in the middle."""
         return self.stepped and panel.edgeless
 
     def _at(self, panel: Panel, fields: dict[str, Any], context: Context) -> list[Float]:
@@ -299,7 +298,6 @@ class Modulation:
         context: Context,
         light: Float | None = None,
     ) -> list[Float]:
-        """Return the gate, then the gated colours in a light, in the type of integrals."""
         paint = self.color.seen(fields, context) if self.color else []
         if light is not None:
             paint = [c * light for c in paint] if paint else [light] * self.channels

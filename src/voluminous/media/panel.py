@@ -244,14 +244,12 @@ def in_box(panel: Panel, expr: Expression) -> TracedInterval:
 
 
 def _box(panel: Panel) -> dict[str, TracedInterval]:
-    """Return the ranges of all fields on a panel."""
     names = panel.places[0]
     rows = {name: [place[name] for place in panel.places] for name in names}
     return {name: TracedInterval(*beyond(values)) for name, values in rows.items()}
 
 
 def _in_box(panel: Panel, expr: Expression, fields: dict[str, Any]) -> TracedInterval:
-    """Return an expression's interval while the fields are in theirs."""
     context = panel.context
     ops = TracedIntervalOps(context.real, context.kept_number)
     found: TracedInterval = ops.number(expr.evaluate(ops, completed(ops, fields, context)))
@@ -259,7 +257,6 @@ def _in_box(panel: Panel, expr: Expression, fields: dict[str, Any]) -> TracedInt
 
 
 def _within(panel: Panel, expr: Expression) -> tuple[Float, Float]:
-    """Return bounds of an expression while each field has any value of its range."""
     found, (least, largest) = in_box(panel, expr), panel.range(expr)
     vain = _undecided(panel, expr, found.hi - found.lo)
     return dr.select(vain, least, found.lo), dr.select(vain, largest, found.hi)

@@ -267,7 +267,6 @@ def running_sums(steps: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]
 
 
 def _spacing(nodes: np.ndarray) -> tuple[float, float, float]:
-    """Return start and spacing of evenly spaced nodes, and how far these are off, in spacings."""
     start, count = float(nodes[0]), len(nodes) - 1
     spacing = (float(nodes[-1]) - start) / count
     if spacing <= 0:
@@ -314,7 +313,6 @@ class TableMiddles:
         return Middle(place, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))
 
     def _apart(self, first: Place, last: Place, apart: Float) -> tuple[Any, Any, Any]:
-        """Return mean, first moment from the first end, and mean square, in units of the way."""
         turned = last.x < first.x
         lower = dr.select(turned, last.interval, first.interval)
         upper = dr.select(turned, first.interval, last.interval)

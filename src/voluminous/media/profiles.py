@@ -321,7 +321,6 @@ class Shaped(Medium):
         return kept(panel, (id(self), "mean"), make)
 
     def _offsets(self, values: Iterable[Float], context: Context) -> list[Float]:
-        """Return distances from the centre in widths."""
         own = self.numbers(context)
         return [context.narrow(x - own.center) * own.narrowness for x in values]
 

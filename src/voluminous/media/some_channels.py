@@ -49,7 +49,6 @@ class SomeChannels(Medium):
         return None if sheet is None else self._some(sheet)
 
     def _whole(self, context: Context) -> Context:
-        """Return a context with units for all channels, if they have one each."""
         if np.ndim(context.radiance) == 0:
             return context
 

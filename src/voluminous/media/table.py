@@ -251,8 +251,6 @@ class Table(Medium):
         return context.keep((id(self), "table"), make)
 
     def _place(self, panel: Panel, s: float, context: Context) -> Place:
-        """Return the place of x in the table at an end or in the middle of a panel."""
-
         def make() -> Place:
             x = context.narrow(panel.scalar(self.expr, s))
             return self._table(context, type(x)).at(x)
@@ -397,7 +395,6 @@ def jumps(nodes: np.ndarray, columns: np.ndarray) -> list[float]:
 
 
 def _shared_colors(opacities: np.ndarray, by: ColorBy) -> np.ndarray:
-    """Return the opacity times the brightness in three channels, to be coloured."""
     if opacities.shape[1] not in (1, 3):
         raise InputError(f"opacities must have one column or 3, got {opacities.shape[1]}")
     return by.brightness * np.broadcast_to(opacities, (len(opacities), 3))

@@ -94,8 +94,6 @@ def _colors(lines: int) -> tuple[str, tuple[int, int, int]]:
 
 
 def _pillow(kind: str, tick: int, **options: Any) -> Callable[..., None]:
-    """Return what writes a format that counts so many milliseconds."""
-
     def write(paths: list[Path], target: Path, fps: float, codec: str) -> None:
         from PIL import Image as Pillow
 

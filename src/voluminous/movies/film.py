@@ -339,7 +339,6 @@ class _Film:
     def _each(
         self, function: Callable[..., Any], numbers: Sequence[int], report: Callable[[int], Any]
     ) -> list[Any]:
-        """Return what a function makes of some frames, here or in other processes."""
         if self.executor is not None:
             tasks = [(self.frame(k), self.sources[self.index(k)]) for k in numbers]
             names = [f"frame {k}" for k in numbers]

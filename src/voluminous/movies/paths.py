@@ -386,7 +386,6 @@ def _geometric(factor: Any, frames: Any) -> np.ndarray:
 
 
 def _eased(at: list[int], frames: np.ndarray, ease: str) -> np.ndarray:
-    """Return the times between keys that are shown in each frame."""
     k = np.clip(np.searchsorted(at, frames, side="right") - 1, 0, len(at) - 2)
     low, high = np.asarray(at, dtype=float)[k], np.asarray(at, dtype=float)[k + 1]
     t = (frames - low) / (high - low)
@@ -409,7 +408,6 @@ def _between(at: list[int], rows: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _through(at: list[int], rows: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return values on smooth curves that do not swing beyond the keys."""
     from scipy.interpolate import PchipInterpolator
 
     there = np.isfinite(rows[0])

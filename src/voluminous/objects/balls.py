@@ -184,7 +184,6 @@ class Balls:
     def _nearest(
         self, owner: np.ndarray, x: np.ndarray, y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return how far it is to the point nearest to the centre, its distance, half a chord."""
         if not len(x):
             return np.empty(0), np.empty(0), np.empty(0)
         Wide, UInt = self.view.backend.Wide, self.view.backend.UInt

@@ -82,7 +82,6 @@ def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _of_patches(grid: Any, level: int) -> BlockLattice:
-    """Return the patches of a level, and what they and finer ones cover in blocks."""
     patches = grid.patches
     low, high = patches.corners
     own = patches.level == level
@@ -98,7 +97,6 @@ def _of_patches(grid: Any, level: int) -> BlockLattice:
 
 
 def _refined_nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes of a level that are refined, counted in their own size, and that size."""
     size = np.array(grid.divisions)
     size[list(grid.places.axes)] >>= level
     # The first leaf in each of them: finer than it, and where it begins.
@@ -271,7 +269,6 @@ def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
 
 
 def _visible(edges: Edges, lattice: BlockLattice) -> Edges:
-    """Return the edges that are more than a point, each once, and seams only where faces curve."""
     ends = [position(lattice.system, lattice.own(place.T)) for place in edges.ends()]
     near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
     axial = np.all([np.hypot(end[0], end[1]) <= near for end in ends], axis=0)
@@ -368,7 +365,6 @@ class Boxes(SceneObject):
         return Curves([group * unit for group in groups], colors, **self._style).layers(view)
 
     def _lines(self, grid: Grid) -> tuple[list[np.ndarray], np.ndarray]:
-        """Return polylines, and which of the levels that are drawn each belongs to."""
         merged = grid.patches is None if self.merged is None else self.merged
         count = level_count(grid)
         levels = [k for k in range(count) if self.levels is None or k in self._levels]

@@ -237,7 +237,6 @@ class Curves(SceneObject):
         return layers.some(np.flatnonzero(np.isfinite(depth)))
 
     def _segments(self, view: View) -> Segments:
-        """Return the segments of all lines in the volume's unit."""
         places = self.places
         if self.unit is not None:
             places = np.asarray(view.length(places * self.unit, "points"))
@@ -304,7 +303,6 @@ def _covered(
 def _depths(
     begin: np.ndarray, end: np.ndarray, x: np.ndarray, y: np.ndarray, view: View
 ) -> np.ndarray:
-    """Return how deep segments are where they come nearest to the rays of pixels."""
     origin, direction = view.rays(x.astype(float), y.astype(float))
     side, away = end - begin, begin - origin
     # Across the ray, segment and ray are a line and a point.

@@ -178,7 +178,6 @@ class Stars(Spheres):
 
 
 def _colors_in(table: Any, color: Any) -> Any:
-    """Return the colours in columns, or else the colour as it is."""
     names = [color] if isinstance(color, str) else color
     if not isinstance(names, (list, tuple)) or not all(isinstance(n, str) for n in names):
         return color

@@ -213,7 +213,6 @@ def check_arguments(verb: str, volume: Any, medium: Any, options: Iterable[str])
 
 
 def _warn_of_lines(medium: Medium, bands: Bands) -> None:
-    """Warn if a medium is nothing but lines, none of which is near any channel."""
     parts = [part for part in medium.components() if isinstance(part, Lines)]
     if any(part.is_seen for part in parts) or len(parts) < len(medium.components()):
         return
@@ -229,7 +228,6 @@ def _warn_of_lines(medium: Medium, bands: Bands) -> None:
 
 
 def _group(count: int) -> int:
-    """Return the size of groups of channels that take a small part of the memory of all of them."""
     return 15 * max(2, round(count / 600))
 
 
@@ -336,7 +334,6 @@ def spectral_axis(
 def _extremes(
     volume: Volume, statistics: VolumeStatistics, expr: Expression, in_cells: bool = False
 ) -> tuple[float, float]:
-    """Return the least and largest value of an expression in a volume."""
     fields = {name: statistics.range_of(name) for name in expr.names}
     with np.errstate(all="ignore"):
         found = IntervalOps().number(expr.evaluate(IntervalOps(), fields))

@@ -247,7 +247,6 @@ def _distance(distance: Any) -> float:
 
 
 def _first_camera(volume: Volume, incl: Any, phi: Any, aperture: Any, away: float) -> Orthographic:
-    """Return rings around an aperture or a round grid, or a frame around the volume."""
     grid = volume.grid
     if aperture is None and tuple(grid.coordinates) == CARTESIAN:
         return Orthographic(incl, phi, _TURNED, resolution=_FIRST)
@@ -269,13 +268,11 @@ def _first_camera(volume: Volume, incl: Any, phi: Any, aperture: Any, away: floa
 
 
 def _is_angle(aperture: Any) -> bool:
-    """Return True if an aperture is an angle, not a length."""
     own = None if aperture is None else getattr(as_given(aperture, "aperture"), "unit", None)
     return own is not None and bool(own.is_equivalent("rad"))
 
 
 def _aperture(aperture: Any, away: float, grid: Grid) -> float:
-    """Return the radius of an aperture in the grid's unit."""
     given = as_given(aperture, "aperture", "2 arcsec")
     if is_listed(getattr(given, "value", given)) or isinstance(given, range):
         raise InputError(f"an aperture is the radius of one circle, got {aperture!r}")

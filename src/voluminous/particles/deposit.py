@@ -52,7 +52,6 @@ class Deposit:
         return means
 
     def _sums(self, *carried: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the mass in each cell, which is cached, and other amounts."""
         if self._masses is not None:
             return self._masses, self.amounts(*carried) if carried else []
         self._masses, *others = self.amounts(self.mass, *carried)

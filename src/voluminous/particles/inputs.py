@@ -89,7 +89,6 @@ def _per_particle(values: Any, unit: Unit, what: str, count: int) -> np.ndarray:
 
 
 def _finite(values: Any, unit: Unit, what: str) -> np.ndarray:
-    """Return finite, real, plain numbers in a unit."""
     if isinstance(values, np.ndarray) and np.iscomplexobj(values):
         raise InputError(f"{what} must be real numbers, got complex ones")
     array = np.asarray(plain(values, unit, what), np.float64)

@@ -207,7 +207,6 @@ class Molecule(Value):
         return found[0]
 
     def _pairs(self, text: str) -> list[tuple[str, str]]:
-        """Return what may be labels, on both sides of each hyphen or arrow."""
         first, _, rest = text.strip().partition(" ")
         if rest and first.lower() == self.name.lower():
             text = rest
@@ -247,7 +246,6 @@ class Molecule(Value):
 
 
 def _numbers(levels: Any, what: str) -> Indices:
-    """Return the numbers of levels."""
     found = listed(levels, None, what)
     if not np.all(found == np.round(found)):
         raise InputError(f"{what}: expected the numbers of levels, from 0, got {shown(levels)}")
@@ -255,5 +253,4 @@ def _numbers(levels: Any, what: str) -> Indices:
 
 
 def _plainly(label: str) -> str:
-    """Return a label without quotes, and with one sign between its numbers."""
     return re.sub(r"[\s,_]+", " ", label.strip().strip("\"'").strip())

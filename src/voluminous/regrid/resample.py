@@ -105,7 +105,6 @@ def _clipped(boxes: BoxPieces, bounds: np.ndarray) -> BoxPieces:
 
 
 def _left_over(boxes: BoxPieces, floor: np.ndarray, ceiling: np.ndarray) -> list[BoxPieces]:
-    """Return the remainders of boxes outside their parts between floor and ceiling."""
     found = []
     for axis in range(3):
         found.append(boxes.between(axis, boxes.low[axis], floor[axis]))
@@ -117,7 +116,6 @@ def _left_over(boxes: BoxPieces, floor: np.ndarray, ceiling: np.ndarray) -> list
 
 
 def _halves(boxes: BoxPieces) -> list[BoxPieces]:
-    """Return both halves of boxes, cut across their longest axes."""
     if not len(boxes.owner):
         return []
     width = boxes.high - boxes.low
@@ -311,7 +309,6 @@ def _sampled(
 def _sums(
     fields: Mapping[str, np.ndarray], target: Grid, found: Iterator[Overlap]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return integrals of fields over target cells, and the overlap volumes."""
     flat = {name: values.reshape(-1) for name, values in fields.items()}
     sums = {name: np.zeros(target.size) for name in fields}
     shared = np.zeros(target.size)
@@ -325,7 +322,6 @@ def _sums(
 
 
 def _box_overlaps(source: Grid, target: Grid) -> Iterator[Overlap]:
-    """Yield overlaps of boxes, cutting the grid with more cells, or the one with holes."""
     if _has_holes(source) or (source.size > target.size and not _has_holes(target)):
         yield from overlaps(source, target)
         return
@@ -334,7 +330,6 @@ def _box_overlaps(source: Grid, target: Grid) -> Iterator[Overlap]:
 
 
 def _ordered(source: Grid, target: Grid, whole: Grid) -> Iterator[Overlap]:
-    """Yield overlaps of boxes such that sums have the same bits for any part of a whole."""
     waiting: list[Overlap] = []
 
     def in_order() -> Overlap:
@@ -376,7 +371,6 @@ def _is_boxes(grid: Grid) -> bool:
 
 
 def _located(source: Grid, target: Grid, samples: int) -> Iterator[Overlap]:
-    """Yield overlaps from the source cells at points in the target cells."""
     for into, points, volume in points_in(target, samples):
         own = source.locate(points)
         there = own >= 0
@@ -485,7 +479,6 @@ def _box(
 
 
 def _part(grid: Grid, low: Sequence[int], high: Sequence[int]) -> Grid:
-    """Return a box of the cells of a Cartesian grid."""
     edges = (e[a : b + 1] for e, a, b in zip(grid.edges, low, high, strict=True))
     made: Any = type(grid)
     part: Grid = made(*edges, unit=grid.unit)
@@ -493,7 +486,6 @@ def _part(grid: Grid, low: Sequence[int], high: Sequence[int]) -> Grid:
 
 
 def _met(source: Grid, part: Grid) -> tuple[list[int], list[int]]:
-    """Return the box of a Cartesian grid's cells that another meets, of one cell at least."""
     first, last = [], []
     for old, new in zip(source.edges, part.edges, strict=True):
         start = min(max(int(np.searchsorted(old, new[0], "right")) - 1, 0), len(old) - 2)

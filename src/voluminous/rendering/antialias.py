@@ -78,7 +78,6 @@ def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
 
 
 def _unevenness(bands: np.ndarray) -> np.ndarray:
-    """Return by how much four bands of pixels, along either axis, differ from a straight line."""
     a, b, c, d = np.moveaxis(bands, 1, 0)
     found: np.ndarray = np.abs(a - b - c + d) + np.abs(a - 3.0 * b + 3.0 * c - d)
     return np.asarray(found.max(axis=0))
@@ -113,7 +112,6 @@ def _bends(planes: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _over_neighbours(combine: np.ufunc, planes: np.ndarray, *, mode: str) -> np.ndarray:
-    """Return planes combined over each pixel and its eight neighbours."""
     _, ny, nx = planes.shape
     wide = np.pad(planes, ((0, 0), (1, 1), (1, 1)), mode=mode)  # type: ignore[call-overload]
     shifts = [wide[:, a : a + ny, b : b + nx] for a in range(3) for b in range(3)]

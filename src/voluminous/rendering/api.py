@@ -336,7 +336,6 @@ def in_steps(
 
 
 def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:
-    """Return a function that computes the total optical depth, for rays that stopped early."""
     channels = planes.emission.shape[2]
 
     def compute() -> np.ndarray:

@@ -68,7 +68,6 @@ class FluxConserving(RayTracer):
         return Paths(list(rows.astype(self.backend.dtype)), self.counts, stopped)
 
     def _too_large(self, pixel: np.ndarray, center: np.ndarray, depth: int) -> np.ndarray:
-        """Return which parts are wider than the narrowest cell on the ray through the centre."""
         nx, width = self.job.frame.pixels[0], self.width * 0.5**depth
         large = np.empty(len(pixel), bool)
         for first in range(0, len(pixel), self.batch):

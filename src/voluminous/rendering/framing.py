@@ -81,7 +81,6 @@ def _framed(
     resolution: Any,
     memory: Any = None,
 ) -> tuple[Orthographic, float, RenderJob | None]:
-    """Return the camera, the depth of that part, and an empty picture if there is none."""
     camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
     if medium is None:
         return camera, 0.0, None
@@ -172,7 +171,6 @@ def _side(limits: np.ndarray) -> float:
 
 
 def _around(camera: Orthographic, limits: np.ndarray) -> Orthographic:
-    """Return a camera whose frame is filled by a part of the image plane."""
     pixels = camera.resolution
     width = max(pixels) * max(s / n for s, n in zip(np.ptp(limits, axis=1), pixels, strict=True))
     return camera.replace(
@@ -249,7 +247,6 @@ def _parts(
 
 
 def _in_blocks(volume: Volume, name: str) -> Interval:
-    """Return the ranges of a field in and around all blocks, or chunks, flat."""
     if isinstance(volume, Outline):
         low, high = np.moveaxis(volume.extremes(name), -1, 0).copy()
         widen_to_neighbours(low, high)
@@ -260,7 +257,6 @@ def _in_blocks(volume: Volume, name: str) -> Interval:
 
 
 def _rounded(value: float, size: float) -> float:
-    """Return a length to a thousandth of the frame, short enough to be typed again."""
     return round(float(value), 3 - int(np.floor(np.log10(size))))
 
 

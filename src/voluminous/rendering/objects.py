@@ -135,7 +135,6 @@ def _lay_in_front(planes: RenderResult, layers: Layers) -> None:
 def _seen_through(
     points: PointLights, layers: Layers, tracer: RayTracer
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return transparency and emission in front of each point, and the former's error."""
     nx, ny = tracer.job.frame.pixels
     x, y = (np.clip(np.floor(w + 0.5), 0, n - 1) for w, n in ((points.x, nx), (points.y, ny)))
     pixel = (y * nx + x).astype(np.int64)
@@ -192,7 +191,6 @@ def _shine(
 def _spread(
     points: PointLights, flux: np.ndarray, pixels: tuple[int, int]
 ) -> tuple[np.ndarray, slice]:
-    """Return the light of points in some rows of a picture, and which rows."""
     (nx, ny), (width, height) = pixels, points.sigma.tolist()
     x, share = _shares(points.x, width, nx)
     y, other = _shares(points.y, height, ny)

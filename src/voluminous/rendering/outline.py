@@ -374,7 +374,6 @@ def _computed(
     high: Sequence[int],
     level: int,
 ) -> np.ndarray:
-    """Return an expression in a box of cells."""
     part = outline.part(_box(low, high), expression.names)
     values, size = [], part.grid.size
     with np.errstate(all="ignore"):  # what is undefined is missing

@@ -174,7 +174,6 @@ class Pieces:
         self._divide(per_cell, others, pixels)
 
     def _divide(self, per_cell: float, others: int, pixels: tuple[int, int]) -> None:
-        """Set the blocks, given the bytes that a cell takes, and those besides."""
         self.per_cell, self.others = per_cell, others
         need = f" and {pixels[0]} x {pixels[1]} pixels", "take fewer pixels, "
         fewest = 1 if self.sweep is None else _FEWEST_BLOCKS
@@ -290,7 +289,6 @@ class Pieces:
         return self.outline.chunks_of(box)
 
     def _ends(self, box: CellBox) -> list[np.ndarray]:
-        """Return the first and the last wall of a block along each axis."""
         return [e[[a, b]] for e, a, b in zip(self.grid.edges, box.low, box.high, strict=True)]
 
     def ranges_of_chunks(self, names: Any) -> dict[str, Interval]:

@@ -278,7 +278,6 @@ def _chunks(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _origins(camera: Camera, pieces: Pieces) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether rays are parallel, the extent of their origins, and their direction."""
     center = pieces.grid.bounds.mean(axis=1)[:, None]
     direction = camera.lines_of_sight(center, pieces.grid)[:, 0]
     if camera.parallel:

@@ -155,7 +155,6 @@ def plain_widths(
 
 
 def _sample(volume: Volume, names: Iterable[str]) -> Sample:
-    """Return all fields at cells spread over the volume, in double precision."""
     names, size = list(names), volume.grid.size
     others = [name for name in names if name not in volume]
     run = min(_RUN, size) if others else 1

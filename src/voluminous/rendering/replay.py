@@ -95,7 +95,6 @@ class Replay(Scheme):
         return solution, [_Before(over(before.path, solution), state, never, _parts(segment))]
 
     def _add(self, before: _Before, shown: Mask, between: Path, piece: Path, where: Mask) -> None:
-        """Add the derivatives of a piece of a segment, given what is in front of it."""
         with dr.resume_grad():  # type: ignore[no-untyped-call]
             front = over(before.path, between)
             seen = over(front, dr.detach(piece)).emission

@@ -52,7 +52,6 @@ def _of_sky(grid: Grid, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: 
 def _of_slit(
     grid: Grid, wcs: Any, frame: Frame, steps: np.ndarray, first: np.ndarray, alone: list[bool]
 ) -> Any:
-    """Return the WCS of an offset and of the cube's third axis, which is linear in z."""
     from astropy.wcs import WCS
 
     if not wcs.has_celestial and wcs.wcs.spec < 0:

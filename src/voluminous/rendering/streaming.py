@@ -241,7 +241,6 @@ class StreamingTracer(RayTracer):
         box: CellBox,
         meanwhile: Callable[[], None],
     ) -> None:
-        """Let rays go through a block, one part of the channels after another."""
         source, hidden = self._source(box, len(chosen))
         walk, scheme = self.walk_in(box), self.scheme
         if hidden is not None:
@@ -374,7 +373,6 @@ class Rays:
         return self.states[0].cursor is not None and bool(np.any(self._waiting(0, size)))
 
     def _waiting(self, first: int, last: int) -> np.ndarray:
-        """Return which rays wait in some consecutive cells of a tree, and are not at their end."""
         here = np.zeros(len(self.u), bool)
         for state in self.states:
             number = state.cursor.cell.number
@@ -462,7 +460,6 @@ class Rays:
         return _many(chosen[~over[chosen]])
 
     def _through_box(self, chosen: np.ndarray, extent: np.ndarray) -> np.ndarray:
-        """Return which of some rays go through a box, or close by."""
         ray, bounds = self.ray(chosen), self.tracer.job.volume.grid.bounds
         double = np.dtype(self.tracer.backend.Wide.__name__.lower()) == np.float64
         margin = (1e-9 if double else 1e-4) * np.max(np.abs(bounds))

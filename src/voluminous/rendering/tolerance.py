@@ -120,7 +120,6 @@ def in_error_unit(background: float, numbers: ChannelLayout) -> Any:
 
 
 def _brightness(tracer: RayTracer, paths: Paths, background: float) -> np.ndarray:
-    """Return the brightness of pixels in their brightest channels, in the kernel's unit."""
     brightest = tracer.source.numbers.brightest_channel(paths.emission)
     through = functools.reduce(np.maximum, paths.transparency)
     total: np.ndarray = brightest + through * in_error_unit(background, tracer.source.numbers)
@@ -143,7 +142,6 @@ def _estimate_maxima(tracer: RayTracer, background: float) -> float:
 
 
 def _weigh(tracer: RayTracer, paths: Paths, background: float) -> None:
-    """Weight a spectrum's channels by their maxima in some paths, and their errors, too."""
     numbers, (wrong, _, bright) = tracer.source.numbers, paths.error
     maxima = numbers.maxima(paths.emission, paths.transparency, background)
     growth = numbers.weigh(maxima, tracer.backend.opaque)
@@ -184,7 +182,6 @@ def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
 
 
 def _floor(tracer: RayTracer, paths: Paths) -> tuple[np.ndarray, float]:
-    """Return the errors of emission and transparency besides those of segments."""
     source, brightness = tracer.source, paths.error[2]
     # Sums that were clamped to zero, given that colours are near one.
     clamped = 2.0 * (source.numbers.emissions + 1) * MARGIN * tracer.backend.tiny

@@ -304,7 +304,6 @@ class RayTracer:
             del part  # and its table, before there is another
 
     def _rows_of(self, number: int, rows: list[Float]) -> list[Float]:
-        """Return the rows that a block of channels writes."""
         emissions, extinctions, errors = self.counts
         if len(self.blocks) == 1:
             return rows
@@ -391,7 +390,6 @@ class RayTracer:
         return ray if depths is None else self._confined(ray, *depths)
 
     def _confined(self, ray: Ray, begin: np.ndarray, end: np.ndarray) -> Ray:
-        """Return rays limited to depths, which count from the observer in either ray direction."""
         lanes = dr.width(ray.active)
         first, last = (from_host(self.backend.Wide, np.resize(d, lanes)) for d in (begin, end))
         if self.job.backward:

@@ -50,7 +50,6 @@ def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _described(thing: Any) -> Any:
-    """Return an object's description, without values that equal their default."""
     if not hasattr(thing, "describe"):
         return thing
     return {key: value for key, value in thing.describe().items() if value is not None}
@@ -152,7 +151,6 @@ def dumps(tables: Mapping[str, Any]) -> str:
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Yield the plain values of a table, then its subtables, each under its header."""
     tables = {
         key: content
         for key, content in table.items()

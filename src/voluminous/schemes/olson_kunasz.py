@@ -132,7 +132,6 @@ def _channel(coefficients: Coefficients, c: int) -> list[Float]:
 
 
 def _weights(tau: Float) -> tuple[Float, Float, Float]:
-    """Return the transparency and the weights of the back and the front source function."""
     return _stable_weights(tau) if precision_of(type(tau)) == "single" else _radmc_weights(tau)
 
 

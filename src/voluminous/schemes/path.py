@@ -83,7 +83,6 @@ def _error_over(front: Path, back: Path) -> list[Float]:
 
 
 def _hypotenuse(a: Float, b: Float) -> Float:
-    """Return the root of the sum of two squares, which may be below the range of numbers."""
     large = dr.select(a > b, a, b)
     ratio = dr.select(a > b, b, a) / dr.select(large > 0.0, large, 1.0)
     return large * dr.sqrt(dr.fma(ratio, ratio, 1.0))

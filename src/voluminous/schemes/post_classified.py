@@ -152,7 +152,6 @@ class _Ray:
 
 
 def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path) -> Path:
-    """Return a segment solved as one panel, or in several where that is not accurate enough."""
     with ray.source.recording():
         found, good = _as_one(ray, values, limits, nothing)
     ray.source.accept(nothing, found, good)
@@ -164,7 +163,6 @@ def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path
 def _as_one(
     ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path
 ) -> tuple[Path, Mask]:
-    """Return a segment solved as one panel, and where that is accurate enough."""
     source, real = ray.source, type(ray.length)
     if records(ray.length):  # scalars that were computed outside have no derivatives
         values = [ray.scalars(s) for s in PLACES]
@@ -280,7 +278,6 @@ def next_panel(good: Mask, begin: Float, width: Float, tried: Float) -> tuple[Fl
 
 
 def _with_layer(ray: _Ray, panel: Panel, passed: Mask, solved: Path) -> Path:
-    """Return a panel with the surfaces without width at its end, where it passes one."""
     source = ray.source
     if not source.layered:
         return solved

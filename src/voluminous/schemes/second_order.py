@@ -137,7 +137,6 @@ def _weights(
 
 
 def _thick(a_front: list[Float], a_back: list[Float], depth: list[Float]) -> list[Float]:
-    """Integrate over the visible part, in a loop, because this rare case should add little code."""
     real = type(a_front[0])
     count, deepest = _THICK[precision_of(real)]
     reach = [_visible_fraction(f, b, deepest) for f, b in zip(a_front, a_back, strict=True)]

@@ -109,7 +109,6 @@ class Explorer:
         return one if isinstance(one, Volume) else open_volume(one)
 
     def _check(self, medium: Medium) -> None:
-        """Refuse a medium with fields or units that the volume does not have."""
         for feature in medium.known_features():
             self.volume.check_names(feature.expr)
             self.volume.expression_unit(feature.expr)
@@ -309,7 +308,6 @@ class Client:
                 self._refuse(text, message)
 
     def _refuse(self, text: str, message: dict[str, Any]) -> None:
-        """Tell why an input is not taken, and the document that holds instead."""
         refused = {"n": message["n"]} if isinstance(message.get("n"), int) else {}
         self.session.input = max([self.session.input, *refused.values()])
         self.notice("error", text, **refused)
@@ -430,7 +428,6 @@ class Client:
             explorer.changed(None)
 
     def _check_change(self) -> None:
-        """Refuse what a page that follows changes, and what comes too fast."""
         if not self.session.leader:
             raise InputError("this page follows another one, and changes nothing")
         now = time.monotonic()
@@ -463,7 +460,6 @@ class Client:
         self.send(reply)
 
     def _film(self, message: dict[str, Any]) -> None:
-        """Make a film in another thread, so that other questions need not wait for it."""
         explorer = self.explorer
         self._check_change()
         if not explorer.filming.acquire(blocking=False):

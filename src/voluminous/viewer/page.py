@@ -99,7 +99,6 @@ class App:
         await send({"type": "http.response.body", "body": body})
 
     def _path(self, scope: dict[str, Any]) -> str:
-        """Return the path below the prefix, which a proxy keeps or strips."""
         path: str = scope["path"]
         return path[len(self.base) :] if path.startswith(f"{self.base}/") else path
 
@@ -285,13 +284,11 @@ class Server:
 
 
 def _login() -> str:
-    """Return the address under which the user has reached this machine, if by ssh."""
     connection = os.environ.get("SSH_CONNECTION", "").split()
     return connection[2] if len(connection) == 4 else ""
 
 
 def _job() -> str:
-    """Return the variable that tells that this runs on a node of a cluster, if it does."""
     return next((name for name in _SUBMITTED if name in os.environ), "")
 
 

@@ -342,7 +342,6 @@ class Painter:
     def _send_image(
         self, page: Page, shot: Shot, image: Image, start: float, **options: Any
     ) -> None:
-        """Send a picture of which the error is known."""
         error, brightness = image.error, np.abs(np.nan_to_num(image.intensity)).max(axis=-1)
         top = float(np.max(brightness, initial=0.0))
         worst = usual = None

@@ -128,7 +128,6 @@ def empty_ahead(filled: np.ndarray) -> np.ndarray:
 
 
 def _cube_ahead(empty: np.ndarray) -> np.ndarray:
-    """Return the largest cube of empty blocks that begins in each, for rays that run upwards."""
     size = empty.astype(np.uint8)
     for smaller, larger in pairwise(_SIZES):
         for axis in range(3):

@@ -97,14 +97,12 @@ class CartesianWalk(BoxWalk):
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
 
     def _ends(self, box: CellBox) -> list[tuple[Int, ...]]:
-        """Return the first and the last cell of a box along each axis, and the first one held."""
         return [
             tuple(dr.opaque(self.backend.Int, n) for n in (low, high - 1, low))
             for low, high in zip(box.low, box.high, strict=True)
         ]
 
     def _held(self, box: CellBox) -> list[int]:
-        """Return how many cells there are to number along each axis of a box."""
         return [high - low for low, high in zip(box.low, box.high, strict=True)]
 
     def _start(

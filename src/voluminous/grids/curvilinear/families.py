@@ -439,7 +439,6 @@ class HalfPlanes(Running):
         return dr.select(track.down, self.wall_count - 1 - slot, slot)
 
     def _of_grid(self, number: Int) -> Int:
-        """Return the number of a cell, or of a wall, without the half plane inside a cell."""
         return dr.select(number > self.halved, number - 1, number) if self.halves_cell else number
 
     def fraction(self, cell: Int, point: list[Float], own: Arithmetic = NUMBERS) -> Float:

@@ -404,7 +404,6 @@ def _azimuths(values: Any) -> np.ndarray:
 
 
 def _interval_product(*intervals: tuple[float, float]) -> tuple[float, float]:
-    """Return the range of the product of numbers from intervals."""
     corners = np.array([1.0])
     for interval in intervals:
         corners = np.multiply.outer(corners, np.array(interval)).ravel()
@@ -412,7 +411,6 @@ def _interval_product(*intervals: tuple[float, float]) -> tuple[float, float]:
 
 
 def _cosine_range(low: float, high: float) -> tuple[float, float]:
-    """Return the range of the cosine of angles from an interval."""
     ends = np.cos([low, high])
     top = np.floor(high / FULL_CIRCLE) >= np.ceil(low / FULL_CIRCLE)
     bottom = np.floor(high / FULL_CIRCLE - 0.5) >= np.ceil(low / FULL_CIRCLE - 0.5)

@@ -57,7 +57,6 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
         )
 
     def _closes(self, axis: int) -> bool:
-        """Return True for an axis with one cell from pole to pole, or all around."""
         edges, name = self.edges[axis], self.coordinates[axis]
         whole = {"theta": 0.5 * FULL_CIRCLE, "phi": FULL_CIRCLE}.get(name, np.inf)
         return len(edges) == 2 and bool(edges[1] - edges[0] > whole - 1e-9)

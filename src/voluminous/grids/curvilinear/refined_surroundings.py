@@ -219,7 +219,6 @@ class StraightSpacing(ContinuedSpacing):
         width: list[Float],
         size: Float,
     ) -> Float:
-        """Widen sizes along an angle to a least width, within the grid, and return their width."""
         wanted = size[axis] * dr.minimum(least, _WIDEST * radius) / width[axis]
         for end, open_ in zip((0.0, self.extent[axis]), self.open[axis], strict=True):
             if not open_:

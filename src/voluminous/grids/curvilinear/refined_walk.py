@@ -99,7 +99,6 @@ class RefinedWalk(CurvilinearWalk):
         return Segment(cursor.leaf.number, t - cursor.t, begin, end, cursor.inside, leaving), there
 
     def _leave(self, track: SurfaceTrack, cursor: RefinedCursor) -> tuple[list[Int], Float, Int]:
-        """Return counts and distance where rays leave their leaf, and through which family."""
         last = self._last_counts(track, cursor)
         ahead = self._times(track, last)
         through = nearest(ahead)
@@ -123,7 +122,6 @@ class RefinedWalk(CurvilinearWalk):
         return count, t, crossed
 
     def _last_counts(self, track: SurfaceTrack, cursor: RefinedCursor) -> list[Int]:
-        """Return for each family the count with which rays come to the wall of their leaf."""
         found = []
         index = self.cells_near(track, cursor.count)
         for n, (family, axis, k) in enumerate(

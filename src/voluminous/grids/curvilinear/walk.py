@@ -181,7 +181,6 @@ class CurvilinearWalk(Walk):
         return segment, SurfaceCursor(count, ahead, t, cursor.inside & (t < track.leave))
 
     def _step(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Step:
-        """Return where rays meet the next wall, and of which family, whatever space it bounds."""
         through = nearest(cursor.ahead)
         # Rounding may put a wall behind the ray: it has been crossed.
         t = lesser(greater(least(cursor.ahead), cursor.t), track.leave)
@@ -252,7 +251,6 @@ class CurvilinearWalk(Walk):
         return track.arrive
 
     def _gaps(self, track: SurfaceTrack, count: list[Int]) -> list[Mask]:
-        """Return for each family the lanes between walls of it that hold no cell."""
         return [
             family.in_gap(a, k) if family.has_gaps else self.backend.Bool(False)
             for family, a, k in zip(self.families, track.axes, count, strict=True)
@@ -283,7 +281,6 @@ class CurvilinearWalk(Walk):
         return GapLanding(there, gap, self, track)
 
     def _jump(self, track: SurfaceTrack, count: list[Int], t: Float) -> tuple[list[Int], Float]:
-        """Return counts and distances at the first cell beyond gaps, or out of the domain."""
         gaps, ahead = self._gaps(track, count), self._times(track, count)
         ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
         through = nearest(ends)
@@ -358,7 +355,6 @@ class CurvilinearWalk(Walk):
         return self._multilinear(flat(index, self.vertex_strides), fractions, self.vertex_strides)
 
     def _places(self, track: SurfaceTrack, leaving: SurfaceExit) -> tuple[list[Int], list[Float]]:
-        """Return the indices of the cell, and where in it a ray is."""
         index, point = self.cells_near(track, leaving.count), self.point(track, leaving.t)
         return index, [f.fraction(i, point) for f, i in zip(self.families, index, strict=True)]
 
@@ -377,7 +373,6 @@ def flat(index: list[Int], strides: list[Int]) -> Int:
 
 
 def _beyond(count: list[Int], through: list[Mask]) -> list[Int]:
-    """Return the counts beyond a wall."""
     return [dr.select(own, k + 1, k) for own, k in zip(through, count, strict=True)]
 
 

@@ -144,7 +144,6 @@ class RectilinearTreeAxis(TreeAxis):
         return self._inside(dr.select(place > reached, place, reached))
 
     def _base(self, place: Float) -> Float:
-        """Return the mirrored number of the base cell above a place, which may be a wall."""
         base = dr.floor(dr.fma(place, self.bases, self.lift))
         return dr.select(base < self.last, base, self.last)
 
@@ -155,7 +154,6 @@ class RectilinearTreeAxis(TreeAxis):
 
 
 def _cells(walls: np.ndarray) -> np.ndarray:
-    """Return for each base cell its lower wall, its width, one over it, and what fills up four."""
     width = np.diff(walls)
     return np.stack([walls[:-1], width, 1.0 / width, np.zeros_like(width)], axis=1)
 

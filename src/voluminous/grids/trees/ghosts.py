@@ -85,7 +85,6 @@ class LeavesWithGhosts:
     def _at_corners(
         self, low: np.ndarray, size: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the other cells at the corners of some, and of those on whose walls they hang."""
         found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         known = np.zeros(0, np.int64)  # larger cells whose corners were looked at
         while low.shape[1]:
@@ -128,7 +127,6 @@ class LeavesWithGhosts:
     def _beyond_faces(
         self, low: np.ndarray, size: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the other cells beyond the faces of some."""
         found = []
         for axis, up, quarters in _FACES:
             for k in range(0, low.shape[1], _CHUNK):
@@ -192,7 +190,6 @@ class GhostSurroundings(Surroundings):
 def _distinct(
     number: np.ndarray, low: np.ndarray, size: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return cells in the order of their numbers, each once."""
     number, index = np.unique(number, return_index=True)
     return number, low[:, index], size[:, index]
 

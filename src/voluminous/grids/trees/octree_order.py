@@ -56,7 +56,6 @@ class Places:
 
     @cached_property
     def _sizes(self) -> np.ndarray:
-        """What a leaf of each level adds to the words of a place, the base number's first."""
         bits = len(self.axes)
         sizes = np.zeros((self.words + 1, self.deepest + 1), np.int64)
         for level in range(self.deepest + 1):
@@ -138,7 +137,6 @@ class Places:
 
 
 def _carried(words: np.ndarray, bits: int) -> np.ndarray:
-    """Return words with all below the first reduced to their digits, the rest carried on."""
     full = bits * _LEVELS_PER_WORD
     for k in range(len(words) - 1, 0, -1):
         words[k - 1] += words[k] >> full
@@ -353,7 +351,6 @@ def _checked_index(counts: tuple[int, ...], levels: np.ndarray, index: Any) -> n
 def _check_cover(
     counts: tuple[int, ...], levels: np.ndarray, order: np.ndarray, words: np.ndarray
 ) -> None:
-    """Refuse leaves that do not begin where the one before them ends, the last one included."""
     places = Places(levels[order])
     hint = "; levels count from the base cells, which are 0" if levels.min() > 0 else ""
     for part, expected in places.parts():

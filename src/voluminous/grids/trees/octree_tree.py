@@ -64,7 +64,6 @@ def _root_level(counts: tuple[int, ...], places: Places, leaves: _Leaves) -> int
 def _blocks(
     leaves: _Leaves, axes: tuple[int, ...], root: int
 ) -> tuple[list[int], list[np.ndarray]]:
-    """Return the levels that entries have, and for each level the entries of its blocks."""
     levels, blocks, total = [root], [], 0
     order = _order(axes, root)
     while True:
@@ -221,7 +220,6 @@ class TracedHalved:
         return [cell.size[0] if axis in self.axes else 1.0 for axis in range(3)]
 
     def _local(self, index: Int, flip: Int, mask: Int) -> Int:
-        """Return the lowest bits of mirrored indices, as they are if counted upwards."""
         return (self.backend.UInt(index) ^ flip) & mask
 
     def _spread(self, v: Int) -> Int:

@@ -60,7 +60,6 @@ class Parts:
         return np.concatenate(order)
 
     def _plane(self, some: np.ndarray) -> tuple[int, float] | None:
-        """Return the axis and the place of the plane that parts boxes most evenly, if any does."""
         best, found = 0, None
         for axis in range(3):
             order = np.argsort(self.low[some, axis], kind="stable")

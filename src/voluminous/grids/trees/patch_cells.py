@@ -161,7 +161,6 @@ class Patches:
     def _slots(
         self, level: int, patch: np.ndarray, begin: np.ndarray, unit: np.ndarray
     ) -> list[np.ndarray]:
-        """Return the cells of patches of one level in entries of one size that begin somewhere."""
         size, (ny, nz) = self.sizes[level], self.shape[patch, 1:].T
         slots = [self.first_slots[patch]]
         for axis, stride in enumerate((ny * nz, nz, 1)):
@@ -253,7 +252,6 @@ class Patches:
                 return
 
     def _check_cuts(self, fine: np.ndarray, coarse: np.ndarray) -> None:
-        """Refuse fine patches that cut cells of coarse ones, one of which is given alone."""
         low, high = self.corners
         first = np.maximum(low[fine], low[coarse])
         last = np.minimum(high[fine], high[coarse])

@@ -165,7 +165,6 @@ def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEnt
 
 
 def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Return the bricks of a root, and which of its entries, the first axis fastest, goes where."""
     bricks = tuple(next(b for b in (2, 1, 0) if n % (1 << b) == 0) for n in shape.tolist())
     split = [
         part for n, b in zip(shape[::-1], bricks[::-1], strict=True) for part in (n >> b, 1 << b)
@@ -175,7 +174,6 @@ def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
 
 
 def _units(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> np.ndarray:
-    """Return sizes of entries, each dividing the one before, of which the last suffices."""
     chain = [extent.astype(np.int64)]
     for level in range(int(boxes.level[-1]) + 1):
         here = boxes.level == level

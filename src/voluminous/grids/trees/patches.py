@@ -273,7 +273,6 @@ def _check_lengths(names: str, *arrays: np.ndarray) -> None:
 def _from_corners(
     lower: np.ndarray, upper: np.ndarray, shape: np.ndarray
 ) -> tuple[tuple[np.ndarray, ...], Patches]:
-    """Return the walls of base cells, and patches given by their corners."""
     _check_lengths("lower, upper and shape", lower, upper, shape)
     empty = (upper <= lower).any(axis=1)
     if empty.any():
@@ -304,7 +303,6 @@ def _from_corners(
 
 
 def _levels(width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sizes of cells of each level in finest units, coarsest first, and the levels."""
     finest = width.min(axis=0)
     ratio = width / finest
     size = np.round(ratio).astype(np.int64)

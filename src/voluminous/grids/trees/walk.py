@@ -207,7 +207,6 @@ class TreeWalk(BoxWalk):
         return base, signed
 
     def _entered_is_finer(self, leaving: TreeExit) -> Mask:
-        """Return which rays come to a finer cell than they leave, or come out of a hole."""
         old, new = (self.lookup.sizes(cell) for cell in (leaving.left, leaving.entered))
         finer = (new[0] < old[0]) | (new[1] < old[1]) | (new[2] < old[2])
         if self.holes:

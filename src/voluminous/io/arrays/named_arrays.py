@@ -112,7 +112,6 @@ class NamedArraysReader(Reader):
             return with_components(stored, components)[place].load(index)
 
     def _own(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Take the options of the format itself."""
         own = [name for name in options if name not in NamedArraysReader.options]
         return {name: options.pop(name) for name in own}
 

@@ -105,7 +105,6 @@ def _text(value: bytes | str) -> str:
 
 
 def _variables(file: h5py.File) -> list[tuple[str, str, int]]:
-    """Return the name of each variable, its data set and its row therein."""
     names, datasets = (
         [_text(name) for name in np.ravel(file.attrs[key])]
         for key in ("VariableNames", "DatasetNames")
@@ -118,7 +117,6 @@ def _variables(file: h5py.File) -> list[tuple[str, str, int]]:
 def _blocks(
     file: h5py.File, block: np.ndarray, counts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the levels of the blocks, and their first cells as indices on their levels."""
     level = _numbers(file, "Levels")[()].astype(np.int64)
     location = _numbers(file, "LogicalLocations")[()].astype(np.int64)
     count = int(file.attrs["NumMeshBlocks"])

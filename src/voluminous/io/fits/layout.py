@@ -144,7 +144,6 @@ def _third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:
 
 
 def _edges_along(wcs: WCS, axis: int) -> tuple[np.ndarray, Any]:
-    """Return the world coordinates of pixel edges along an independent axis, and their unit."""
     count = wcs.pixel_shape[axis]
     edges = _along(wcs, axis, np.arange(count + 1) - 0.5)
     if _is_linear(wcs, axis):  # make them exactly even
@@ -157,7 +156,6 @@ def _edges_along(wcs: WCS, axis: int) -> tuple[np.ndarray, Any]:
 
 
 def _along(wcs: WCS, axis: int, places: np.ndarray) -> np.ndarray:
-    """Return the world coordinates at pixels along an axis that is independent of the others."""
     return np.asarray(wcs.sub([axis + 1]).wcs_pix2world(places[:, None], 0)[:, 0])
 
 
@@ -217,7 +215,6 @@ def _plane(wcs: WCS, unit: UnitLike) -> tuple[list[np.ndarray], Any]:
 
 
 def _same_kind(one: Any, other: Any) -> bool:
-    """Return True if the units are convertible into each other, or if both are None."""
     if one is None or other is None:
         return one is other
     return bool(one.is_equivalent(other))

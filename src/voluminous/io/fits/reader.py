@@ -115,7 +115,6 @@ def _is_ours(candidates: list[FITSImage]) -> bool:
 
 
 def _cubes(path: Path, options: dict[str, Any]) -> tuple[list[Cube], ThirdAxis | None]:
-    """Return the cubes of a file, and the third axis of the first if it is a field of its own."""
     candidates = images(path)
     if _is_picture(candidates):
         raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")

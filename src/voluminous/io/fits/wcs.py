@@ -91,7 +91,6 @@ def _check_apart(wcs: WCS) -> None:
 
 
 def _converted(wcs: WCS, velocity: str | None) -> WCS:
-    """Return the WCS with its spectral axis converted to velocity, if possible."""
     spectral = wcs.wcs.spec
     if spectral < 0:
         if velocity is not None:

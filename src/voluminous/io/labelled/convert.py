@@ -196,7 +196,6 @@ def _described(data: xarray.Dataset, place: str) -> str:
 
 
 def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
-    """Return the variables that can be fields, without those that only describe others."""
     edges = _named_by(data, _EDGES)
     result = {
         str(name): array
@@ -209,7 +208,6 @@ def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
 
 
 def _named_by(data: xarray.Dataset, keys: tuple[str, ...]) -> set[str]:
-    """Return the variables that attributes of others name."""
     told = [of for v in data.variables.values() for of in (v.attrs, v.encoding)]
     return {word for of in told for key in keys for word in str(of.get(key, "")).split()}
 

@@ -266,7 +266,6 @@ def _ends(values: np.ndarray, combine: np.ufunc) -> np.ndarray:
 
 
 def _rounded_up(distance: np.ndarray) -> np.ndarray:
-    """Return distances, not negative, with few bits of their fraction, and no smaller."""
     kind = distance.dtype
     unsigned, drop = np.dtype(f"u{kind.itemsize}").type, _FRACTION[kind.itemsize] - _DISTANCE_BITS
     bits = np.maximum(distance, 0).view(unsigned) + unsigned((1 << drop) - 1)
@@ -294,7 +293,6 @@ def rounded(values: np.ndarray, keep_bits: int | None) -> np.ndarray:
 
 
 def _sides(chunks: Any, axes: int, even: bool) -> tuple[int, ...]:
-    """Return the sides of chunks that a user gives."""
     given: Any = (SIDE if axes == 3 else LEAVES) if chunks is None else chunks
     sides = (given,) * axes if np.ndim(given) == 0 else given
     if len(sides) != axes or not all(isinstance(n, (int, np.integer)) and n > 0 for n in sides):
@@ -306,12 +304,10 @@ def _sides(chunks: Any, axes: int, even: bool) -> tuple[int, ...]:
 
 
 def _counts(shape: Sequence[int], sides: Sequence[int]) -> tuple[int, ...]:
-    """Return the numbers of chunks along each axis."""
     return tuple(-(-n // side) for n, side in zip(shape, sides, strict=True))
 
 
 def _level_count(shape: Sequence[int], sides: Sequence[int]) -> int:
-    """Return the number of levels, the coarsest of which is a single chunk."""
     return 1 + max((count - 1).bit_length() for count in _counts(shape, sides))
 
 
@@ -320,7 +316,6 @@ def _shapes(shape: Sequence[int], levels: int) -> list[tuple[int, ...]]:
 
 
 def _places(name: str, levels: int) -> list[tuple[int, str]]:
-    """Return the numbers of levels, and where their values are."""
     return [(k, f"levels/{k}/{name}" if k else f"fields/{name}") for k in range(levels)]
 
 
@@ -345,7 +340,6 @@ def _new_array(
 
 
 def _values(path: Path, root: Any, place: str) -> dict[str, np.ndarray]:
-    """Return all arrays in a group."""
     if place not in root:
         raise FileFormatError(f"expected a group /{place}")
     return {
@@ -355,7 +349,6 @@ def _values(path: Path, root: Any, place: str) -> dict[str, np.ndarray]:
 
 
 def _tables(path: Path, root: Any) -> dict[tuple[str, str], np.ndarray]:
-    """Return the columns of tabulated axes of world coordinates."""
     values = _values(path, root, TABLES) if TABLES in root else {}
     keys = [key.split("/") for key in values]
     return {(k[0], k[1]): v for k, v in zip(keys, values.values(), strict=True) if len(k) == 2}

@@ -128,7 +128,6 @@ class GadgetSnapshot(ParticleFile):
         self.meta = self.header.meta | ({"left_out": left_out} if left_out else {})
 
     def _size_of(self, path: Path) -> int:
-        """Return the number of particles in a file."""
         with opened(path) as file:
             if self.group not in file or "Coordinates" not in file[self.group]:
                 return 0

@@ -123,7 +123,6 @@ class GadgetHeader:
 
 
 def _dimension_of(name: str, attributes: Mapping[str, Any]) -> Dimension:
-    """Return a data set's dimension, from its name or else from AREPO's or SWIFT's attributes."""
     if "a_scaling" in attributes:
         mass, length, velocity, a, h = (number(attributes, key) or 0.0 for key in _SCALING)
     elif set(_EXPONENTS) <= set(attributes):

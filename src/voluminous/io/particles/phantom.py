@@ -109,7 +109,6 @@ class PhantomParticles(ParticleFile):
         return value
 
     def _described(self, tag: str) -> tuple[str, float, str]:
-        """Return the common name of a column, and the factor to its unit."""
         if tag in _KNOWN:
             return _KNOWN[tag].name, *self.units.of(_KNOWN[tag])
         if tag in ("Bx", "By", "Bz"):
@@ -185,7 +184,6 @@ def _in_hdf5(path: Path) -> PhantomContents:
 def _columns_in(
     path: Path, group: h5py.Group, count: int | None = None
 ) -> tuple[Columns, dict[str, str]]:
-    """Return the columns of the data sets in a group, and why other data sets have none."""
     columns: Columns = {}
     items, left_out = data_sets(path, group)
     for name, item in items.items():

@@ -139,7 +139,6 @@ def read_dump(path: Path) -> PhantomDump:
 
 
 def _types(records: _Records) -> list[np.dtype]:
-    """Return the number types of the header, in file order."""
     content, order = records.read(), records.order
     integer, real = _SIZES[len(content)]
     i, r = f"{order}i{integer}", f"{order}f{real}"
@@ -154,7 +153,6 @@ def _types(records: _Records) -> list[np.dtype]:
 
 
 def _group(records: _Records) -> tuple[int, list[int]]:
-    """Return the array length of a group, and its number of arrays per type."""
     order = records.order
     (group,) = records.numbers([("count", f"{order}i8"), ("numbers", f"{order}i4", _KINDS)], 1)
     count, numbers = int(group["count"]), group["numbers"].tolist()

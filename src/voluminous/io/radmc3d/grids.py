@@ -86,7 +86,6 @@ def _first_index_last(values: np.ndarray, shape: list[int]) -> np.ndarray:
 
 
 def _leaves(file: GridFile, flags: np.ndarray) -> tuple[Ints, Ints]:
-    """Return the levels of the leaves of a tree, and their indices on their levels."""
     from ...grids.trees.octree_order import Places, levels_from_flags
 
     axes = tuple(np.flatnonzero(file.active).tolist())
@@ -207,7 +206,6 @@ def _octree(file: GridFile, grid: Any, flags: np.ndarray) -> GridFile:
 
 
 def _patches(file: GridFile, grid: Any) -> GridOut:
-    """Return patches as layers if possible, else as an octree."""
     from ...grids import OctreeGrid
 
     if (layered := _layers(grid)) is not None:

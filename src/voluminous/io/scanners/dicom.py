@@ -195,7 +195,6 @@ def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
 
 
 def _by_contents(path: Path) -> dict[str, _Headers]:
-    """Return the images that a DICOMDIR names, by their series."""
     fileset = require("pydicom.fileset", "medical", "reading DICOM")
     files = [Path(item.path) for item in fileset.FileSet(path)]
     groups = _grouped([(file, _read_header(file)) for file in files])
@@ -213,7 +212,6 @@ def _grouped(headers: _Headers) -> dict[str, _Headers]:
 
 
 def _named(groups: dict[str, _Headers], series: Any) -> str:
-    """Return the UID of the series that is asked for by its UID, number or description."""
     names = {}
     for uid, headers in groups.items():
         number, text = (headers[0][1].get(f"Series{key}") for key in ("Number", "Description"))

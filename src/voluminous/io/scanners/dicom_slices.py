@@ -61,7 +61,6 @@ def slices_of(path: Path, header: Any) -> list[DicomSlice]:
 
 
 def _offset_frames(header: Any, count: int) -> list[Any]:
-    """Return stand-ins for the frames of files that only place the first, such as doses."""
     if _FILM & {int(tag) for tag in np.atleast_1d(header.get("FrameIncrementPointer") or 0)}:
         raise FileFormatError(
             f"its {count} frames were taken one after the other (FrameTime): a film, no volume"
@@ -109,7 +108,6 @@ def _unit_axes(numbers: np.ndarray) -> np.ndarray:
 
 
 def _numbers(places: list[Any], sequence: str, keyword: str, count: int) -> np.ndarray | None:
-    """Return the numbers at the first place that has them, in a sequence or directly."""
     for place in places:
         inner = place.get(sequence) if sequence else None
         value = (inner[0] if inner else place).get(keyword)
@@ -152,8 +150,6 @@ def stacked(slices: Sequence[DicomSlice], time: int) -> tuple[list[DicomSlice], 
 
 
 def _places(slices: Sequence[DicomSlice], normal: np.ndarray) -> list[list[DicomSlice]]:
-    """Return the slices at each place along the normal, each in the order they were taken."""
-
     def taken(s: DicomSlice) -> tuple[int, int, str]:
         return s.order, s.number, str(s.path)
 
@@ -169,7 +165,6 @@ def _places(slices: Sequence[DicomSlice], normal: np.ndarray) -> list[list[Dicom
 
 
 def _across(slices: Sequence[DicomSlice], normal: np.ndarray) -> tuple[np.ndarray, Any]:
-    """Return the mean step between slices, and where they are if they are not even."""
     if len(slices) == 1:
         return normal * (abs(slices[0].thickness) or 1.0), None
     first = slices[0].position

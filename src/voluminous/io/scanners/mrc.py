@@ -81,7 +81,6 @@ class MRCReader(VoxelReader):
         )
 
     def _header(self, path: Path) -> tuple[Any, int, np.dtype[Any]]:
-        """Return the header, where the numbers begin, and their type."""
         mrcfile = require("mrcfile", self.extra, f"reading {self.description}")
         with warnings.catch_warnings(), by_library("mrcfile"):
             warnings.simplefilter("ignore")  # of unusual headers

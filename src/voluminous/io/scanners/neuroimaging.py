@@ -255,7 +255,6 @@ class PARRECReader(NibabelReader):
 
 
 def _unpacked_start(head: bytes, size: int) -> bytes:
-    """Return the first bytes of a file, decompressed if it is gzipped."""
     try:
         is_packed = head.startswith(b"\x1f\x8b")
         return zlib.decompressobj(wbits=31).decompress(head, size) if is_packed else head

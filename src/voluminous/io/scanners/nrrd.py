@@ -166,7 +166,6 @@ def _per_axis(header: _Header, name: str, default: Any) -> list[Any]:
 
 
 def _directions(header: _Header) -> list[np.ndarray | None] | None:
-    """Return the steps along the axes, None for one that is not in space."""
     if "space directions" not in header:
         return None
     steps = _per_axis(header, "space directions", None)
@@ -230,7 +229,6 @@ def _placement(header: _Header, space: tuple[int, ...]) -> Placement:
 
 
 def _along_axes(header: _Header, places: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return origin, steps and units by the spacing and the limits of each axis."""
     spacing, low, high = (np.array(_per_axis(header, name, np.nan))[places] for name in _NUMBERS)
     centers = header.get("centers", "").split() or _per_axis(header, "centerings", "")
     # Positions are those of the outer walls of cells, by Teem's default too, or of nodes.

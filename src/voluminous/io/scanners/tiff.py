@@ -58,7 +58,6 @@ class _RaiseOfChain(logging.Handler):
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
-    """Open a file, or the set that it is one of, without a word about odd tags."""
     import tifffile
 
     logger, handler = logging.getLogger("tifffile"), _RaiseOfChain(logging.ERROR)
@@ -249,7 +248,6 @@ def _check_pages(path: Path, pages: Sequence[Any]) -> None:
 
 
 def _scale(file: Any, number: int) -> tuple[tuple[float, ...], str]:
-    """Return the widths of voxels along x, y, z and their unit, as OME or ImageJ give them."""
     if file.is_ome and file.ome_metadata:
         pixels = _pixels(file, number)
         sizes = [float(pixels.get(f"PhysicalSize{axis}") or 0) for axis in "XYZ"]
@@ -271,7 +269,6 @@ def _scale(file: Any, number: int) -> tuple[tuple[float, ...], str]:
 
 
 def _channels(file: Any, number: int, count: int) -> list[Channel]:
-    """Return the entries of so many channels of a series, empty where the file gives nothing."""
     listed: list[Channel] = []
     if file.is_ome and file.ome_metadata:
         for element in _pixels(file, number).findall("{*}Channel"):
@@ -284,13 +281,11 @@ def _channels(file: Any, number: int, count: int) -> list[Channel]:
 
 
 def _pixels(file: Any, number: int) -> ElementTree.Element:
-    """Return OME's description of a series, which are in the order of the images."""
     result = ElementTree.fromstring(file.ome_metadata).findall(".//{*}Pixels")
     return result[number] if number < len(result) else ElementTree.Element("Pixels")
 
 
 def _imagej_channels(notes: Mapping[str, Any], count: int) -> list[Channel]:
-    """Return colours, of tables that go from black to one colour evenly, and display ranges."""
     tables, ends = notes.get("LUTs") or [], list(notes.get("Ranges") or [])
     if not ends and count == 1 and {"min", "max"} <= set(notes):
         ends = [notes["min"], notes["max"]]

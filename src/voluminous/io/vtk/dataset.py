@@ -92,7 +92,6 @@ class Uneven:
 
 
 def _edges(line: np.ndarray, at: str, width: float) -> np.ndarray:
-    """Return the edges of the cells around ascending points, or between them."""
     if len(line) == 1:
         return np.asarray(line[0] + np.array([-0.5, 0.5]) * width)
     if at == POINT:

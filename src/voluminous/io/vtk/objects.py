@@ -223,7 +223,6 @@ def _meta(dataset: Any, title: str) -> dict[str, Any]:
 
 
 def _resampled(mesh: Any, resolution: Any) -> Any:
-    """Return image data whose points are the centres of equal cells that fill a mesh's bounds."""
     parts = [part for part in leaves(mesh) if part.GetNumberOfCells()]
     solid = max((part.GetMaxSpatialDimension() for part in parts), default=0)
     parts = [part for part in parts if part.GetMaxSpatialDimension() == solid]
@@ -278,7 +277,6 @@ def leaves(mesh: Any) -> list[Any]:
 
 
 def _prepared(part: Any) -> Any:
-    """Return a copy in which whole numbers are fractions, and no two names are one."""
     copy = part.copy(deep=False)
     for name in set(copy.cell_data.keys()) & set(copy.point_data.keys()):
         copy.cell_data[f"{name}_cell"] = copy.cell_data.pop(name)

@@ -106,7 +106,6 @@ class VTRReader(VTKXMLReader):
 
 
 def _opened(path: Path, resolution: Any) -> Dataset | Blocks:
-    """Return what is in a file, as one, or as blocks that fill no box together."""
     root = tree(path)  # VTK does not notice that a file is cut short
     kind = root.GetAttribute("type") or ""
     if resolution is not None:
@@ -118,7 +117,6 @@ def _opened(path: Path, resolution: Any) -> Dataset | Blocks:
 
 
 def _dataset(path: Path, root: Any) -> Dataset:
-    """Return what is in a file of one grid, or of its pieces."""
     kind = root.GetAttribute("type") or "data of no type"
     if kind.removeprefix("P") not in _GRIDS:
         raise InputError(f"it holds {kind[:100]}, not a regular grid{ADVICE}")

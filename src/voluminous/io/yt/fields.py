@@ -106,7 +106,6 @@ def _gas_first(field: Field) -> tuple[bool, Field]:
 
 
 def _common(ds: Any, field: Field, kind: str) -> Field:
-    """Return the yt common name of an on-disk field, or the field itself if there is none."""
     aliases = ds.field_info.field_aliases
 
     def stands_for_it(alias: Field) -> bool:

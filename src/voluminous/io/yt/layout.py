@@ -130,7 +130,6 @@ def lattice_of(ds: Any, unit: UnitLike = None) -> YtLattice:
 
 
 def _converted(ds: Any, name: str, walls: np.ndarray) -> np.ndarray:
-    """Convert walls along an axis of yt to our coordinate."""
     if name in ("latitude", "longitude"):
         return (90 - walls if name == "latitude" else walls) * _DEGREE
     if name == "altitude":
@@ -224,7 +223,6 @@ def layout(source: YtSource, lattice: YtLattice) -> tuple[Grid, Load]:
 def _blocks(
     source: YtSource, lattice: YtLattice, field: Field, unit: UnitLike
 ) -> Iterator[np.ndarray]:
-    """Yield the values of a field in each grid."""
     for part in source.ds.index.grids:
         cached = set(part.field_data)
         values = lattice.array(plain_values(part[field], unit))

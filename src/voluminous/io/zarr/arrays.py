@@ -92,7 +92,6 @@ class LabelledZarrReader(LabelledReader):
 
 
 def _group(places: list[str], group: str | None) -> str:
-    """Return the group that is named, else the outermost, or the only one that has arrays."""
     groups = list(dict.fromkeys(place.rpartition("/")[0] for place in places))
     if group is not None:
         if group.strip("/") not in groups:

@@ -222,7 +222,6 @@ def _channels(attributes: Mapping[str, Any]) -> tuple[Channel, ...]:
 
 
 def _level_number(arrays: Sequence[zarr.Array[Any]], image: _Multiscale, asked: Any) -> int:
-    """Return the resolution asked for, or the finest of which a picture fits into memory."""
     for array, (place, *_) in zip(arrays, image.levels, strict=True):
         if len(array.shape) != len(image.axes) or 0 in array.shape:
             raise FileFormatError(

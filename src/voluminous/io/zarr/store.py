@@ -67,7 +67,6 @@ def opened(path: Path, place: str = "") -> Iterator[Any]:
 
 
 def _stamp(place: Path) -> tuple[Any, ...]:
-    """Return what changes when the description of a group or an array does."""
     found = []
     for name in _NODES:
         try:
@@ -114,7 +113,6 @@ def _open(store: Any) -> Any:
 
 @functools.cache
 def _careful() -> type:
-    """Return the class of stores that try again, and note what is not there."""
     from zarr.storage import FsspecStore, LocalStore, WrapperStore
 
     class CarefulStore(WrapperStore[Any]):
@@ -161,7 +159,6 @@ def _careful() -> type:
 
 
 def _by_blosc(array: Any) -> bool:
-    """Return True if the chunks of an array are as Blosc packs them."""
     if array is None or array.metadata.zarr_format == 2:
         packed = None if array is None else array.metadata.compressor
         return getattr(packed, "codec_id", "") == "blosc"
@@ -278,7 +275,6 @@ def warn_of_missing(path: Path, store: Any) -> None:
 
 
 def _lost(array: zarr.Array[Any], index: Sequence[Any]) -> tuple[int, ...] | None:
-    """Return the first chunk of a part that was not there when it was read."""
     store: Any = array.store
     if not store.absent:
         return None

@@ -383,7 +383,6 @@ class GasStates(PerChannel):
         return [u * v for u, v in zip(units, j, strict=True)], alpha
 
     def _of_lines(self) -> Iterator[tuple[Lines, slice]]:
-        """Yield media of lines, and which values of a state are theirs."""
         first = 0
         for part in self.lines:
             yield part, slice(first, first + part.state_count)

@@ -151,7 +151,6 @@ def get_blocks(
 
 
 def _visible(evaluator: CellEvaluator, ranges: dict[str, Interval], faint: float) -> np.ndarray:
-    """Return where the medium may be visible, given ranges of all fields."""
     context = RangeContext(evaluator.volume.unit, evaluator.volume.expression_unit, faint)
     with np.errstate(all="ignore"):
         return np.asarray(evaluator.medium.visible_in(ranges, context))

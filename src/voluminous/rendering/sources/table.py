@@ -266,7 +266,6 @@ class OnRay:
         return self.numbers.split([flush_subnormal(self.backend.Float(v)) for v in values])
 
     def _sight(self, segment: Segment, axes: tuple[str, ...]) -> dict[str, Float]:
-        """Return directions relative to the line of sight, in the middle of a segment."""
         ray, grid = segment.ray, self.evaluator.grid
         assert ray is not None
         middle = (segment.track.entry + 0.5 * (segment.begin + segment.end)) * grid.scale
@@ -390,7 +389,6 @@ def _pruned(evaluator: CellEvaluator, cache: Cache) -> Any:
 
 
 def _fits_in_single(evaluator: CellEvaluator, cache: Cache) -> bool:
-    """Return whether single precision evaluates the medium well everywhere."""
     medium, statistics = evaluator.medium, cache.statistics
     if not get_exactness(evaluator, cache)[0]:
         return False

@@ -222,7 +222,6 @@ class CornerValues:
     def _with_cell(
         self, before: VertexStencil, vertex: list[Float], cell: Cell, there: Mask
     ) -> VertexStencil:
-        """Return the sums with one more cell, on the lanes where it exists."""
         low, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
         width = self.derivatives.spacing.widths(middle, extent)
@@ -267,7 +266,6 @@ class CornerValues:
         )
 
     def _inside(self, vertex: list[Float], stencil: VertexStencil) -> list[Float]:
-        """Return the fields interpolated in the largest cells, whose corner values are complete."""
         totals = [self.backend.Float(0) for _ in self.data]
         low, extent = stencil.box[:3], stencil.box[3:]
         f = [(v - a) / s for v, a, s in zip(vertex, low, extent, strict=True)]
