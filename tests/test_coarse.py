@@ -12,7 +12,7 @@ from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.dual_walk import WIDEST
-from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
+from voluminous.grids.cartesian.leap import BITS, Way, leap, make_bricks
 from voluminous.media.context import Context, no_unit
 from voluminous.rendering.sources.empty_space import DUAL
 from voluminous.schemes.pre_integrated import PreIntegrated
@@ -22,7 +22,7 @@ numbers = st.integers(0, 2**32 - 1)
 
 
 def random_steps(shape, seed):
-    """Return steps of blocks: whole cubes of the widest, and any others."""
+    """Return steps of bricks: whole cubes of the widest, and any others."""
     rng = np.random.default_rng(seed)
     ratio = 1 << (WIDEST - BITS)
     wide = rng.uniform(size=[-(-n // ratio) for n in shape]) < 0.4
@@ -41,7 +41,7 @@ def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, sha
     grid = vm.CartesianGrid.uniform(cells, [(0, n) for n in cells])
     filled = rng.uniform(size=DUAL.shape(cells)) < share
     steps = random_steps(filled.shape, seed)
-    blocks = make_blocks(filled, backend, steps)
+    bricks = make_bricks(filled, backend, steps)
     aims, directions = rng.uniform(0, cells, (48, 3)), on_a_sphere(48, seed)
     directions[:6] = np.vstack([np.eye(3), -np.eye(3)])
     origins = aims - 60 * directions
@@ -51,7 +51,7 @@ def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, sha
     rounding = 200 * np.finfo(backend.dtype).eps
     total = np.zeros(48)
     while dr.any(cursor.inside):
-        found = leap(Way(walk, track, blocks), cursor)
+        found = leap(Way(walk, track, bricks), cursor)
         cursor = found.cursor
         dr.eval(found)
         segment, following = walk.next(track, cursor)
@@ -66,8 +66,8 @@ def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, sha
         place = np.stack([np.asarray(p) for p in middle], axis=-1) + 0.5  # in dual cells
         off = np.maximum(base - place, place - base - width[:, None])[here]
         assert off.max(initial=0) <= 100 * rounding
-        block = tuple(np.clip(base[here] >> BITS, 0, np.array(filled.shape) - 1).T)
-        expected = np.where(width[here] > 1 << BITS, WIDEST, steps[block])
+        brick = tuple(np.clip(base[here] >> BITS, 0, np.array(filled.shape) - 1).T)
+        expected = np.where(width[here] > 1 << BITS, WIDEST, steps[brick])
         np.testing.assert_array_equal(np.log2(width[here]), expected)
         total += np.where(here, np.asarray(segment.length), 0) * grid.scale
         cursor = dr.select(cursor.inside, following, cursor)

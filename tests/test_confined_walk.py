@@ -70,7 +70,7 @@ def pictures(grid, camera, scheme, tolerance, cuts):
         vm.Gaussian("a", 0.5, 0.2, (1, 0.5, 0.2), opacity=0.4),
     )
     whole = drawing_of(volume, medium, camera, scheme, tolerance)
-    whole.source.blocks, walk = None, grid.walk(whole.backend, whole.job.walk_kind)
+    whole.source.bricks, walk = None, grid.walk(whole.backend, whole.job.walk_kind)
     count = int(np.prod(whole.job.frame.pixels))
     ray = whole.ray(PixelOrder(whole.job.frame.pixels).lanes(0, count, whole.backend))
     before = RayState(whole.nothing())

@@ -1,4 +1,4 @@
-"""Rays that leap over empty blocks see all that is not empty."""
+"""Rays that leap over empty bricks see all that is not empty."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.leap import (
     BITS,
     Way,
-    block_shape,
+    brick_shape,
     empty_ahead,
     leap,
-    make_blocks,
+    make_bricks,
 )
 
 RAYS = 64
@@ -30,7 +30,7 @@ SIZES = np.array([0, 1, 2, 3, 4, 6, 8, 12, 15])
 
 
 def brute_ahead(filled, down):
-    """Return how many blocks are empty along all axes from each on, of the sizes told apart."""
+    """Return how many bricks are empty along all axes from each on, of the sizes told apart."""
     sense = [-1 if d else 1 for d in down]
     turned = filled[tuple(slice(None, None, s) for s in sense)]
     found = np.zeros(filled.shape, int)
@@ -77,14 +77,14 @@ def rays_of(grid, seed):
     return origins, directions
 
 
-def leaping(walk, ray, blocks):
+def leaping(walk, ray, bricks):
     """Follow rays as a kernel does; return cells, lengths and which are visits, (N, R)."""
     track, cursor = walk.enter(ray)
     dr.eval(track, cursor)
     nowhere = np.zeros(len(np.asarray(cursor.t)))
     rows = [[nowhere.astype(int), nowhere, nowhere > 0]]
     while dr.any(cursor.inside):
-        found = leap(Way(walk, track, blocks), cursor)
+        found = leap(Way(walk, track, bricks), cursor)
         cursor = found.cursor
         dr.eval(found)
         while dr.any(within := cursor.inside & (cursor.t < found.leave)):
@@ -97,7 +97,7 @@ def leaping(walk, ray, blocks):
 
 
 def cells_of(filled, grid):
-    """Return which cells, flat, lie in filled blocks."""
+    """Return which cells, flat, lie in filled bricks."""
     index = np.stack(np.unravel_index(np.arange(grid.size), grid.shape)) >> BITS
     return filled[tuple(index)]
 
@@ -121,12 +121,12 @@ def lengths_by_cell(cell, length, visited, size):
 def test_what_is_filled_is_seen_as_without_leaps(even, precision, shape, share, seed):
     grid, backend = make_grid(shape, seed, even), get_backend("cpu", precision)
     rng = np.random.default_rng(seed)
-    filled = rng.uniform(size=block_shape(shape)) < share
+    filled = rng.uniform(size=brick_shape(shape)) < share
     origins, directions = rays_of(grid, seed)
     walk = grid.walk(backend)
     steps = walk_along(grid, backend, make_ray(backend, origins, directions))
     every = lengths_by_cell(steps.cell, steps.length, steps.active, grid.size)
-    found = leaping(walk, make_ray(backend, origins, directions), make_blocks(filled, backend))
+    found = leaping(walk, make_ray(backend, origins, directions), make_bricks(filled, backend))
     cell, length, visited = found
     seen = lengths_by_cell(cell, length * grid.scale, visited, grid.size)
     mask = cells_of(filled, grid)
@@ -143,14 +143,14 @@ def test_what_is_filled_is_seen_as_without_leaps(even, precision, shape, share, 
 @pytest.mark.parametrize("share", [0.0, 0.05])
 def test_rays_that_start_and_end_inside(share):
     grid, backend = make_grid((17, 9, 30), 3, False), get_backend("cpu", "double")
-    filled = np.random.default_rng(4).uniform(size=block_shape(grid.shape)) < share
+    filled = np.random.default_rng(4).uniform(size=brick_shape(grid.shape)) < share
     filled[0, 0, 0] = True
     origins, directions = rays_of(grid, 8)
     limits = {"first": 0.1, "last": 0.8}
     steps = walk_along(grid, backend, make_ray(backend, origins, directions, **limits))
     every = lengths_by_cell(steps.cell, steps.length, steps.active, grid.size)
     ray = make_ray(backend, origins, directions, **limits)
-    cell, length, visited = leaping(grid.walk(backend), ray, make_blocks(filled, backend))
+    cell, length, visited = leaping(grid.walk(backend), ray, make_bricks(filled, backend))
     seen = lengths_by_cell(cell, length * grid.scale, visited, grid.size)
     mask = cells_of(filled, grid)
     np.testing.assert_allclose(seen[:, mask], every[:, mask], rtol=0, atol=1e-12)

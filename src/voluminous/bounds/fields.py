@@ -21,7 +21,7 @@ from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
 from ..rendering.sources.channel_layout import PerChannel
 from ..rendering.sources.corner_layouts import get_lattices
-from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_blocks
+from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_bricks
 from .curved import CurvedField
 from .media import PartBounds, bounds_on_panel
 from .scalars import CourseContext, Courses, CubicPiece, Piece
@@ -29,7 +29,7 @@ from .scalars import CourseContext, Courses, CubicPiece, Piece
 if TYPE_CHECKING:
     from ..backend.device import Backend
     from ..grids.cartesian.dual_walk import Chord
-    from ..grids.cartesian.leap import Blocks
+    from ..grids.cartesian.leap import Bricks
     from ..volume import Volume
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -97,7 +97,7 @@ class Bracketed:
         every = "r" in names or bool(self.context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
         self.tolerance: tuple[Any, Any] = (opaque(0.0), opaque(0.0))
-        self.blocks, self.neglected = empty_blocks(evaluator, ranges, tolerance)
+        self.bricks, self.neglected = empty_bricks(evaluator, ranges, tolerance)
 
     walk = walk_kind = None
 
@@ -198,13 +198,13 @@ class Neglected:
     depth: float
 
 
-def empty_blocks(
+def empty_bricks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
-) -> tuple[Blocks | None, Neglected]:
-    """Return blocks to skip (None if few are empty), and bounds of the neglected coefficients."""
+) -> tuple[Bricks | None, Neglected]:
+    """Return bricks to skip (None if few are empty), and bounds of the neglected coefficients."""
     volume, grid, medium = evaluator.volume, evaluator.grid, evaluator.medium
     nothing = Neglected(np.zeros(medium.channels), 0.0)
-    if not grid.has_blocks:
+    if not grid.has_bricks:
         return None, nothing
     shape = DUAL.shape(grid.shape)
     context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)
@@ -223,11 +223,11 @@ def empty_blocks(
     visible = (emission.max(axis=0) > _FAINT**2 * tolerance * bright) | (
         depth * diagonal > _FAINT * tolerance
     )
-    blocks = worthwhile_blocks(visible, evaluator.backend, DUAL)
-    if blocks is None:
+    bricks = worthwhile_bricks(visible, evaluator.backend, DUAL)
+    if bricks is None:
         return None, nothing
     missed = np.where(visible, 0.0, emission).max(axis=(1, 2, 3)) * diagonal
-    return blocks, Neglected(missed, float(np.where(visible, 0.0, depth).max() * diagonal))
+    return bricks, Neglected(missed, float(np.where(visible, 0.0, depth).max() * diagonal))
 
 
 def control_point(cubic: Sequence[Any], number: int) -> Float:

@@ -151,7 +151,7 @@ class Walk:
     Attributes
     ----------
     leaps : bool
-        Rays may cross empty blocks in one step (`grids.cartesian.leap`).
+        Rays may cross empty bricks in one step (`grids.cartesian.leap`).
     has_gaps : bool
         There is space in the domain that belongs to no cell; `cross` leads beyond it.
     in_cells : bool
@@ -244,8 +244,8 @@ class Grid:
         Azimuth spans a full circle.
     mirror : bool
         What is above the midplane is also below (spherical grids).
-    has_blocks : bool
-        Rays may leap over blocks of its cells (`grids.cartesian.leap`).
+    has_bricks : bool
+        Rays may leap over bricks of its cells (`grids.cartesian.leap`).
     has_vertices : bool
         It has `vertex_count` and `vertex_cells`, for schemes with coefficients at vertices.
     has_traced_centers : bool
@@ -266,7 +266,7 @@ class Grid:
     mirror: bool = False
     cells_are_boxes: bool = False
     is_rectilinear: bool = False
-    has_blocks: bool = False
+    has_bricks: bool = False
     has_vertices: bool = False
     has_traced_centers: bool = False
     has_neighbourhood: bool = False

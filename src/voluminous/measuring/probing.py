@@ -299,8 +299,8 @@ def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
         if source.numbers.spectral:
             source.numbers.weigh(maxima, job.backend.opaque)
     # If steps are single cells, rays also visit empty ones.
-    if source.blocks is None or not getattr(source.blocks, "coarse", False):
-        source.blocks = source.walk = None
+    if source.bricks is None or not getattr(source.bricks, "coarse", False):
+        source.bricks = source.walk = None
     return source
 
 

@@ -115,11 +115,11 @@ def march(
         reached = never if cutoff is None else cutoff.reached(state.path)
         return (MarchState(cursor, carried, over(front, back), reached),)
 
-    leaps = walk.leaps and source.blocks is not None
-    way = Way(walk, track, source.blocks) if leaps else None
+    leaps = walk.leaps and source.bricks is not None
+    way = Way(walk, track, source.bricks) if leaps else None
 
     def visit(state: MarchState) -> tuple[MarchState]:
-        """Skip empty space, then cross the block, or the cells up to a gap, that may be visible."""
+        """Skip empty space, then cross the brick, or the cells up to a gap, that may be visible."""
         skipped: Landing = leap(way, state.cursor) if way else walk.cross(track, state.cursor)
         here = Position(walk, track, skipped.cursor)
         carried = scheme.after_skip(here, source, state.carried, skipped.moved)
@@ -128,8 +128,8 @@ def march(
             return going_on(state) & skipped.holds(state.cursor)
 
         entered = MarchState(skipped.cursor, carried, state.path, state.over)
-        if (leaps and source.blocks.coarse) or source.backend.derivatives:
-            # One step crosses most blocks: a loop over their cells takes longer than returning to
+        if (leaps and source.bricks.coarse) or source.backend.derivatives:
+            # One step crosses most bricks: a loop over their cells takes longer than returning to
             # the outer loop (core, 100³: 20 ms with it, 17 ms without).
             (left,) = step(entered)
             return (dr.select(going_on(entered), left, entered),)

@@ -23,7 +23,7 @@ class Source(Protocol):
 
     numbers: Any  # the numbers that are integrated: `sources.channel_layout`
     backend: Backend
-    blocks: Any  # of empty space, or None
+    bricks: Any  # of empty space, or None
 
     def at(self, segment: Segment) -> Coefficients:
         """Return j and α of a segment's cell."""

@@ -4,9 +4,9 @@ Inside a dual cell a field given at cell centres is trilinear, so along a ray it
 outermost layer of dual cells reaches as far beyond the domain's face as the outermost centres lie
 within it; rays walk through the inner half of it, where fields are constant across the face.
 
-`CoarseWalk` walks through the dual grid where it is as coarse as a picture allows. Blocks of cells
+`CoarseWalk` walks through the dual grid where it is as coarse as a picture allows. Bricks of cells
 in which a coarser interpolant is as good are crossed in steps of 2, 4 or 8 cells: `leap` says how
-wide, block by block. Walls of wide steps are walls of cells, counted like them: no ray leaks.
+wide, brick by brick. Walls of wide steps are walls of cells, counted like them: no ray leaks.
 Counting must not depend on the sense of a ray, so the number of dual cells is rounded up to a
 multiple of the widest step; rays never come to the cells that are added.
 """

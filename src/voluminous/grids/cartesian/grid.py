@@ -59,7 +59,7 @@ class CartesianGrid(StructuredGrid):
 
     kind = "cartesian"
     walk_kinds = ("cells", "dual", "coarse")
-    has_blocks = is_rectilinear = has_traced_centers = True
+    has_bricks = is_rectilinear = has_traced_centers = True
 
     def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
         self.unit = length_unit((x, y, z), unit)

@@ -1,9 +1,9 @@
-"""How rays cross empty space: from block to block of cells, or over many empty blocks at once.
+"""How rays cross empty space: from brick to brick of cells, or over many empty bricks at once.
 
-A block is a cube of `BLOCK` cells along each axis. For every empty block, and for rays into each of
-the eight octants, it is known how many blocks ahead along all three axes are empty: that cube is
+A brick is a cube of `BRICK` cells along each axis. For every empty brick, and for rays into each of
+the eight octants, it is known how many bricks ahead along all three axes are empty: that cube is
 crossed in one step. (Distances that are the same in all directions, as of Cohen & Sheffer 1994,
-count what is behind a ray too: it leaves a surface in small steps.) Of blocks with something in
+count what is behind a ray too: it leaves a surface in small steps.) Of bricks with something in
 them it is known how wide steps may be there (`grids.cartesian.dual_walk`).
 """
 
@@ -21,26 +21,26 @@ from ...backend.functions import branch, loop
 from ...backend.types import Float, Mask
 from ..box_walk import AxisTrack
 from ..lanes import least, lesser, nearest
-from .walk import BLOCK
+from .walk import BRICK
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
 
-# A block is 2^BITS cells wide.
-BITS = BLOCK.bit_length() - 1
-# Bits of a block's code that tell how far it is empty ahead, and what is told apart in them.
+# A brick is 2^BITS cells wide.
+BITS = BRICK.bit_length() - 1
+# Bits of a brick's code that tell how far it is empty ahead, and what is told apart in them.
 _DISTANCE_BITS = 4
 _SIZES = (1, 2, 3, 4, 6, 8, 12, 15)
 _FARTHEST = (1 << _DISTANCE_BITS) - 1
 
 
 @dataclass
-class Blocks:
-    """Blocks of a grid on the device.
+class Bricks:
+    """Bricks of a grid on the device.
 
-    `code`: per block, z fastest: for an empty one how many are empty ahead, four bits for each
-    octant; else, below 16, the log2 of how many cells wide a step may be; `shape`: number of blocks
-    along y and z; `filled`: the part of all blocks that is not empty; `steps`: log2 of how wide the
+    `code`: per brick, z fastest: for an empty one how many are empty ahead, four bits for each
+    octant; else, below 16, the log2 of how many cells wide a step may be; `shape`: number of bricks
+    along y and z; `filled`: the part of all bricks that is not empty; `steps`: log2 of how wide the
     steps are that are wider than a cell; `share`: the mean part of a step that a cell is.
     """
 
@@ -58,9 +58,9 @@ class Blocks:
 
 @dataclass
 class Leap:
-    """Where rays are once they have looked for the next block with something in it.
+    """Where rays are once they have looked for the next brick with something in it.
 
-    `leave`: the distance where they leave that block; where steps may be wide, one is taken at a
+    `leave`: the distance where they leave that brick; where steps may be wide, one is taken at a
     time; `moved`: lanes that crossed empty space.
     """
 
@@ -69,7 +69,7 @@ class Leap:
     moved: Mask
 
     def holds(self, cursor: Any) -> Mask:
-        """Return the lanes that are in the same block still."""
+        """Return the lanes that are in the same brick still."""
         return cursor.t < self.leave
 
 
@@ -77,33 +77,33 @@ class Leap:
 class Search:
     """Where rays are while they look.
 
-    `block`: the block they are in: mirrored numbers; `t`: the distance where they enter it; `code`:
-    the block's code; zero outside of the volume.
+    `brick`: the brick they are in: mirrored numbers; `t`: the distance where they enter it; `code`:
+    the brick's code; zero outside of the volume.
     """
 
-    block: list[Int]
+    brick: list[Int]
     t: Float
     code: Int
 
     @property
     def empty(self) -> Mask:
-        """Lanes in an empty block, which look further."""
+        """Lanes in an empty brick, which look further."""
         return self.code > _FARTHEST
 
 
-def block_shape(cells: Int) -> tuple[int, ...]:
-    """Return how many blocks there are along each axis."""
-    return tuple((int(n) + BLOCK - 1) >> BITS for n in cells)
+def brick_shape(cells: Int) -> tuple[int, ...]:
+    """Return how many bricks there are along each axis."""
+    return tuple((int(n) + BRICK - 1) >> BITS for n in cells)
 
 
-def make_blocks(filled: np.ndarray, backend: Backend, steps: np.ndarray | None = None) -> Blocks:
-    """Return blocks."""
+def make_bricks(filled: np.ndarray, backend: Backend, steps: np.ndarray | None = None) -> Bricks:
+    """Return bricks."""
     code = empty_ahead(filled)
     wide = np.zeros(1, np.uint8) if steps is None else steps[filled]
     if steps is not None:
         code[filled] = wide
     _, ny, nz = filled.shape
-    return Blocks(
+    return Bricks(
         from_host(backend.UInt, code.reshape(-1)),
         (dr.opaque(backend.UInt, ny), dr.opaque(backend.UInt, nz)),
         float(filled.mean()),
@@ -113,11 +113,11 @@ def make_blocks(filled: np.ndarray, backend: Backend, steps: np.ndarray | None =
 
 
 def empty_ahead(filled: np.ndarray) -> np.ndarray:
-    """Return how many blocks are empty along all axes, for rays into each octant.
+    """Return how many bricks are empty along all axes, for rays into each octant.
 
-    Four bits for each octant, numbered by the axes that rays run down, x first; zero in blocks that
+    Four bits for each octant, numbered by the axes that rays run down, x first; zero in bricks that
     are filled. Only some distances are told apart, those of `_SIZES`: each takes a pass over all
-    blocks. Beyond the volume's faces nothing is filled.
+    bricks. Beyond the volume's faces nothing is filled.
     """
     code = np.zeros(filled.shape, np.uint32)
     for octant, down in enumerate(itertools.product((False, True), repeat=3)):
@@ -141,11 +141,11 @@ def _cube_ahead(empty: np.ndarray) -> np.ndarray:
 
 
 def leap(way: Way, cursor: Any) -> Leap:
-    """Move rays to where they enter the next block that is not empty; those in one stay."""
-    walk, track, blocks = way.walk, way.track, way.blocks
+    """Move rays to where they enter the next brick that is not empty; those in one stay."""
+    walk, track, bricks = way.walk, way.track, way.bricks
     cursor = walk.precise(track, cursor)
-    block = [way.block(axis, i) for axis, i in enumerate(cursor.index)]
-    start = Search(block, cursor.t, way.code(block, cursor.inside))
+    brick = [way.brick(axis, i) for axis, i in enumerate(cursor.index)]
+    start = Search(brick, cursor.t, way.code(brick, cursor.inside))
     moved = start.empty
 
     def searching(state: Search) -> Mask:
@@ -157,37 +157,37 @@ def leap(way: Way, cursor: Any) -> Leap:
     (end,) = loop((start,), searching, cross, label="leap")
     # Most rays are where something is, and stay: what the others need is computed in a branch.
     index = branch(
-        args=(cursor.index, end.block, end.t),
+        args=(cursor.index, end.brick, end.t),
         cond=moved,
         true_fn=way.cells,
         false_fn=_stay,
     )
     there = walk.at(track, index, end.t)
-    if blocks.coarse:
+    if bricks.coarse:
         there = walk.settle(there, walk.backend.Float(1 << walk.backend.Int(end.code)))
-    leave = None if blocks.coarse else way.leave(end)
+    leave = None if bricks.coarse else way.leave(end)
     return Leap(dr.select(cursor.inside, there, cursor), leave, moved)
 
 
-def _stay(index: list[Float], block: list[Int], t: Float) -> list[Float]:
+def _stay(index: list[Float], brick: list[Int], t: Float) -> list[Float]:
     return index
 
 
 class Way:
-    """Rays among blocks, which are counted along each axis in the sense of the ray, like cells.
+    """Rays among bricks, which are counted along each axis in the sense of the ray, like cells.
 
-    Blocks begin with the first cell of the volume. So for a ray that runs down an axis the first
+    Bricks begin with the first cell of the volume. So for a ray that runs down an axis the first
     one it meets may lack some cells: those before the first that it counts. To be made outside of
     loops: what is constant along rays is then computed once.
     """
 
-    def __init__(self, walk: Any, track: Any, blocks: Blocks) -> None:
-        self.walk, self.track, self.blocks = walk, track, blocks
+    def __init__(self, walk: Any, track: Any, bricks: Bricks) -> None:
+        self.walk, self.track, self.bricks = walk, track, bricks
         self.backend = walk.backend
-        self.side = float(BLOCK)
+        self.side = float(BRICK)
         down = [stride < 0 for stride in track.cell_stride]
         self.lacking = [dr.select(d, n, 0.0) for d, n in zip(down, walk.lacking, strict=True)]
-        ny, nz = (self.backend.Int(n) for n in blocks.shape)
+        ny, nz = (self.backend.Int(n) for n in bricks.shape)
         strides = [ny * nz, nz, self.backend.Int(1)]
         self.strides = [dr.select(d, -s, s) for d, s in zip(down, strides, strict=True)]
         self.lasts = [self.backend.Float(axis.last_cell) for axis in walk.axes]
@@ -197,39 +197,39 @@ class Way:
         octant = sum(dr.select(d, self.backend.UInt(4 >> axis), 0) for axis, d in enumerate(down))
         self.shift = octant * _DISTANCE_BITS
 
-    def block(self, axis: int, index: Int) -> Float:
-        """Return the block of a cell."""
+    def brick(self, axis: int, index: Int) -> Float:
+        """Return the brick of a cell."""
         return dr.floor((index + self.lacking[axis]) * (1.0 / self.side))
 
-    def wall(self, axis: int, block: Int) -> Float:
-        """Return the cell that a block begins with."""
-        return dr.fma(block, self.side, -self.lacking[axis])
+    def wall(self, axis: int, brick: Int) -> Float:
+        """Return the cell that a brick begins with."""
+        return dr.fma(brick, self.side, -self.lacking[axis])
 
-    def cell(self, axis: int, block: Int, t: Float) -> Int:
-        """Return the cell in a block where the ray is at distance `t`."""
-        low = self.wall(axis, block)
+    def cell(self, axis: int, brick: Int, t: Float) -> Int:
+        """Return the cell in a brick where the ray is at distance `t`."""
+        low = self.wall(axis, brick)
         low, high = dr.select(low > 0.0, low, 0.0), low + (self.side - 1.0)
         high = lesser(high, self.lasts[axis])
         return cell_ahead(self.walk.axes[axis], self.track.axes[axis], t, low, high)
 
-    def cells(self, index: list[Float], block: list[Int], t: Float) -> list[Float]:
-        """Return the cells of blocks that rays enter at distance `t`."""
-        return [self.cell(axis, b, t) for axis, b in enumerate(block)]
+    def cells(self, index: list[Float], brick: list[Int], t: Float) -> list[Float]:
+        """Return the cells of bricks that rays enter at distance `t`."""
+        return [self.cell(axis, b, t) for axis, b in enumerate(brick)]
 
     def cross(self, state: Search) -> Search:
         """Return rays at the far side of what is empty around them."""
         real, axes = self.backend.Float, range(len(self.walk.axes))
         reach = real((state.code >> self.shift) & _FARTHEST)
-        ahead = [b + reach for b in state.block]
+        ahead = [b + reach for b in state.brick]
         ways = self._ways(ahead)
         t, through = least(ways), nearest(ways)
-        block = [dr.select(through[a], ahead[a], self._block_at(a, t, state, reach)) for a in axes]
-        return Search(block, t, self.code(block, t < self.track.leave))
+        brick = [dr.select(through[a], ahead[a], self._brick_at(a, t, state, reach)) for a in axes]
+        return Search(brick, t, self.code(brick, t < self.track.leave))
 
     def leave(self, state: Search) -> Float:
-        """Return the distance where rays leave the block that they are in."""
-        t = least(self._ways([b + 1.0 for b in state.block]))
-        # A block is always entered, even if rounding puts its far wall where the ray is.
+        """Return the distance where rays leave the brick that they are in."""
+        t = least(self._ways([b + 1.0 for b in state.brick]))
+        # A brick is always entered, even if rounding puts its far wall where the ray is.
         return dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
 
     def _ways(self, ahead: list[Float]) -> list[Float]:
@@ -238,19 +238,19 @@ class Way:
             for a, axis in enumerate(self.walk.axes)
         ]
 
-    def code(self, block: list[Int], inside: Mask) -> Int:
-        """Return the codes of the blocks that rays are in; zero outside."""
+    def code(self, brick: list[Int], inside: Mask) -> Int:
+        """Return the codes of the bricks that rays are in; zero outside."""
         flat = self.first
-        for b, stride in zip(block, self.strides, strict=True):
+        for b, stride in zip(brick, self.strides, strict=True):
             flat = flat + self.backend.Int(b) * stride  # += would change `first` itself
-        return dr.gather(self.backend.UInt, self.blocks.code, self.backend.UInt(flat), inside)
+        return dr.gather(self.backend.UInt, self.bricks.code, self.backend.UInt(flat), inside)
 
-    def _block_at(self, axis: int, t: Float, state: Search, reach: Float) -> Float:
-        """Return the block where a ray is at distance `t`, not before where it was."""
-        old = state.block[axis]
+    def _brick_at(self, axis: int, t: Float, state: Search, reach: Float) -> Float:
+        """Return the brick where a ray is at distance `t`, not before where it was."""
+        old = state.brick[axis]
         index = self.walk.axes[axis].cell_at(self.track.axes[axis], t)
-        block = self.block(axis, lesser(index, self.lasts[axis]))
-        return lesser(dr.select(block > old, block, old), old + (reach - 1.0))
+        brick = self.brick(axis, lesser(index, self.lasts[axis]))
+        return lesser(dr.select(brick > old, brick, old), old + (reach - 1.0))
 
 
 def cell_ahead(axis: Any, track: AxisTrack, t: Float, low: Float, high: Float) -> Float:

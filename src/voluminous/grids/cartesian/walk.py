@@ -21,8 +21,8 @@ from ..lanes import bilinear, least, lesser, nearest, pick, trilinear
 if TYPE_CHECKING:
     from ...backend.device import Backend
 
-# Cells along each axis of the blocks that rays leap over (`grids.cartesian.leap`).
-BLOCK = 4
+# Cells along each axis of the bricks that rays leap over (`grids.cartesian.leap`).
+BRICK = 4
 
 
 @dataclass
@@ -71,7 +71,7 @@ class CartesianWalk(BoxWalk):
     whole grid: what boxes contribute to a ray adds up to the same bits.
     """
 
-    leaps = True  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
+    leaps = True  # rays may cross empty bricks in one step (`grids.cartesian.leap`)
 
     def __init__(
         self,
@@ -90,8 +90,8 @@ class CartesianWalk(BoxWalk):
         held = self.counts if box is None else self._held(box)
         self.cell_strides = self._strides(held)
         self.vertex_strides = self._strides([n + 1 for n in held])
-        # What the last block lacks.
-        self.lacking = [dr.opaque(backend.Float, -n % BLOCK) for n in self.counts]
+        # What the last brick lacks.
+        self.lacking = [dr.opaque(backend.Float, -n % BRICK) for n in self.counts]
 
     def _strides(self, counts: Sequence[int]) -> list[Float]:
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]

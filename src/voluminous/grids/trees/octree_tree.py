@@ -42,8 +42,8 @@ def octree_tree(counts: tuple[int, ...], places: Places, numbers: np.ndarray | N
     units = np.ones((len(levels), 3), np.int64)
     units[:, list(axes)] = 1 << (deepest - np.array(levels))[:, None]
     holes = numbers is not None and bool((numbers == NONE).any())
-    bricks = tuple(levels[0] if axis in axes else 0 for axis in range(3))
-    return Tree(extent, units, np.concatenate(blocks), Halved(axes), holes, bricks)
+    clusters = tuple(levels[0] if axis in axes else 0 for axis in range(3))
+    return Tree(extent, units, np.concatenate(blocks), Halved(axes), holes, clusters)
 
 
 def _root_level(counts: tuple[int, ...], places: Places, leaves: _Leaves) -> int:

@@ -80,7 +80,7 @@ class Patches:
         """From places to cells."""
         entries = self._entries
         numbering = PatchNumbering(self)
-        tree = Tree(self.extent, entries.units, entries.entries, numbering, True, entries.bricks)
+        tree = Tree(self.extent, entries.units, entries.entries, numbering, True, entries.clusters)
         # What the root has beyond the domain is absent, but no hole. Whole numbers of any size.
         absent = sum(
             int(np.count_nonzero(words == ABSENT)) * math.prod(unit.tolist())

@@ -108,7 +108,7 @@ class PatchEntries:
     """A tree whose entries name the finest patch that covers them.
 
     `units` (K, 3): sizes of the entries of its levels; `entries`; `starts` (K + 1,): where the
-    entries of each level start, and where the last ones end; `bricks`: how the root is laid out
+    entries of each level start, and where the last ones end; `clusters`: how the root is laid out
     (`tree.Tree`); `shape` (3,): number of the root's entries along each axis; `corners` (m, 3):
     where the blocks of the levels below the root begin, in units of their entries.
     """
@@ -116,7 +116,7 @@ class PatchEntries:
     units: np.ndarray
     entries: np.ndarray
     starts: np.ndarray
-    bricks: tuple[int, ...]
+    clusters: tuple[int, ...]
     shape: np.ndarray
     corners: list[np.ndarray]
 
@@ -128,7 +128,7 @@ class PatchEntries:
     def located(self, level: int, entry: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield entries of a level, some at a time, and where they are: indices (3, n)."""
         # Made again: stored, it would take twice the memory of the entries.
-        order = _brick_order(self.shape)[1] if level == 0 else None
+        order = _cluster_order(self.shape)[1] if level == 0 else None
         for first in range(0, len(entry), _SOME):
             some = entry[first : first + _SOME]
             if order is not None:
@@ -158,19 +158,19 @@ def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEnt
         starts.append(starts[-1] + len(words[-1]))
         if starts[-1] > NONE:
             raise InputError("patches need too many blocks: their corners lie too irregularly")
-    bricks, order = _brick_order(shape)
+    clusters, order = _cluster_order(shape)
     words[0] = words[0][order]
     entries = np.concatenate(words)
-    return PatchEntries(units[: len(words)], entries, np.array(starts), bricks, shape, corners)
+    return PatchEntries(units[: len(words)], entries, np.array(starts), clusters, shape, corners)
 
 
-def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    bricks = tuple(next(b for b in (2, 1, 0) if n % (1 << b) == 0) for n in shape.tolist())
+def _cluster_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    clusters = tuple(next(b for b in (2, 1, 0) if n % (1 << b) == 0) for n in shape.tolist())
     split = [
-        part for n, b in zip(shape[::-1], bricks[::-1], strict=True) for part in (n >> b, 1 << b)
+        part for n, b in zip(shape[::-1], clusters[::-1], strict=True) for part in (n >> b, 1 << b)
     ]
     order = np.arange(int(shape.prod())).reshape(split)
-    return bricks, order.transpose(0, 2, 4, 1, 3, 5).reshape(-1)
+    return clusters, order.transpose(0, 2, 4, 1, 3, 5).reshape(-1)
 
 
 def _units(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> np.ndarray:

@@ -110,9 +110,9 @@ class Tree:
         What entries mean.
     holes : bool
         There are places without a cell.
-    bricks : tuple of three int
-        The root is laid out in bricks of 2^bricks entries, so that neighbours are near in memory:
-        within a brick, and from brick to brick, the first axis runs fastest.
+    clusters : tuple of three int
+        The root is stored in clusters of 2^clusters entries, so that neighbours are near in
+        memory: within a cluster, and from cluster to cluster, the first axis runs fastest.
     """
 
     extent: np.ndarray
@@ -120,7 +120,7 @@ class Tree:
     entries: np.ndarray
     numbering: Numbering
     holes: bool = False
-    bricks: tuple[int, ...] = (0, 0, 0)
+    clusters: tuple[int, ...] = (0, 0, 0)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -150,11 +150,11 @@ class Tree:
     def descend(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the entries around places (3, n) that are no blocks, and their tree levels."""
         level = np.zeros(place.shape[1], np.uint8)
-        index, bits = place // self.units[0][:, None], np.array(self.bricks)[:, None]
+        index, bits = place // self.units[0][:, None], np.array(self.clusters)[:, None]
         size = 1 << bits[:, 0]
         # Shifts in place of divisions: a third of the time.
-        brick = _flat(index >> bits, np.array(self.shape) // size)
-        entry = self.entries[brick * size.prod() + _flat(index & ((1 << bits) - 1), size)]
+        cluster = _flat(index >> bits, np.array(self.shape) // size)
+        entry = self.entries[cluster * size.prod() + _flat(index & ((1 << bits) - 1), size)]
         for unit, ratio in zip(self.units[1:], self.ratios, strict=True):
             below = np.flatnonzero(entry >> NUMBER_BITS == 0)
             if len(below) == 0:
@@ -191,7 +191,7 @@ class Cell:
 class Orientation:
     """Along which axes lanes count places from the upper end ("mirrored"), downwards.
 
-    `start`, `strides`: ``start + Σ brick · stride`` is where a brick of the root starts, from
+    `start`, `strides`: ``start + Σ cluster · stride`` is where a cluster of the root starts, from
     mirrored indices; `flip`: what mirrors an index within a block, by an exclusive or: all bits or
     none; `padding`: how far beyond the domain the root begins, from where places are counted.
     """
@@ -219,7 +219,7 @@ class TreeLookup:
         below = np.nextafter(tree.extent.astype(backend.dtype), backend.dtype.type(0))
         self.top = [backend.opaque(float(e)) for e in below]
         self.entries = backend.UInt(tree.entries)
-        self.bricks = [n >> bits for n, bits in zip(tree.shape, tree.bricks, strict=True)]
+        self.clusters = [n >> bits for n, bits in zip(tree.shape, tree.clusters, strict=True)]
         largest = tree.units[0].tolist()
         self.stretches = [
             (backend.opaque(float(n)), backend.opaque(1.0 / n))
@@ -231,8 +231,8 @@ class TreeLookup:
     def orient(self, down: list[Mask] | None = None) -> Orientation:
         """Return the orientation of lanes that count places downwards along some axes."""
         UInt = self.backend.UInt
-        nx, ny, nz = self.bricks
-        one = 1 << sum(self.tree.bricks)
+        nx, ny, nz = self.clusters
+        one = 1 << sum(self.tree.clusters)
         strides = [dr.opaque(UInt, one * s) for s in (1, nx, nx * ny)]
         start, flip, padding = UInt(0), [UInt(0)] * 3, []
         if down is not None:
@@ -311,7 +311,7 @@ class TreeLookup:
     def _root(self, index: list[Int], way: Orientation) -> Int:
         root, shift = way.start, 0
         for i, stride, flip, bits in zip(
-            index, way.strides, way.flip, self.tree.bricks, strict=True
+            index, way.strides, way.flip, self.tree.clusters, strict=True
         ):
             if bits:
                 root = root + (((i ^ flip) & ((1 << bits) - 1)) << shift)

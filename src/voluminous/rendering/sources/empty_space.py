@@ -1,4 +1,4 @@
-"""Empty space: blocks and leaves in which a medium is invisible, and which rays skip."""
+"""Empty space: bricks and leaves in which a medium is invisible, and which rays skip."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...backend import Backend
 from ...expressions.interval import Interval
-from ...grids.cartesian.leap import BITS, Blocks, block_shape, make_blocks
+from ...grids.cartesian.leap import BITS, Bricks, brick_shape, make_bricks
 from ...media.ranges import RangeContext
 from ..cache import Cache
 from ..precision import exactness
@@ -31,20 +31,20 @@ _CHUNK = 1 << 20
 
 
 class Window(NamedTuple):
-    """The cells that affect a block of 2^bits steps of a walk, along each axis."""
+    """The cells that affect a brick of 2^bits steps of a walk, along each axis."""
 
-    # Number of cells before the first and after the last of the block itself.
+    # Number of cells before the first and after the last of the brick itself.
     before: int
     after: int
     # Maximum number of steps of a walk minus the number of cells.
     extra: int
-    # Fraction of filled blocks above which skipping does not pay: it costs as much as crossing some
+    # Fraction of filled bricks above which skipping does not pay: it costs as much as crossing some
     # cells (first and second order: no gain at a third, 3 times as fast at 1/20).
     worthwhile: float
 
     def shape(self, cells: Any) -> tuple[int, ...]:
-        """Return the number of blocks along axes with given numbers of cells."""
-        return tuple(block_shape([n + self.extra for n in cells]))
+        """Return the number of bricks along axes with given numbers of cells."""
+        return tuple(brick_shape([n + self.extra for n in cells]))
 
 
 # Dual cell i lies between the centres of cells i - 1 and i, and there is one more than cells.
@@ -54,7 +54,7 @@ CELLS = Window(before=1, after=1, extra=0, worthwhile=0.25)
 
 
 def field_ranges(array: np.ndarray, window: Window) -> Interval:
-    """Return the range of a field in and around each block; NaN where it has NaN."""
+    """Return the range of a field in and around each brick; NaN where it has NaN."""
     low, high = (np.empty(window.shape(array.shape), np.float64) for _ in range(2))
     for b in range(len(low)):
         first = min(max(b * WIDTH - window.before, 0), len(array) - 1)
@@ -78,7 +78,7 @@ def _windows(plane: np.ndarray, ufunc: np.ufunc, window: Window) -> np.ndarray:
 
 
 def coordinate_ranges(name: str, edges: Any, window: Window) -> Interval:
-    """Return the range of a coordinate in and around each block."""
+    """Return the range of a coordinate in and around each brick."""
     if name == "r":
         parts = [coordinate_ranges(axis, edges, window) for axis in "xyz"]
         squares = [part * part for part in parts]
@@ -95,14 +95,14 @@ def coordinate_ranges(name: str, edges: Any, window: Window) -> Interval:
 
 
 def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> dict[str, Interval]:
-    """Return the ranges of all fields in and around every block; cached with the volume.
+    """Return the ranges of all fields in and around every brick; cached with the volume.
 
-    Without blocks, the ranges in the whole volume.
+    Without bricks, the ranges in the whole volume.
     """
     volume = evaluator.volume
 
     def ranges(name: str) -> Interval:
-        if not volume.grid.has_blocks:
+        if not volume.grid.has_bricks:
             return evaluator.statistics.range_of(name)
         if name not in volume:
             return coordinate_ranges(name, volume.grid.edges, window)
@@ -126,27 +126,27 @@ def get_exactness(evaluator: CellEvaluator, cache: Cache) -> tuple[bool, float]:
     return exact
 
 
-def get_blocks(
+def get_bricks(
     evaluator: CellEvaluator, cache: Cache, faint: float, window: Window, coarseness: float = 0.0
-) -> Blocks | None:
-    """Return the blocks that rays may skip, or None; cached with the volume."""
+) -> Bricks | None:
+    """Return the bricks that rays may skip, or None; cached with the volume."""
     medium, backend, volume = evaluator.medium, evaluator.backend, evaluator.volume
-    if not evaluator.grid.has_blocks:
+    if not evaluator.grid.has_bricks:
         return None
     limits = difference_limits(evaluator, coarseness)
 
-    def make() -> Blocks | None:
+    def make() -> Bricks | None:
         ranges = get_ranges(evaluator, cache, window)
         visible = _visible(evaluator, ranges, faint)
         visible = np.broadcast_to(visible, window.shape(volume.grid.shape))
         steps = None if limits is None else wide_steps(evaluator, visible, ranges, limits)
-        return worthwhile_blocks(visible, backend, window, steps)
+        return worthwhile_bricks(visible, backend, window, steps)
 
     key = medium.visible_key()
     if key is not None:
         differences = None if limits is None else tuple(limit.key for limit in limits)
         digests = cache.statistics.digests(medium.names)
-        key = ("blocks", key, faint, window, differences, digests, backend)
+        key = ("bricks", key, faint, window, differences, digests, backend)
     return cache.get_or_make(key, make)
 
 
@@ -156,13 +156,13 @@ def _visible(evaluator: CellEvaluator, ranges: dict[str, Interval], faint: float
         return np.asarray(evaluator.medium.visible_in(ranges, context))
 
 
-def worthwhile_blocks(
+def worthwhile_bricks(
     visible: np.ndarray, backend: Backend, window: Window, steps: np.ndarray | None = None
-) -> Blocks | None:
-    """Return blocks that rays can skip, or None if few are empty and steps are never wide."""
+) -> Bricks | None:
+    """Return bricks that rays can skip, or None if few are empty and steps are never wide."""
     if steps is None and np.count_nonzero(visible) > window.worthwhile * visible.size:
         return None
-    return make_blocks(visible, backend, steps=steps)
+    return make_bricks(visible, backend, steps=steps)
 
 
 def pruned_walk(grid: Grid, visible: np.ndarray, backend: Backend, kind: str) -> Any:

@@ -33,7 +33,7 @@ from .corner_layouts import (
     lattices_of_leaves,
     make_nodes,
 )
-from .empty_space import DUAL, get_blocks, get_exactness, pruned_walk, visible_leaves
+from .empty_space import DUAL, get_bricks, get_exactness, pruned_walk, visible_leaves
 
 if TYPE_CHECKING:
     from ...grids.trees.ghosts import LeavesWithGhosts
@@ -125,14 +125,14 @@ class Interpolated:
         evaluator: CellEvaluator,
         lattices: dict[str, FieldLattice],
         context: Context,
-        blocks: Any,
+        bricks: Any,
         paths: float,
     ) -> None:
         self.lattices, self.context = lattices, context
         self.numbers, self.backend = evaluator.numbers, evaluator.backend
-        self.blocks, self.mirror = blocks, evaluator.grid.mirror
+        self.bricks, self.mirror = bricks, evaluator.grid.mirror
         self.walk: Any = None  # through less than the whole grid, or in other steps
-        self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
+        self.walk_kind = "coarse" if bricks is not None and bricks.coarse else "dual"
         self.tolerance: tuple[Float, ...] = ()
         self.lost = 0.0
         # A ray may follow a shell over its whole length at a distance where the shell is neglected.
@@ -326,14 +326,14 @@ def interpolated_fields(
         tolerance=tolerance,
         coordinates=ray_coordinates(volume, medium.names),
     )
-    blocks: Any = None
+    bricks: Any = None
     if in_pieces:
         lattices = {n: FieldLattice.of_range(*ends, backend) for n, ends in extremes.items()}
     else:
         coarseness = scheme.coarseness_for(tolerance) if whole else 0.0
-        blocks = get_blocks(evaluator, cache, faint, DUAL, coarseness)
+        bricks = get_bricks(evaluator, cache, faint, DUAL, coarseness)
         lattices = get_lattices(evaluator, cache)
-    source = Interpolated(evaluator, lattices, context, blocks, paths)
+    source = Interpolated(evaluator, lattices, context, bricks, paths)
     known = all(name in volume for name in medium.names)
     if whole and known and grid.can_be_pruned and not in_pieces:
 

@@ -23,7 +23,7 @@ from ..cache import SLABS, Cache
 from ..precision import in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
 from .channel_layout import ChannelLayout, PerChannel, blocks_of, some_channels
-from .empty_space import CELLS, get_blocks, get_exactness, pruned_walk, visible_leaves
+from .empty_space import CELLS, get_bricks, get_exactness, pruned_walk, visible_leaves
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
@@ -50,8 +50,8 @@ class CoefficientTable:
         Largest magnitude of each number, times the grid's scale.
     bounds : list of float
         Their bounds from the ranges of the fields, before rounding.
-    blocks, walk : optional
-        Blocks that rays may skip; or a walk through part of the grid.
+    bricks, walk : optional
+        Bricks that rays may skip; or a walk through part of the grid.
     """
 
     packets: list[Float]
@@ -60,7 +60,7 @@ class CoefficientTable:
     largest: list[float]
     backend: Backend
     bounds: list[float]
-    blocks: Any = None
+    bricks: Any = None
     walk: Any = None
     walk_kind: ClassVar[str | None] = None
     tolerance: ClassVar[tuple[Float, ...]] = ()
@@ -203,7 +203,7 @@ class OnRay:
         Take the fields of the volume; else `within` gives those of a part of it.
     """
 
-    blocks: Any = None
+    bricks: Any = None
     walk: Any = None
     walk_kind = None
     tolerance: tuple[Float, ...] = ()
@@ -284,8 +284,8 @@ class TablesOfBlocks:
     walk = walk_kind = None
     tolerance: tuple[Float, ...] = ()
 
-    def __init__(self, evaluator: CellEvaluator, blocks: Any) -> None:
-        self.evaluator, self.backend, self.blocks = evaluator, evaluator.backend, blocks
+    def __init__(self, evaluator: CellEvaluator, bricks: Any) -> None:
+        self.evaluator, self.backend, self.bricks = evaluator, evaluator.backend, bricks
         self.numbers = evaluator.numbers
         self.numbers.normalise(evaluator.sizes)
         self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
@@ -295,7 +295,7 @@ class TablesOfBlocks:
         dr.sync_thread()  # the table before is free only now
         part = self.evaluator.block(cast(PerChannel, self.numbers).block(channels))
         table = vertex_table(part, measured=False)
-        table.blocks = self.blocks
+        table.bricks = self.bricks
         table.largest = some_channels(self.numbers, self.largest, channels)
         return table
 
@@ -328,16 +328,16 @@ def tabulated(
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
     count = len(blocks_of(numbers.emissions, scheme))
     if _without_table(evaluator, scheme):
-        blocks = None if scheme.everywhere else get_blocks(evaluator, cache, faint, CELLS)
+        bricks = None if scheme.everywhere else get_bricks(evaluator, cache, faint, CELLS)
         if by_cell:
             source = OnRay(evaluator, single=_fits_in_single(evaluator, cache))
-            source.blocks = blocks
+            source.bricks = bricks
             known = all(name in evaluator.volume for name in evaluator.medium.names)
             if whole and known and grid.can_be_pruned and not scheme.everywhere:
                 source.walk = _pruned(evaluator, cache)
             return source
         check_memory(needed // count + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
-        return TablesOfBlocks(evaluator, blocks)
+        return TablesOfBlocks(evaluator, bricks)
     key: Hashable = None
     if (own := numbers.key()) is not None and not recorded:
         digests = cache.statistics.digests(evaluator.medium.names)
@@ -352,7 +352,7 @@ def tabulated(
     numbers.normalise(evaluator.sizes)
     table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)
     if not scheme.everywhere:
-        table.blocks = get_blocks(evaluator, cache, faint, CELLS)
+        table.bricks = get_bricks(evaluator, cache, faint, CELLS)
         if whole and by_cell and grid.can_be_pruned:
             table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)

@@ -1,4 +1,4 @@
-"""Finds blocks where rays can take wider steps, because a coarser interpolant is accurate there.
+"""Finds bricks where rays can take wider steps, because a coarser interpolant is accurate there.
 
 In a cube of 2, 4 or 8 dual cells, the fields interpolated between its eight corners are compared
 with the fields themselves at every cell centre inside. Where the error of each of the medium's
@@ -43,7 +43,7 @@ class Limit:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Return everything that blocks depend on, besides the part of the medium."""
+        """Return everything that bricks depend on, besides the part of the medium."""
         return (self.expr.text, self.width, self.fraction)
 
     def holds(self, exact: Float, approximate: list[Float], context: Context) -> Mask:
@@ -100,7 +100,7 @@ def wide_steps(
     ranges: dict[str, Interval],
     limits: tuple[Limit, ...],
 ) -> np.ndarray | None:
-    """Return log2 of the step width allowed in each block, or None if few may be wide."""
+    """Return log2 of the step width allowed in each brick, or None if few may be wide."""
     # The width that keeps the optical depth low enough; for a single shell with proportional j and
     # α any depth is allowed.
     most, parts = np.full(visible.shape, WIDEST, np.uint8), evaluator.medium.components()
