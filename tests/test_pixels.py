@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from voluminous.backend import get_backend
-from voluminous.rendering.pixels import BLOCK, PixelOrder
+from voluminous.rendering.pixels import TILE, PixelOrder
 
 NOBODY = 0xFFFFFFFF
 
@@ -17,8 +17,8 @@ def test_every_pixel_is_one_lane_in_batches_of_any_size(pixels, blocks):
     nx, ny = pixels
     order, backend = PixelOrder(pixels), get_backend("cpu", "single")
     found = []
-    for first in range(0, order.count, blocks * BLOCK**2):
-        lanes = order.lanes(first, min(blocks * BLOCK**2, order.count - first), backend)
+    for first in range(0, order.count, blocks * TILE**2):
+        lanes = order.lanes(first, min(blocks * TILE**2, order.count - first), backend)
         target = np.array(lanes.target)
         there = target != NOBODY
         row, column = np.divmod(target[there], nx)

@@ -185,5 +185,5 @@ def test_of_many_batches_the_latest_are_kept(monkeypatch, launches):
     for n in (10, 20, 30, 40, 40, 20, 20):
         camera = vm.Orthographic(width=2.5, resolution=n)
         vm.render(volume, MEDIA["shell"], camera, tolerance=None)
-    # Lanes come in blocks of 16 x 16 pixels.
+    # Lanes come in tiles of 16 x 16 pixels.
     assert launches == [48 * 48, 32 * 32]

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..rendering.job import RenderJob
-from ..rendering.pixels import BLOCK
-from ..rendering.sources.channel_layout import blocks_of
+from ..rendering.pixels import TILE
+from ..rendering.sources.channel_layout import channel_groups
 from ..rendering.tracer import Paths, RayTracer
 from .bracket import Bracket
 from .fields import Bracketed
@@ -62,15 +62,15 @@ def bracket(
     """
     if not budget:
         return None, None
-    blocks = blocks_of(job.medium.channels, job.scheme)
-    media = [job.medium.block(block.start, block.stop) for block in blocks]
-    if len(blocks) > 1 and all(map(is_bounded, (p for one in media for p in one.components()))):
+    groups = channel_groups(job.medium.channels, job.scheme)
+    media = [job.medium.group(group.start, group.stop) for group in groups]
+    if len(groups) > 1 and all(map(is_bounded, (p for one in media for p in one.components()))):
         behind = np.broadcast_to(background, intensity.shape)
         lower, upper = np.empty(intensity.shape), np.empty(intensity.shape)
-        for block, medium in zip(blocks, media, strict=True):
+        for group, medium in zip(groups, media, strict=True):
             one = replace(job, medium=medium)
-            ends = bracket(one, budget, intensity, behind[..., block])
-            lower[..., block], upper[..., block] = ends
+            ends = bracket(one, budget, intensity, behind[..., group])
+            lower[..., group], upper[..., group] = ends
         return lower, upper
     for part in job.medium.components():
         if not is_bounded(part):
@@ -91,7 +91,7 @@ def bracket(
 
 def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:
     tracer = RayTracer(job, source, 0.0)
-    tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
+    tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // TILE**2) * TILE**2
     allowed = job.tolerance * brightest
     source.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
     paths = tracer.frame()

@@ -316,10 +316,10 @@ class _Ray(NamedTuple):
 
 
 def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _Ray:
-    """Return the ray with all blocks of channels; some may end before others."""
+    """Return the ray with all groups of channels; some may end before others."""
     room = _ROOM * int(tracer.job.volume.grid.cells_across) + 64
     rays = [_follow(part, pixel, offset, room) for _, part in tracer.parts()]
-    if len(blocks := tracer.blocks) == 1:
+    if len(groups := tracer.groups) == 1:
         return rays[0]
     longest = max(rays, key=lambda ray: len(ray.rows["begin"]))
     emissions, extinctions, _ = tracer.counts
@@ -328,13 +328,13 @@ def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _
         count = emissions if name in ("j", "emission") else extinctions
         shape = (len(longest.rows[name]), count)
         rows[name] = np.full(shape, 1.0 if name == "transparency" else 0.0)
-    for block, ray in zip(blocks, rays, strict=True):
-        grey = slice(0, 1) if extinctions == 1 else block
+    for group, ray in zip(groups, rays, strict=True):
+        grey = slice(0, 1) if extinctions == 1 else group
         for name in ("j", "emission"):
-            rows[name][: len(ray.rows[name]), block] = ray.rows[name]
+            rows[name][: len(ray.rows[name]), group] = ray.rows[name]
         for name in ("alpha", "tau", "transparency"):
             rows[name][: len(ray.rows[name]), grey] = ray.rows[name]
-        path.emission[block] = ray.path.emission
+        path.emission[group] = ray.path.emission
         path.transparency[grey], path.depth[grey] = ray.path.transparency, ray.path.depth
     stopped = any(ray.stopped for ray in rays)
     return longest._replace(rows=rows, path=path, stopped=stopped, numbers=tracer.source.numbers)
@@ -476,10 +476,10 @@ def _in_cells(
     known = np.unique(cell[cell >= 0])
     found: dict[str, dict[int, float]] = {expr.text: {} for expr in expressions}
     names = dict.fromkeys(name for expr in expressions for name in expr.names)
-    groups: Iterable[tuple[Volume, np.ndarray, np.ndarray]] = [(volume, known, known)]
+    blocks: Iterable[tuple[Volume, np.ndarray, np.ndarray]] = [(volume, known, known)]
     if pieces is not None:
-        groups = pieces.outline.with_cells(known, names, pieces.side)
-    for part, numbers, own in groups:
+        blocks = pieces.outline.with_cells(known, names, pieces.side)
+    for part, numbers, own in blocks:
         for expr in expressions:
             values = (part.evaluate_cells(expr, c, c + 1)[0] for c in own)
             found[expr.text] |= dict(zip(numbers.tolist(), values, strict=True))

@@ -159,7 +159,7 @@ class Coefficients(Medium):
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.coefficients(fields, context)
 
-    def block(self, first: int, last: int) -> Coefficients:
+    def group(self, first: int, last: int) -> Coefficients:
         part = slice(first, last)
         extinction = self.extinction if self.grey else self.extinction[part]
         return self.replace(emissivity=self.emissivity[part], extinction=extinction)
@@ -186,7 +186,7 @@ def _expressions(value: Float, what: str) -> tuple[Expression, ...]:
     return tuple(Expression(part) for part in parts)
 
 
-@functools.lru_cache(maxsize=1 << 13)  # blocks of channels are made for each picture
+@functools.lru_cache(maxsize=1 << 13)  # groups of channels are made for each picture
 def _margins(expression: Expression) -> tuple[Expression, ...]:
     return tuple(expression.margins())
 

@@ -162,7 +162,7 @@ class Medium(Value):
         """
         return all(part.emission_range() is None for part in self.components())
 
-    def block(self, first: int, last: int) -> Medium:
+    def group(self, first: int, last: int) -> Medium:
         """Return the medium of the channels from `first` up to `last`, which are drawn together."""
         some: Medium = room("media.some_channels").SomeChannels(self, first, last)
         return some

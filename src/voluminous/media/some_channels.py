@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class SomeChannels(Medium):
     """The channels of a medium from one up to another; kernels drop what the others need.
 
-    Media whose channels are independent have a faster `Medium.block`.
+    Media whose channels are independent have a faster `Medium.group`.
     """
 
     def __init__(self, medium: Medium, first: int, last: int) -> None:

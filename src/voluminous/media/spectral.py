@@ -160,7 +160,7 @@ class SpectralMedium(Medium):
         """Return a copy with bands, and all numbers that depend on them."""
         return self.changed(bands=bands, channels=len(bands.frequencies))
 
-    def block(self, first: int, last: int) -> Medium:
+    def group(self, first: int, last: int) -> Medium:
         assert self.bands is not None
         return self.at_frequencies(self.bands.some(first, last))
 

@@ -51,8 +51,8 @@ class Sum(Medium):
     def components(self) -> tuple[Medium, ...]:
         return self.parts
 
-    def block(self, first: int, last: int) -> Medium:
-        return Sum(tuple(part.block(first, last) for part in self.parts))
+    def group(self, first: int, last: int) -> Medium:
+        return Sum(tuple(part.group(first, last) for part in self.parts))
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return self._total([part.coefficients(fields, context) for part in self.parts])

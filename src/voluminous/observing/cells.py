@@ -14,7 +14,7 @@ from ..geometry import CARTESIAN
 from ..media import Dust
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
-from ..rendering.sources.channel_layout import PerChannel, blocks_of
+from ..rendering.sources.channel_layout import PerChannel, channel_groups
 from .rings import Rings
 
 if TYPE_CHECKING:
@@ -104,10 +104,10 @@ def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
 
     corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1)
     whole = isinstance(camera, Rings) or not beside(corners).any()
-    blocks = blocks_of(medium.channels)
-    parts = [medium.block(block.start, block.stop) for block in blocks]
+    groups = channel_groups(medium.channels)
+    parts = [medium.group(group.start, group.stop) for group in groups]
     evaluators = [CellEvaluator(bands.volume, p, PerChannel(p), backend) for p in parts]
-    sums = np.zeros((len(blocks), 2, parts[0].channels))
+    sums = np.zeros((len(groups), 2, parts[0].channels))
     for first in range(0, grid.size, SLAB):
         last = min(first + SLAB, grid.size)
         if volumes is None:
@@ -124,6 +124,6 @@ def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
             dr.eval(found)
             own[: len(found)] += np.array(found, np.float64).reshape(len(found), -1)
     light = np.zeros((2, medium.channels))
-    for block, own in zip(blocks, sums, strict=True):  # the last may overlap
-        light[:, block] = own
+    for group, own in zip(groups, sums, strict=True):  # the last may overlap
+        light[:, group] = own
     return np.asarray(light * bands.unit)

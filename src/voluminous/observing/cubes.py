@@ -172,7 +172,7 @@ def observe(
         with keeping(empty):
             return render(
                 volume,
-                tuned if part == slice(0, count) else tuned.block(part.start, part.stop),
+                tuned if part == slice(0, count) else tuned.group(part.start, part.stop),
                 camera,
                 objects=tuple(lit(thing, own) for thing in things),
                 background=light[..., part] if light.ndim and light.shape[-1] == count else light,

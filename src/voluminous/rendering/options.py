@@ -28,7 +28,7 @@ DEFAULT_ERROR = 1e-4
 # The finest tolerance that single precision reaches: rounding is 3e-6 of the sum of all colours.
 FINEST_SINGLE = 1e-5
 _MOST_SAMPLES = 4096
-# Pixels are counted in 32 bits, in blocks that may extend beyond the edge.
+# Pixels are counted in 32 bits, in tiles that may extend beyond the edge.
 _MOST_PIXELS = 1 << 31
 # Numbers stored per pixel besides those of channels: errors and order.
 _OTHER_PLANES = 6

@@ -146,7 +146,7 @@ class Pieces:
         used = self.used = [name for name in medium.names if name in self.outline]
         kinds = [self.outline.dtype(name) for name in used]
         extinctions = 1 if medium.grey else medium.channels
-        # Many channels are drawn in blocks, in each of which rays have a state before and after.
+        # Many channels are drawn in groups, in each of which rays have a state before and after.
         part = min(1.0, MOST_TOGETHER / medium.channels)
         # Fields of a block, and chunks of the next; with real numbers for integers.
         numbers = medium.channels + extinctions

@@ -11,9 +11,9 @@ import numpy as np
 from ..backend import Backend, Float, Int, Mask, dr, from_host
 from ..grids.contract import Ray
 
-# Side of a block of pixels. Within a block lanes follow the Morton curve, so that the lanes of a
+# Side of a tile of pixels. Within a tile lanes follow the Morton curve, so that the lanes of a
 # vector (16) and consecutive vectors cross the same cells.
-BLOCK = 16
+TILE = 16
 _BITS = 4
 _NOBODY = 0xFFFFFFFF
 
@@ -81,20 +81,20 @@ class PixelOrder:
     def __init__(self, pixels: tuple[int, int], focus: tuple[float, float] | None = None) -> None:
         self.nx, self.ny = pixels
         self.focus = focus
-        self.columns = -(-self.nx // BLOCK)
-        self.rows = -(-self.ny // BLOCK)
+        self.columns = -(-self.nx // TILE)
+        self.rows = -(-self.ny // TILE)
 
     @functools.cached_property
     def outwards(self) -> np.ndarray:
-        """Block numbers, row by row, in rings around the middle of the picture.
+        """Tile numbers, row by row, in rings around the middle of the picture.
 
-        Most visible structure is there, and threads that take the last blocks finish early: 0.96 of
+        Most visible structure is there, and threads that take the last tiles finish early: 0.96 of
         the time on two cores where two thirds of the rays miss the medium.
         """
         y, x = np.indices((self.rows, self.columns))
         column, row = self.columns - 1, self.rows - 1  # twice the place of the middle
         if self.focus is not None:
-            column, row = (2 * (int(c) // BLOCK) for c in self.focus)
+            column, row = (2 * (int(c) // TILE) for c in self.focus)
         across, up = 2 * x - column, 2 * y - row
         ring = np.maximum(np.abs(across), np.abs(up)) // 2
         return np.lexsort((np.arctan2(up, across).ravel(), ring.ravel())).astype(np.uint32)
@@ -102,19 +102,19 @@ class PixelOrder:
     @property
     def count(self) -> int:
         """Number of lanes, those beyond the image's edges included."""
-        return self.columns * self.rows * BLOCK * BLOCK
+        return self.columns * self.rows * TILE * TILE
 
     def lanes(self, first: int, count: int, backend: Backend) -> Lanes:
-        """Return consecutive lanes, in whole blocks, through the centres of their pixels."""
+        """Return consecutive lanes, in whole tiles, through the centres of their pixels."""
         UInt, Wide = backend.UInt, backend.Wide
         lane = dr.arange(UInt, count)
-        within = lane & (BLOCK * BLOCK - 1)
-        blocks = self.outwards[first >> (2 * _BITS) : (first + count) >> (2 * _BITS)]
-        block = dr.gather(UInt, from_host(UInt, blocks), lane >> (2 * _BITS))
+        within = lane & (TILE * TILE - 1)
+        tiles = self.outwards[first >> (2 * _BITS) : (first + count) >> (2 * _BITS)]
+        tile = dr.gather(UInt, from_host(UInt, tiles), lane >> (2 * _BITS))
         columns = dr.opaque(UInt, self.columns)
-        row = backend.quotient(block, columns)
-        x = (block - row * columns) * BLOCK + _every_second_bit(within)
-        y = row * BLOCK + _every_second_bit(within >> 1)
+        row = backend.quotient(tile, columns)
+        x = (tile - row * columns) * TILE + _every_second_bit(within)
+        y = row * TILE + _every_second_bit(within >> 1)
         nx = dr.opaque(UInt, self.nx)
         there = (x < nx) & (y < dr.opaque(UInt, self.ny))
         target = dr.select(there, y * nx + x, _NOBODY)

@@ -111,7 +111,7 @@ def _draw(
         refine(tracer, paths, job.tolerance)
     if job.scheme.controlled:
         add_rounding_error(tracer, paths)
-    if len(tracer.blocks) > 1:  # memory of their tables
+    if len(tracer.groups) > 1:  # memory of their tables
         dr.flush_malloc_cache()
     (nx, ny), numbers = job.frame.pixels, tracer.source.numbers
     emission, through, depth, error = (

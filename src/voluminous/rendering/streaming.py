@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from .job import RenderJob
     from .pieces import Pieces
 
-# Lanes whose places in the picture are bounded together: a block of pixels.
-_GROUP = 256
+# Lanes whose places in the picture are bounded together: a tile of pixels.
+_TILE = 256
 # Parts of a peak below this are zero in single precision, with room for long paths: leaving them
 # out changes no bit.
 _FAINTEST = 1e-37
@@ -68,7 +68,7 @@ class StreamingTracer(RayTracer):
         self.pieces: Pieces = job.pieces
         self.faintest = faintest
         nx, ny = job.frame.pixels
-        self.batch = max(self.batch, (nx + _GROUP) * (ny + _GROUP))  # blocks are read once
+        self.batch = max(self.batch, (nx + _TILE) * (ny + _TILE))  # blocks are read once
         self._done, self._counts = 0, False
         several = job.scheme.controlled or job.samples > 1
         pieces = self.pieces
@@ -246,13 +246,13 @@ class StreamingTracer(RayTracer):
         if hidden is not None:
             scheme = scheme.hiding(HiddenCells(hidden).on(self.backend))
         meanwhile()
-        for part, block, state in zip(parts, self.blocks, rays.states, strict=True):
+        for part, group, state in zip(parts, self.groups, rays.states, strict=True):
             own = chosen if len(parts) == 1 else rays.unfinished(chosen, state)
             if not len(own):
                 continue
             ray, before = rays.some(own, state)
             _, cursor = walk.enter(ray)
-            after = march(walk, source(block), scheme, ray, before, part.ending, False)
+            after = march(walk, source(group), scheme, ray, before, part.ending, False)
             new = hand_on(before, cursor.inside, after)
             dr.eval(new)
             rays.put(own, state, mapped(lambda a: a.numpy(), new))
@@ -283,11 +283,11 @@ class StreamingTracer(RayTracer):
         Fields are read, and put where kernels gather them, once for all channels.
         """
         source, pieces = self.source, self.pieces
-        several, hidden = len(self.blocks) > 1, None
+        several, hidden = len(self.groups) > 1, None
         if isinstance(pieces, TreePieces) and pieces.dual:
             leaves = pieces.leaves(box)
             within = source.within_leaves(leaves, pieces.around_leaves(self.chunks, leaves))
-            return (within.block if several else lambda block: within), None
+            return (within.group if several else lambda group: within), None
         values = {
             name: self.chunks.box(name, *pieces.cells(box), self.shown, int(pieces.dual))
             for name in pieces.used
@@ -304,13 +304,13 @@ class StreamingTracer(RayTracer):
             pays = pieces.tabulates and cells < _CELLS_PER_STEP * steps
             if pays and source.real is self.backend.Wide:
 
-                def table(block: slice) -> Any:
-                    part = source.block(block) if several else source
+                def table(group: slice) -> Any:
+                    part = source.group(group) if several else source
                     return part.tabulated(volume, box.low)
 
                 return table, hidden
             within = source.within(volume, box.low)
-        return (within.block if several else lambda block: within), hidden
+        return (within.group if several else lambda group: within), hidden
 
 
 class Rays:
@@ -325,7 +325,7 @@ class Rays:
     there : bool array
         Lanes that are rays.
     states : list of RayState
-        One for each block of channels.
+        One for each group of channels.
     """
 
     def __init__(
@@ -338,7 +338,7 @@ class Rays:
         self.tracer, self.offset, self.states = tracer, offset, states
         self.u, self.v, self.there = places
         # The least and the largest places of rays that are together.
-        starts = np.arange(0, len(self.u), _GROUP)
+        starts = np.arange(0, len(self.u), _TILE)
         self.low, self.high = (
             np.array([end.reduceat(values, starts) for values in (self.u, self.v)])
             for end in (np.minimum, np.maximum)
@@ -444,7 +444,7 @@ class Rays:
                 low, high = places.min(axis=1) - _MARGIN, places.max(axis=1) + _MARGIN
         beyond = (low[:, None] > self.high) | (high[:, None] < self.low)
         near = ~np.any(beyond, axis=0)
-        chosen = (np.flatnonzero(near)[:, None] * _GROUP + np.arange(_GROUP)).ravel()
+        chosen = (np.flatnonzero(near)[:, None] * _TILE + np.arange(_TILE)).ravel()
         chosen = chosen[chosen < len(self.u)]
         u, v = self.u[chosen], self.v[chosen]
         inside = (u >= low[0]) & (u <= high[0]) & (v >= low[1]) & (v <= high[1])

@@ -20,8 +20,8 @@ from ..grids.contract import Ray
 from ..schemes.path import Path, empty_path
 from .march import Cutoff, MarchState, RayState, march
 from .missing import through_cells
-from .pixels import BLOCK, MOST_KEPT, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
-from .sources.channel_layout import PerChannel, blocks_of
+from .pixels import MOST_KEPT, TILE, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
+from .sources.channel_layout import PerChannel, channel_groups
 
 if TYPE_CHECKING:
     from .job import RenderJob
@@ -146,9 +146,9 @@ class RayTracer:
         if bricks is not None:
             steps *= float(max(bricks.filled ** (1 / 3) * bricks.share, 0.03))
         lanes = int(_STEPS_PER_BATCH / steps)
-        if (count := len(self.blocks)) > 1:  # which take the longer, or need tables again
+        if (count := len(self.groups)) > 1:  # which take the longer, or need tables again
             lanes = min(lanes, max(lanes // count, _MOST_RAYS))
-        self.batch = max(1, lanes // BLOCK**2) * BLOCK**2
+        self.batch = max(1, lanes // TILE**2) * TILE**2
         self.ending = self._ending(brightest_background)
         self.vectors = job.frame.traced_vectors(job.backend)
         self.places = [
@@ -173,8 +173,8 @@ class RayTracer:
         return Cutoff([opaque(min(b, most)) for b in behind], weights, opaque(0.0))
 
     @property
-    def blocks(self) -> list[slice]:
-        """The blocks of channels that are drawn together: more than one if there are many.
+    def groups(self) -> list[slice]:
+        """The groups of channels that are drawn together: more than one if there are many.
 
         Gradients are of all together.
         """
@@ -182,16 +182,16 @@ class RayTracer:
         if self.results:
             return [slice(None)]
         if isinstance(numbers, PerChannel) and not self.backend.derivatives:
-            return blocks_of(numbers.emissions, self.job.scheme)
+            return channel_groups(numbers.emissions, self.job.scheme)
         return [slice(0, numbers.emissions)]
 
     def parts(self) -> Iterator[tuple[int, RayTracer]]:
-        """Yield a tracer of each block of channels, one after the other: each may need memory."""
-        for number, block in enumerate(blocks := self.blocks):
+        """Yield a tracer of each group of channels, one after the other: each may need memory."""
+        for number, group in enumerate(groups := self.groups):
             part = self
-            if len(blocks) > 1:
+            if len(groups) > 1:
                 part = copy.copy(self)
-                part.source, part.first = self.source.block(block), block.start
+                part.source, part.first = self.source.group(group), group.start
                 part.ending = part._ending(self.background)
             yield number, part
 
@@ -237,7 +237,7 @@ class RayTracer:
                 elif took > seconds and halved * 0.75 < took < halved:
                     size, halved = min(self.batch, 4 * size), 0.0  # halving does not help
                 elif took > seconds and halved:
-                    size, halved = max(BLOCK**2, size // 2), took
+                    size, halved = max(TILE**2, size // 2), took
                 yield self, batch.lanes.pixels, self._paths(rows)
         return self._paths(rows)
 
@@ -278,11 +278,11 @@ class RayTracer:
         """Return arrays for the components of paths, and one that marks rays that stopped early.
 
         Zeros are needed only where elements are read before they are written (`partial`). Each
-        block of channels has its own errors and marks.
+        group of channels has its own errors and marks.
         """
         emissions, extinctions, errors = self.counts
         make = dr.zeros if partial else dr.empty
-        total = emissions + 2 * extinctions + (errors + 1) * len(self.blocks)
+        total = emissions + 2 * extinctions + (errors + 1) * len(self.groups)
         return [make(self.backend.Float, count) for _ in range(total)]
 
     def _paths(self, rows: list[Float]) -> Paths:
@@ -294,7 +294,7 @@ class RayTracer:
         return Paths([*values[:common], *worst[:-1]], self.counts, early)
 
     def _draw(self, batch: RayBatch, rows: list[Float], lanes: int = 0) -> None:
-        """Trace a batch; between blocks of channels, interrupts take effect if `lanes` is given."""
+        """Trace a batch; between groups of channels, interrupts take effect if `lanes` is given."""
         for number, part in self.parts():
             if number and lanes:
                 self.job.advance(0, lanes)
@@ -305,13 +305,13 @@ class RayTracer:
 
     def _rows_of(self, number: int, rows: list[Float]) -> list[Float]:
         emissions, extinctions, errors = self.counts
-        if len(self.blocks) == 1:
+        if len(self.groups) == 1:
             return rows
-        block, common = self.blocks[number], emissions + 2 * extinctions
-        grey = slice(0, 1) if extinctions == 1 else block
+        group, common = self.groups[number], emissions + 2 * extinctions
+        grey = slice(0, 1) if extinctions == 1 else group
         first = common + number * (errors + 1)
         return [
-            *rows[block],
+            *rows[group],
             *rows[emissions : emissions + extinctions][grey],
             *rows[emissions + extinctions : common][grey],
             *rows[first : first + errors + 1],
@@ -431,7 +431,7 @@ def reverse(ray: Ray) -> Ray:
 # With more rays, unless they are a whole picture's, tracing is a small part of the time, and cached
 # lanes take memory.
 _MOST_RAYS = 1 << 16
-# Maximum number of batches in the cache, for each block of channels.
+# Maximum number of batches in the cache, for each group of channels.
 _KEPT = 8
 
 

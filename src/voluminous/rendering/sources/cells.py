@@ -23,7 +23,7 @@ from ...media.ranges import RangeContext
 from ...memory import check_memory
 from ...volume import Volume
 from ..cache import VolumeStatistics
-from .channel_layout import ChannelLayout, PerChannel, blocks_of
+from .channel_layout import ChannelLayout, PerChannel, channel_groups
 
 if TYPE_CHECKING:
     from ...grids.contract import Grid
@@ -70,7 +70,7 @@ class CellEvaluator:
         self._traced = cartesian and self.grid.has_traced_centers
         self.origin: tuple[int, ...] = ()
 
-    def block(self, numbers: PerChannel) -> CellEvaluator:
+    def group(self, numbers: PerChannel) -> CellEvaluator:
         """Return the evaluator of some of the channels."""
         part = copy.copy(self)
         part.medium, part.numbers = numbers.medium, numbers
@@ -190,13 +190,13 @@ class CellEvaluator:
             return sizes
         assert isinstance(numbers, PerChannel)
         count = min(_RUN, self.grid.size)
-        for block in blocks_of(numbers.emissions):
-            part = self.block(numbers.block(block))
+        for group in channel_groups(numbers.emissions):
+            part = self.group(numbers.group(group))
             part.tape = None
             for first in np.linspace(0, self.grid.size - count, _RUNS).astype(int).tolist():
                 values, _ = part.classify(first, count)
                 dr.eval(values)
-                for c, found in zip(range(block.start, block.stop), values, strict=False):
+                for c, found in zip(range(group.start, group.stop), values, strict=False):
                     size = np.abs(np.asarray(found))
                     most = float(size[np.isfinite(size)].max(initial=0.0))
                     sizes[c] = most if sizes[c] == np.inf else max(most, sizes[c])

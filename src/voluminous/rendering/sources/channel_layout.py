@@ -80,8 +80,8 @@ def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
 _FEW_TOGETHER = 5
 
 
-def blocks_of(channels: int, scheme: Scheme | None = None) -> list[slice]:
-    """Return the blocks in which channels are drawn, all of one size, so that they share a kernel.
+def channel_groups(channels: int, scheme: Scheme | None = None) -> list[slice]:
+    """Return the groups in which channels are drawn, all of one size, so that they share a kernel.
 
     The last ones may overlap.
     """
@@ -122,9 +122,9 @@ class PerChannel:
         self.unit = np.broadcast_to(self.unit, self.emissions)
         self.peaks = np.ones(self.emissions)
 
-    def block(self, channels: slice) -> PerChannel:
+    def group(self, channels: slice) -> PerChannel:
         """Return the layout of some channels."""
-        medium = self.medium.block(channels.start, channels.stop)
+        medium = self.medium.group(channels.start, channels.stop)
         part = PerChannel(medium, self.unit[channels], self.weights[channels])
         part.spectral = self.spectral
         return part
@@ -346,8 +346,8 @@ class GasStates(PerChannel):
         states.context, states.scale = Context(real, number, None, no_unit), scale
         return states
 
-    def block(self, channels: slice) -> PerChannel:
-        part = GasStates(self.medium.block(channels.start, channels.stop), self.unit[channels])
+    def group(self, channels: slice) -> PerChannel:
+        part = GasStates(self.medium.group(channels.start, channels.stop), self.unit[channels])
         part.spectral, part.context, part.scale = self.spectral, self.context, self.scale
         return part
 

@@ -200,10 +200,10 @@ class Interpolated:
         part.lattices = dict(zip(self.lattices, made, strict=True))
         return part
 
-    def block(self, channels: slice) -> Interpolated:
+    def group(self, channels: slice) -> Interpolated:
         """Return the source of some of the channels; it shares fields and all that is skipped."""
         part = copy.copy(self)
-        part.numbers = cast(PerChannel, self.numbers).block(channels)
+        part.numbers = cast(PerChannel, self.numbers).group(channels)
         part.context = replace(self.context, radiance=part.numbers.radiance, _kept={})
         part.largest = part.bounds = some_channels(self.numbers, self.largest, channels)
         part.use(part.numbers.medium)

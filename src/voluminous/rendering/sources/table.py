@@ -22,7 +22,7 @@ from ...volume import Volume
 from ..cache import SLABS, Cache
 from ..precision import in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
-from .channel_layout import ChannelLayout, PerChannel, blocks_of, some_channels
+from .channel_layout import ChannelLayout, PerChannel, channel_groups, some_channels
 from .empty_space import CELLS, get_bricks, get_exactness, pruned_walk, visible_leaves
 
 if TYPE_CHECKING:
@@ -244,11 +244,11 @@ class OnRay:
         evaluator = self.evaluator.within(volume, origin)
         return cell_table(evaluator, 0, volume.grid.size, measured=False)
 
-    def block(self, channels: slice) -> OnRay:
+    def group(self, channels: slice) -> OnRay:
         """Return the source of some of the channels."""
         part = copy.copy(self)
-        part.numbers = cast(PerChannel, self.numbers).block(channels)
-        part.evaluator = self.evaluator.block(part.numbers)
+        part.numbers = cast(PerChannel, self.numbers).group(channels)
+        part.evaluator = self.evaluator.group(part.numbers)
         part.largest = part.bounds = some_channels(self.numbers, self.largest, channels)
         return part
 
@@ -275,8 +275,8 @@ class OnRay:
         return {name: self.real(value) for name, value in found.items()}
 
 
-class TablesOfBlocks:
-    """Coefficients at vertices, tabulated for one block of channels after the other.
+class TablesOfGroups:
+    """Coefficients at vertices, tabulated for one group of channels after the other.
 
     In memory there is one table at a time.
     """
@@ -290,10 +290,10 @@ class TablesOfBlocks:
         self.numbers.normalise(evaluator.sizes)
         self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
 
-    def block(self, channels: slice) -> CoefficientTable:
+    def group(self, channels: slice) -> CoefficientTable:
         """Return the source of some of the channels."""
         dr.sync_thread()  # the table before is free only now
-        part = self.evaluator.block(cast(PerChannel, self.numbers).block(channels))
+        part = self.evaluator.group(cast(PerChannel, self.numbers).group(channels))
         table = vertex_table(part, measured=False)
         table.bricks = self.bricks
         table.largest = some_channels(self.numbers, self.largest, channels)
@@ -302,10 +302,10 @@ class TablesOfBlocks:
 
 def tabulated(
     evaluator: CellEvaluator, cache: Cache, scheme: Scheme, steps: float, whole: bool
-) -> CoefficientTable | OnRay | TablesOfBlocks:
+) -> CoefficientTable | OnRay | TablesOfGroups:
     """Return a new or cached table, or the medium on the ray where a table does not pay.
 
-    Many channels are evaluated on the ray, or tabulated block by block.
+    Many channels are evaluated on the ray, or tabulated group by group.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def tabulated(
     if crowded and not evaluator.volume.tables:  # not even hashed: it takes a while for 1024³
         return OnRay(evaluator)
     faint = 0.0 if scheme.complete else _FAINT[backend.precision]
-    count = len(blocks_of(numbers.emissions, scheme))
+    count = len(channel_groups(numbers.emissions, scheme))
     if _without_table(evaluator, scheme):
         bricks = None if scheme.everywhere else get_bricks(evaluator, cache, faint, CELLS)
         if by_cell:
@@ -337,7 +337,7 @@ def tabulated(
                 source.walk = _pruned(evaluator, cache)
             return source
         check_memory(needed // count + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
-        return TablesOfBlocks(evaluator, bricks)
+        return TablesOfGroups(evaluator, bricks)
     key: Hashable = None
     if (own := numbers.key()) is not None and not recorded:
         digests = cache.statistics.digests(evaluator.medium.names)
@@ -370,7 +370,7 @@ def on_ray_in_pieces(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> 
 def _without_table(evaluator: CellEvaluator, scheme: Scheme) -> bool:
     """Return whether there is no table of all channels: of many, or of lines, which rays shift."""
     numbers = evaluator.numbers
-    many = len(blocks_of(numbers.emissions, scheme)) > 1
+    many = len(channel_groups(numbers.emissions, scheme)) > 1
     many |= scheme.coefficients_at == "cell" and bool(evaluator.medium.sight)
     return many and isinstance(numbers, PerChannel) and not evaluator.backend.derivatives
 
