@@ -151,7 +151,7 @@ def sums(grid, backend, origins, directions, first=None, last=None):
 
     def step(cursor, length, steps, shortest):
         if walk.has_gaps:
-            cursor = walk.cross(track, cursor).cursor
+            cursor = walk.skip_gap(track, cursor).cursor
         segment, following = walk.next(track, cursor)
         return following, length + segment.length, steps + 1, dr.minimum(shortest, segment.length)
 

@@ -8,7 +8,7 @@ import pytest
 from panels import panel_of
 from voluminous.backend import get_backend
 from voluminous.expressions import Expression
-from voluminous.media.edges import passing, slope_at
+from voluminous.media.jumps import passing, slope_at
 
 # How far values are from the level: rounding.
 NEAR = {"single": 1e-5, "double": 1e-9}

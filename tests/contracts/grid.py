@@ -37,7 +37,7 @@ def walk_along(grid, backend, ray, visit=None):
     dr.eval(track, cursor)
     while dr.any(cursor.inside):
         if walk.has_gaps:
-            cursor = walk.cross(track, cursor).cursor
+            cursor = walk.skip_gap(track, cursor).cursor
             dr.eval(cursor)  # or the kernels of all steps grow, and are compiled one by one
         segment, following = walk.next(track, cursor)
         dr.eval(segment, following)

@@ -152,7 +152,7 @@ class Bracket(Scheme):
         seen, *before = carried
         return [seen, *(dr.select(moved, math.nan, value) for value in before)]
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         """Go on with the fields as they are there; what is not seen dims nothing."""
         return [carried[0], *onward[1:]]
 

@@ -153,7 +153,7 @@ class Walk:
     leaps : bool
         Rays may cross empty bricks in one step (`grids.cartesian.leap`).
     has_gaps : bool
-        There is space in the domain that belongs to no cell; `cross` leads beyond it.
+        There is space in the domain that belongs to no cell; `skip_gap` leads beyond it.
     in_cells : bool
         Segments lie in one cell of the grid each; in a walk through dual cells they do not.
     scale : array
@@ -181,8 +181,8 @@ class Walk:
         """Return what cursors' distances are where rays enter the domain."""
         return 0.0
 
-    def cross(self, track: Any, cursor: Any) -> Landing:
-        """Return where rays are beyond the gap that they are in."""
+    def skip_gap(self, track: Any, cursor: Any) -> Landing:
+        """Return where rays leave the gap that they are in."""
         raise NotImplementedError
 
     def entry_corners(self, track: Any, cursor: Any) -> Corners:

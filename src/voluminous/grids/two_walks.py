@@ -66,9 +66,9 @@ class TwoWalks(Walk):
         self.first, self.second, self.scale = first, second, first.scale
         self.has_gaps = first.has_gaps
 
-    def cross(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
-        first = self.first.cross(track.first, cursor.first)
-        second = self.second.cross(track.second, cursor.second)
+    def skip_gap(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
+        first = self.first.skip_gap(track.first, cursor.first)
+        second = self.second.skip_gap(track.second, cursor.second)
         here = first.cursor.t - self.first.arrive(track.first)
         there = second.cursor.t - self.second.arrive(track.second) + track.later
         t = dr.select(first.moved, dr.maximum(cursor.t, here), cursor.t)

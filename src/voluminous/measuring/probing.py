@@ -218,9 +218,9 @@ class _Recorder(Scheme):
             before = interpolated_at(position, source, before, moved)
         return [row, *before, *self.scheme.after_skip(position, source, inner, moved)]
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         """Forward to the wrapped scheme; hidden segments are recorded, too."""
-        inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
+        inner = self.scheme.after_discarded(carried[self.own :], onward[self.own :])
         return [*onward[: self.own], *inner]
 
     def solve(

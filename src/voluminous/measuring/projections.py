@@ -42,7 +42,7 @@ class Scanner(Scheme):
     def results(self, extinctions: int) -> list[float]:
         return [np.nan]
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         return carried
 
 
@@ -319,8 +319,8 @@ class _Surface(Scanner):
         inner = self.scheme.after_skip(position, source, carried[self.own :], moved)
         return [*carried[: self.own], *inner]
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
+    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+        inner = self.scheme.after_discarded(carried[self.own :], onward[self.own :])
         return [*carried[: self.own], *inner]
 
     def solve(

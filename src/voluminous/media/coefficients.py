@@ -18,7 +18,7 @@ from ..expressions.interval import Interval
 from ..units import Unit, parse_unit, unit_name
 from .context import Context, Feature, MediumSample
 from .contract import Medium
-from .edges import SENSITIVITY, Level
+from .jumps import SENSITIVITY, Jump
 from .panel import extremes, in_box, kept
 
 if TYPE_CHECKING:
@@ -122,23 +122,23 @@ class Coefficients(Medium):
     def _sides(self) -> tuple[ComparisonField, ...]:
         return _on_one_side((*self.emissivity, *self.extinction))[1]
 
-    def discontinuities(self, context: Context) -> list[Level]:
+    def jumps(self, context: Context) -> list[Jump]:
         zero = context.kept_number(0.0)
-        return [Level(m, zero) for side in self._sides for m in side.condition.margins()]
+        return [Jump(m, zero) for side in self._sides for m in side.condition.margins()]
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         """Return True everywhere, and where a comparison changes: panels must be narrow there.
 
         Where all comparisons are fixed, panels end at their jumps instead.
         """
-        seen, hidden = super().visible(panel, context)
-        if panel.rough:
-            return seen, hidden
+        seen, unresolved = super().visible(panel, context)
+        if panel.culling_only:
+            return seen, unresolved
         for margin in () if self._decided(panel) else self._margins:
             low, high = panel.hull(margin)
             # It is constant where the scalar is zero throughout, as ``density > 0`` in a vacuum.
-            hidden = hidden | ((low <= 0.0) & (high >= 0.0) & (low < high))
-        return seen, hidden | self._peaks(panel, context)
+            unresolved = unresolved | ((low <= 0.0) & (high >= 0.0) & (low < high))
+        return seen, unresolved | self._peaks(panel, context)
 
     def _peaks(self, panel: Panel, context: Context) -> Mask:
         found = panel.length < 0.0
@@ -154,7 +154,7 @@ class Coefficients(Medium):
         return found
 
     def _decided(self, panel: Panel) -> bool:
-        return panel.edgeless and bool(self._sides)
+        return panel.without_jumps and bool(self._sides)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.coefficients(fields, context)

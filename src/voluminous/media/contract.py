@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..volume import Volume
-    from .edges import Level
+    from .jumps import Jump
     from .modulation import Modulation
     from .panel import Panel
     from .shading import Shade
@@ -252,13 +252,13 @@ class Medium(Value):
         values += [dense * a for a in usable]
         return [context.narrow(v) for v in values]
 
-    def discontinuities(self, context: Context) -> list[Level]:
+    def jumps(self, context: Context) -> list[Jump]:
         """Return the levels at which the medium jumps or has a surface without width.
 
         Panels end there: `means` is called for panels without a discontinuity inside
-        (`Panel.edgeless`).
+        (`Panel.without_jumps`).
         """
-        return self.modulation.discontinuities(context) if self.modulation else []
+        return self.modulation.jumps(context) if self.modulation else []
 
     def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
         """Return emission and depth of the infinitely thin surfaces crossed; None if it has none.
@@ -291,10 +291,10 @@ class Medium(Value):
         return None if warmth is None else self.components()[0].spread_between(warmth, context)
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
-        """Return two masks: where the medium may be noticeable, and where panels may miss that.
+        """Return (visible, unresolved), two masks.
 
-        Where the first is False, `means` is negligible; where the second is True, panels are made
-        smaller. On a `rough` panel only its scalars are known: what else hides it does not count.
+        Visible: lanes on which the medium may contribute. Unresolved: those on which structure
+        between the nodes may be missed, so that the panel must be halved. On a `culling_only` panel only its scalars are known: gates do not count.
         """
         active = panel.length >= 0.0
         return active, active & False

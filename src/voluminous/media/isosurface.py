@@ -37,7 +37,7 @@ from .arguments import (
 )
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
-from .edges import SENSITIVITY, Level, on_chord, passes, slope_at
+from .jumps import SENSITIVITY, Jump, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
 from .panel import Panel, extremes, kept, noise_of
 from .quadrature import doubled
@@ -179,20 +179,20 @@ class Isosurface(Medium):
     def emission_range(self) -> tuple[float, float]:
         return min(map(min, self.colors)), max(map(max, self.colors))
 
-    def discontinuities(self, context: Context) -> list[Level]:
+    def jumps(self, context: Context) -> list[Jump]:
         """Return surfaces without width; else the sides of those in which colour or density varies.
 
         The amounts of the others are exact.
         """
         own = self.numbers(context)
         if not self.thick:
-            return [Level(self.expr, level) for level in own.levels]
+            return [Jump(self.expr, level) for level in own.levels]
         sides: list[Float] = []
         if self._varies:
             sides = context.keep(
                 (id(self), "sides"), lambda: [x for ends in own.ranges for x in ends]
             )
-        return [*(Level(self.expr, x) for x in sides), *super().discontinuities(context)]
+        return [*(Jump(self.expr, x) for x in sides), *super().jumps(context)]
 
     @property
     def _varies(self) -> bool:
@@ -205,7 +205,7 @@ class Isosurface(Medium):
     def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
-        if self.surface_only and panel.edgeless:
+        if self.surface_only and panel.without_jumps:
             return self.in_colors([], zero, context)
         part = self._part_of_shell if self.thick else self._part_at_crossing
         found = [part(panel, context, level) for level in levels]
@@ -326,27 +326,27 @@ class Isosurface(Medium):
         own = self.numbers(context)
         nodes = panel.nodes(self.expr)
         seen = dr.isnan(nodes[1])  # where there is NaN, it must show
-        hidden = panel.length < 0.0
+        unresolved = panel.length < 0.0
         for low, high in own.ranges:
             for edge in (low, high) if self.thick else (low,):
                 possible, shown = passes(panel, self.expr, edge)
                 seen |= possible > 0
-                hidden |= possible > shown
+                unresolved |= possible > shown
         if self.thick:
             for level in own.levels:
                 seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
-        if panel.rough:
-            return seen | hidden, hidden
+        if panel.culling_only:
+            return seen | unresolved, unresolved
         if not self.thick:  # evaluated only where the ray crosses it
-            return self.modulation.open(panel, context, seen), hidden
+            return self.modulation.open(panel, context, seen), unresolved
         for level in own.levels:
-            hidden |= self._folded(panel, context, level)
-        hidden |= seen & self.lamp.turns(panel, context)
-        return self.modulation.visible(panel, context, seen, hidden)
+            unresolved |= self._folded(panel, context, level)
+        unresolved |= seen & self.lamp.turns(panel, context)
+        return self.modulation.visible(panel, context, seen, unresolved)
 
     def _is_outside(self, panel: Panel) -> bool:
         """Return whether no surface without width is inside the panel (only at its ends)."""
-        return self.surface_only and panel.edgeless
+        return self.surface_only and panel.without_jumps
 
     def _folded(self, panel: Panel, context: Context, level: Any) -> Mask:
         width = self.numbers(context).width

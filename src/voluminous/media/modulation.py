@@ -22,7 +22,7 @@ from ..expressions.traced_interval import TracedInterval
 from .arguments import color_values, level_colors
 from .color_by import ColorBy
 from .context import Context, Feature, Halves, MediumSample
-from .edges import SENSITIVITY, Level
+from .jumps import SENSITIVITY, Jump
 from .panel import NODES, PLACES, Middle, Panel, extremes, kept, third_differences
 from .quadrature import parabola
 from .shading import Shade
@@ -114,14 +114,14 @@ class Modulation:
         shade = self.shade.on_rays() if self.shade else None
         return Modulation(self.where, self.color, self.channels, shade)
 
-    def discontinuities(self, context: Context) -> list[Level]:
+    def jumps(self, context: Context) -> list[Jump]:
         """Return the levels where the gate opens and closes, or a soft gate begins or ends to."""
         if self.where is None:
             return []
         zero, one = (context.kept_number(v) for v in (0.0, 1.0))
         if self.stepped:
-            return [Level(margin, zero) for margin in self.where.margins()]
-        return [Level(self.where, level) for level in (zero, one)] if self.soft else []
+            return [Jump(margin, zero) for margin in self.where.margins()]
+        return [Jump(self.where, level) for level in (zero, one)] if self.soft else []
 
     def features(self) -> tuple[Feature, ...]:
         """Return the expressions of gate, colour and shading."""
@@ -209,25 +209,25 @@ class Modulation:
         return Factors(painted, mean[0])
 
     def visible(
-        self, panel: Panel, context: Context, seen: Mask, hidden: Mask
+        self, panel: Panel, context: Context, seen: Mask, unresolved: Mask
     ) -> tuple[Mask, Mask]:
         """Return the masks of `Medium.visible`, given those of the medium without modulation."""
-        if self.fixed or panel.rough:
-            return seen, hidden
+        if self.fixed or panel.culling_only:
+            return seen, unresolved
         if self.color:
-            hidden = hidden | (seen & self.color.turns(panel, context, _DOUBT))
+            unresolved = unresolved | (seen & self.color.turns(panel, context, _DOUBT))
         if self.shade:
-            hidden = hidden | (seen & self.shade.turns(panel, context))
+            unresolved = unresolved | (seen & self.shade.turns(panel, context))
         if self.where is None:
-            return seen, hidden
-        if panel.edgeless and (self.stepped or self.soft):
+            return seen, unresolved
+        if panel.without_jumps and (self.stepped or self.soft):
             seen = seen & (self._in_middle(panel, context) > 0.0)
-            return seen, seen & hidden
+            return seen, seen & unresolved
         gates = [self._gate_at(panel, s, context) for s in NODES]
         least, largest = extremes(gates)
         # Between the nodes a gate that is none of them shows is at most as far from them again.
         seen = seen & ((largest > 0.0) | (panel.beyond(self.where) > 0.0))
-        return seen, seen & (hidden | (largest - least > _DOUBT))
+        return seen, seen & (unresolved | (largest - least > _DOUBT))
 
     def open(self, panel: Panel, context: Context, seen: Mask) -> Mask:
         """Return where the medium is seen and the gate may be open."""
@@ -275,7 +275,7 @@ class Modulation:
         return kept(panel, key, lambda: self._narrow_gate(panel.fields(s), context))
 
     def _is_decided(self, panel: Panel) -> bool:
-        return self.stepped and panel.edgeless
+        return self.stepped and panel.without_jumps
 
     def _at(self, panel: Panel, fields: dict[str, Any], context: Context) -> list[Float]:
         light = self.shade.seen(fields, panel, context) if self.shade else None

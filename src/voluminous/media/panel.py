@@ -41,8 +41,8 @@ _NOISE = {"single": 2e-6, "double": 4e-15}
 class Panel:
     """A piece of a ray, with s from 0 to 1 along it, and its length in units of the grid's scale.
 
-    Once it is `edgeless`, no discontinuity of the medium is inside: the state in the middle holds
-    all along. A `rough` one only serves to tell where the medium's scalars can be seen.
+    Once it is `without_jumps`, the medium does not jump inside: the state in the middle holds all
+    along. `culling_only`: only the scalars are evaluated, to reject segments.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class Panel:
         between: Callable[[Float], dict[str, Any]] | None = None,
         where: Sequence[float] = NODES,
         ahead: Sequence[Float] | None = None,
-        rough: bool = False,
+        culling_only: bool = False,
         many: Mask = False,
     ) -> None:
         self.places, self.context, self.length, self.between = places, context, length, between
-        self.where, self.ahead, self.rough, self.many = where, ahead, rough, many
-        self.edgeless = False
+        self.where, self.ahead, self.culling_only, self.many = where, ahead, culling_only, many
+        self.without_jumps = False
         self.cache: dict[Hashable, Any] = {}
         self._scalars: dict[tuple[str, float], Any] = {}
 
@@ -122,7 +122,7 @@ class Panel:
 
     def _hull(self, expr: Expression) -> tuple[Float, Float]:
         if may_turn(expr, self.context):
-            return _within(self, expr) if self.rough else _by_derivatives(self, expr)
+            return _within(self, expr) if self.culling_only else _by_derivatives(self, expr)
         values = self.known(expr)
         low, high = beyond(values)
         missing = [dr.isnan(x) for x in values]
@@ -141,7 +141,8 @@ class Panel:
 
         places, length = self.places[k : k + 3], 0.5 * self.length
         half = Panel(places, self.context, length, between=between, ahead=self.ahead)
-        half.edgeless, own = self.edgeless, dict(zip(self.where[k : k + 3], NODES, strict=True))
+        half.without_jumps = self.without_jumps
+        own = dict(zip(self.where[k : k + 3], NODES, strict=True))
         for (text, s), value in self._scalars.items():
             if s in own:
                 half._scalars[text, own[s]] = value

@@ -339,8 +339,8 @@ class Shaped(Medium):
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
         # Between log10 of zero and a value there is all of the shell, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
-        hidden = over | under | (seen & endless)
-        return self.modulation.visible(panel, context, seen, hidden)
+        unresolved = over | under | (seen & endless)
+        return self.modulation.visible(panel, context, seen, unresolved)
 
 
 def _nothing(first: Float, last: Float) -> Float:

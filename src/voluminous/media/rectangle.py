@@ -11,7 +11,7 @@ from ..backend.functions import precision_of
 from ..backend.types import Float, Mask
 from ..expressions import Ops
 from .context import Context
-from .edges import Level, passes
+from .jumps import Jump, passes
 from .panel import Middle, middle_of
 from .profiles import Shaped
 
@@ -63,8 +63,8 @@ class Rectangle(Shaped):
     def mean_shape(self, first: Float, last: Float, faint: float) -> Float:
         return box_mean(first, last)
 
-    def discontinuities(self, context: Context) -> list[Level]:
-        """Return both sides in double precision, and the discontinuities of the gate.
+    def jumps(self, context: Context) -> list[Jump]:
+        """Return both sides in double precision, and the jumps of the gate.
 
         Halved panels instead left 3 % of the pixels of noise beyond their error at a tolerance of
         1e-4, 16 % at 1e-8. In single precision places are rounded more than thin slabs allow, and
@@ -73,8 +73,8 @@ class Rectangle(Shaped):
         center, width, _ = self.plain_numbers(context)
         sides = [context.kept_number(center + way * width) for way in (-1.0, 1.0)]
         single = precision_of(type(context.narrow(sides[0]))) == "single"
-        own = [] if single else [Level(self.expr, side) for side in sides]
-        return [*own, *super().discontinuities(context)]
+        own = [] if single else [Jump(self.expr, side) for side in sides]
+        return [*own, *super().jumps(context)]
 
     def halves(self, nodes: list[Float], faint: float) -> list[Float]:
         return self.by_centers(nodes, faint)
@@ -87,13 +87,13 @@ class Rectangle(Shaped):
         return box_middle(first, last)
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
-        seen, hidden = super().visible(panel, context)
+        seen, unresolved = super().visible(panel, context)
         own = self.numbers(context)
         half_width = 1.0 / own.narrowness
         for edge in (own.center - half_width, own.center + half_width):
             possible, shown = passes(panel, self.expr, edge)
-            hidden |= seen & (possible > shown)
-        return seen, hidden
+            unresolved |= seen & (possible > shown)
+        return seen, unresolved
 
     def reach(self, faint: float) -> float:
         return 1.0

@@ -14,7 +14,7 @@ from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
 
 if TYPE_CHECKING:
-    from .edges import Level
+    from .jumps import Jump
     from .panel import Panel
 
 
@@ -76,8 +76,8 @@ class SomeChannels(Medium):
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         return self.medium.visible(panel, self._whole(context))
 
-    def discontinuities(self, context: Context) -> list[Level]:
-        return self.medium.discontinuities(self._whole(context))
+    def jumps(self, context: Context) -> list[Jump]:
+        return self.medium.jumps(self._whole(context))
 
     def emission_range(self) -> tuple[float, float] | None:
         return self.medium.emission_range()

@@ -14,7 +14,7 @@ from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium, integrated
 
 if TYPE_CHECKING:
-    from .edges import Level
+    from .jumps import Jump
     from .panel import Panel
 
 
@@ -73,9 +73,9 @@ class Sum(Medium):
         rows = ([getattr(h, name) for h in found] for name in ("first", "last", "error"))
         return Halves(*map(self._total, rows))
 
-    def discontinuities(self, context: Context) -> list[Level]:
-        every = (edge for part in self.parts for edge in part.discontinuities(context))
-        return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
+    def jumps(self, context: Context) -> list[Jump]:
+        every = (jump for part in self.parts for jump in part.jumps(context))
+        return list({(jump.expr.text, id(jump.level)): jump for jump in every}.values())
 
     def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
         found = [part.layer(panel, context, place) for part in self.parts]
@@ -93,10 +93,10 @@ class Sum(Medium):
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         masks = [part.visible(panel, context) for part in self.parts]
-        seen, hidden = masks[0]
+        seen, unresolved = masks[0]
         for a, b in masks[1:]:
-            seen, hidden = seen | a, hidden | b
-        return seen, hidden
+            seen, unresolved = seen | a, unresolved | b
+        return seen, unresolved
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         seen = self.parts[0].visible_in(fields, context)

@@ -28,7 +28,7 @@ from .arguments import (
 from .color_by import ColorBy
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
-from .edges import NOISE, passes
+from .jumps import NOISE, passes
 from .modulation import Modulation
 from .panel import PLACES, Panel, extremes, kept, noise_of
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
@@ -313,17 +313,17 @@ class Table(Medium):
         seen = ~((low > parts.last) | (high < parts.first))  # where there is NaN, it must show
         # Between log10 of zero and a value there is all of the table, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
-        hidden = seen & endless & (high > parts.ends[0]) & (low < parts.ends[1])
+        unresolved = seen & endless & (high > parts.ends[0]) & (low < parts.ends[1])
         for doubt, begin, end in parts.structures:
-            hidden |= (high > above + doubt) & (above < end) & (high > begin)
-            hidden |= (low < below - doubt) & (below > begin) & (low < end)
+            unresolved |= (high > above + doubt) & (above < end) & (high > begin)
+            unresolved |= (low < below - doubt) & (below > begin) & (low < end)
         if parts.structures:
-            hidden |= seen & self._entered(parts, panel)
+            unresolved |= seen & self._entered(parts, panel)
         for edge in parts.jumps:
             # Any excess beyond a jump counts, however small.
             possible, shown = passes(panel, self.expr, edge)
-            hidden |= seen & (possible > shown)
-        return self.modulation.visible(panel, context, seen, hidden)
+            unresolved |= seen & (possible > shown)
+        return self.modulation.visible(panel, context, seen, unresolved)
 
     def _kernel_numbers(self, context: Context, real: Any) -> _Parts:
         def make() -> _Parts:

@@ -158,8 +158,8 @@ class Stars(Spheres):
             if self.luminosities is None:
                 area = area * (1.0 - self.darkening[some] / 3.0)
                 flux = self._surface(view, radius)[some] * area[:, None]
-        hidden = np.minimum(area * per_area, 1.0) * self.opacities[some] * (self.psf is None)
-        return PointLights(x[some], y[some], depth[some], flux * per_area[:, None], sigma, hidden)
+        shaded = np.minimum(area * per_area, 1.0) * self.opacities[some] * (self.psf is None)
+        return PointLights(x[some], y[some], depth[some], flux * per_area[:, None], sigma, shaded)
 
     def _luminosity(self, view: View) -> np.ndarray:
         unit = view.intensity_unit

@@ -136,7 +136,7 @@ class MinCellWidth:
         def step(state: WidthState) -> tuple[WidthState]:
             here = state.cursor
             if self.walk.has_gaps:
-                here = self.walk.cross(track, here).cursor
+                here = self.walk.skip_gap(track, here).cursor
             segment, cursor = self.walk.next(track, here)
             width = self.width(segment, sight)
             narrower = segment.active & (segment.length > 0.0) & (width < state.least)

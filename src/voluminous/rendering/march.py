@@ -120,7 +120,7 @@ def march(
 
     def visit(state: MarchState) -> tuple[MarchState]:
         """Skip empty space, then cross the brick, or the cells up to a gap, that may be visible."""
-        skipped: Landing = leap(way, state.cursor) if way else walk.cross(track, state.cursor)
+        skipped: Landing = leap(way, state.cursor) if way else walk.skip_gap(track, state.cursor)
         here = Position(walk, track, skipped.cursor)
         carried = scheme.after_skip(here, source, state.carried, skipped.moved)
 

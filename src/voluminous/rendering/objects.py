@@ -176,9 +176,9 @@ def _shine(
     for k in np.flatnonzero(points.opacity):
         x, y = (int(np.floor(w[k] + 0.5)) for w in (points.x, points.y))
         if 0 <= x < nx and 0 <= y < ny:
-            hidden = points.opacity[k]
-            planes.emission[y, x] += hidden * (in_front[k] - planes.emission[y, x])
-            planes.transparency[y, x] *= 1.0 - hidden
+            covered = points.opacity[k]
+            planes.emission[y, x] += covered * (in_front[k] - planes.emission[y, x])
+            planes.transparency[y, x] *= 1.0 - covered
     light, rows = _spread(points, points.flux * through, (nx, ny))
     for channel, total in enumerate(light):
         planes.emission[rows, :, channel] += total

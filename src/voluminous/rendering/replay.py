@@ -152,7 +152,7 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         drawn = run(job, 0.0).tracer.source if job.scheme.controlled else None
     tape = job.tape = Tape()
     tracer = tracer_like(job, drawn)
-    if job.scheme.controlled and tracer.source.edges:
+    if job.scheme.controlled and tracer.source.jumps:
         raise InputError(
             f"scheme {job.scheme.name!r} ends its panels where a medium jumps, and has no gradient "
             "by the places of its jumps (of vm.Rectangle, where=…); take scheme='pre-integrated'"

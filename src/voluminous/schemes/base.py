@@ -109,7 +109,7 @@ class Scheme:
         """
         raise NotImplementedError
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         """Return the carried state after a segment whose solution is discarded.
 
         It was `carried` before the segment, and `solve` returned `onward`.
@@ -170,7 +170,7 @@ class Hiding(Scheme):
         path, onward = self.scheme.solve(segment, source, carried)
         parts = (path.emission, path.transparency, path.error)
         nothing = empty_path(type(segment.length), *map(len, parts))
-        beyond = self.scheme.after_hidden(carried, onward)
+        beyond = self.scheme.after_discarded(carried, onward)
         return dr.select(hidden, nothing, path), dr.select(hidden, beyond, onward)
 
     def hides(self, segment: Segment) -> Mask:

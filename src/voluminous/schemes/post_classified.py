@@ -3,7 +3,7 @@
 A segment of the walk is one cell, or a cube of cells in which fields are nearly linear. The medium
 integrates both halves of a panel of it, and estimates the error; `step_doubling` adds what the
 order of light and absorption is worth. Panels whose error exceeds its limit are halved; they end at
-the edges (discontinuities) of the medium. The limit follows from the tolerance of the picture.
+the jumps of the medium. The limit follows from the tolerance of the picture.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..backend import dr
 from ..backend.functions import branch, loop, precision_of, records
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
-from ..media.edges import edges_ahead, first_edge
+from ..media.jumps import first_jump, jumps_ahead
 from ..media.panel import NODES, PLACES
 from .base import Position, Scheme, Solution
 from .path import Path, empty_path, last_argument, most, over
@@ -33,7 +33,7 @@ _NARROWEST = 2.0**-14
 # A panel this narrow that evaluates to NaN will not improve by halving: with a negative extinction
 # pictures of 20 x 20 pixels took minutes until they were refused.
 _NOT_FINITE = 2.0**-4
-# A panel ends this far behind an edge, as a fraction of the segment: more than its rounding error.
+# A panel ends this far behind a jump, as a fraction of the segment: more than its rounding error.
 # With 2^-16 in single precision shells behind gates had errors of up to 1e-4 of the maximum.
 _BEHIND = {"single": 2.0**-20, "double": 2.0**-32}
 # A panel may have at least this part of a segment's error.
@@ -72,7 +72,7 @@ class PostClassified(Scheme):
         *scalars, through = carried
         return [*(dr.select(moved, math.nan, x) for x in scalars), through]
 
-    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         """Continue with the scalars after the hidden segment, and what was in front of it."""
         return [*onward[:-1], carried[-1]]
 
@@ -84,8 +84,8 @@ class PostClassified(Scheme):
         values = [begin_values(source, ray.fields, scalars), *map(ray.scalars, PLACES[1:])]
         inside = source.looks_inside
         places = [(ray.fields.own(s) if inside else {}) for s in PLACES]
-        rough = source.panel(places, values, segment.length, where=PLACES, rough=True)
-        visible, _ = source.medium.visible(rough, source.context)
+        scalars_only = source.panel(places, values, segment.length, where=PLACES, culling_only=True)
+        visible, _ = source.medium.visible(scalars_only, source.context)
         numbers, (allowed, dim) = source.numbers, source.tolerance
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
         through = dr.detach(through)  # what is accepted has no derivative
@@ -141,14 +141,14 @@ class _Ray:
     def solved(
         self, begin: Float, width: Float, places: list[Place], limits: Limits, front: Path
     ) -> tuple[Path, Mask]:
-        """Return the solution of a panel without an edge inside, and where it may miss something.
+        """Return the solution of a panel without a jump inside, and where it may miss something.
 
         From the fields and scalars at five `PLACES`; `front` is the part of the segment before it.
         """
         panel = self.panel(begin, width, places)
-        panel.edgeless = bool(self.source.edges)
-        _, doubtful = self.source.medium.visible(panel, self.source.context)
-        return solve_with_error(self.source, panel, limits.seen(front)), doubtful
+        panel.without_jumps = bool(self.source.jumps)
+        _, unresolved = self.source.medium.visible(panel, self.source.context)
+        return solve_with_error(self.source, panel, limits.seen(front)), unresolved
 
 
 def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path) -> Path:
@@ -171,12 +171,12 @@ def _as_one(
         (ray.fields.own(s) if inside else {}, own) for s, own in zip(PLACES, values, strict=True)
     ]
     whole = ray.panel(real(0), real(1), places[::2])
-    count, hidden = edges_ahead(whole, source.edges)
-    if source.hollow:
-        good = ~hidden & (count < 2)
+    count, uncounted = jumps_ahead(whole, source.jumps)
+    if source.surface_only:
+        good = ~uncounted & (count < 2)
         return _with_layer(ray, whole, good & (count > 0), nothing), good
-    found, doubtful = ray.solved(real(0), real(1), places, limits, nothing)
-    return found, ~doubtful & limits.accept(found) & (count == 0) & ~hidden
+    found, unresolved = ray.solved(real(0), real(1), places, limits, nothing)
+    return found, ~unresolved & limits.accept(found) & (count == 0) & ~uncounted
 
 
 @dataclass
@@ -209,7 +209,7 @@ def _in_panels(
         return _State(begin, width, dr.select(good, last, state.place), path), *own
 
     first = (ray.fields.own(0.0) if source.looks_inside else {}, values[0])
-    state = _State(real(0), real(1.0 if source.edges else 0.5), first, nothing)
+    state = _State(real(0), real(1.0 if source.jumps else 0.5), first, nothing)
     end: _State
     end, *_ = loop((state, *arguments), going_on, step, label="panels")
     return end.path
@@ -239,29 +239,29 @@ def _tried(
         return ray.place(dr.fma(width, 0.5, begin)), (fields, own)
 
     middle, last = up_to(width)
-    passed = hidden = begin < 0.0
-    if source.edges:
+    passed = uncounted = begin < 0.0
+    if source.jumps:
         trial = ray.panel(begin, width, [first, middle, last])
-        count, hidden = edges_ahead(trial, source.edges)
+        count, uncounted = jumps_ahead(trial, source.jumps)
         passed = count > 0
         # A surface without width that is alone in a panel need not be at its end.
-        several = count > (1 if source.hollow else 0)
+        several = count > (1 if source.surface_only else 0)
         behind = _BEHIND[precision_of(type(width))]
-        cut = dr.fma(first_edge(trial, source.edges), width, behind)
+        cut = dr.fma(first_jump(trial, source.jumps), width, behind)
         width = dr.select(several & (cut < width), cut, width)
         middle, last = up_to(width)
     least = width <= _NARROWEST
-    if source.hollow:
-        solved, good = nothing, ~hidden | least
+    if source.surface_only:
+        solved, good = nothing, ~uncounted | least
     else:
         quarters = [ray.place(dr.fma(width, part, begin)) for part in (0.25, 0.75)]
         places = [first, quarters[0], middle, quarters[1], last]
-        solved, doubtful = ray.solved(begin, width, places, limits, state.path)
+        solved, unresolved = ray.solved(begin, width, places, limits, state.path)
         part = dr.select(width > _LEAST_PART, width, _LEAST_PART)
-        good = (limits.times(part).accept(solved) & ~doubtful & ~hidden) | least
+        good = (limits.times(part).accept(solved) & ~unresolved & ~uncounted) | least
         good |= dr.isnan(solved.error[0] + solved.error[1]) & (width <= _NOT_FINITE)
     panel = ray.panel(begin, width, [first, middle, last])
-    panel.edgeless = bool(source.edges)
+    panel.without_jumps = bool(source.jumps)
     return _with_layer(ray, panel, good & passed, solved), good, last, width
 
 
@@ -269,7 +269,7 @@ def next_panel(good: Mask, begin: Float, width: Float, tried: Float) -> tuple[Fl
     """Return beginning and width of the next panel, as fractions of the segment.
 
     After an accepted panel the width is doubled, if there is room; a rejected panel is halved. If
-    an edge made the panel narrower than `tried`, the next panel has at least that width.
+    a jump made the panel narrower than `tried`, the next panel has at least that width.
     """
     begin = dr.select(good, begin + width, begin)
     wider = dr.select(2.0 * width > tried, 2.0 * width, tried)
@@ -284,8 +284,8 @@ def _with_layer(ray: _Ray, panel: Panel, passed: Mask, solved: Path) -> Path:
 
     def layered(solved: Path) -> Path:
         place: Float = 1.0
-        if source.hollow and source.looks_inside:
-            place = first_edge(panel, source.edges)
+        if source.surface_only and source.looks_inside:
+            place = first_jump(panel, source.jumps)
         layer: Path = source.layer(panel, place)
         zero = 0.0 * panel.length
         layer.error = [zero, zero, source.numbers.brightness(layer.emission)]

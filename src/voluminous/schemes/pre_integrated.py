@@ -57,8 +57,8 @@ class PreIntegrated(Scheme):
     ) -> tuple[Solution, list[Float]]:
         fields = source.along(segment)
         ends = [begin_values(source, fields, carried), source.evaluated(fields.own(1.0))]
-        rough = source.panel([], ends, segment.length, straight=True, rough=True)
-        visible, _ = source.medium.visible(rough, source.context)
+        scalars_only = source.panel([], ends, segment.length, straight=True, culling_only=True)
+        visible, _ = source.medium.visible(scalars_only, source.context)
         numbers = source.numbers
         nothing = empty_path(type(segment.length), numbers.emissions, numbers.extinctions)
 

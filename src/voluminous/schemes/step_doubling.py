@@ -80,12 +80,12 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
     wrong = []
     for c, j in enumerate(off[0]):
         k = c if len(dims) > 1 else 0
-        if source.steady:
+        if source.constant_source_function:
             wrong.append(found.transparency[k] * j * panel.length)
         else:
             through = any_attenuation(found.depth[k])[1]
             wrong.append(dr.fma(found.emission[c] * off[1][k], through, j * through) * panel.length)
-    if not source.steady:
+    if not source.constant_source_function:
         shares = numbers.shares(solved, panel, source.context)
         uneven = [
             [_most_uneven(*ends) for ends in zip(*halves, strict=True)]
@@ -100,9 +100,9 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
             told = dr.fma(_TOLD_IF_DENSE, depth, _TOLD_BY_ORDER) + (1.0 - known)
             wrong[c] = dr.fma(dr.abs(d), told, wrong[c])
     error = numbers.brightness(wrong)
-    if not source.steady:
-        ordering, hidden = _ordering_error(source, shares, uneven), _hidden(front, back)
-        error = error + most(ordering) + numbers.brightness(hidden)
+    if not source.constant_source_function:
+        ordering, occluded = _ordering_error(source, shares, uneven), _occluded(front, back)
+        error = error + most(ordering) + numbers.brightness(occluded)
         spread = source.medium.source_spread(panel, source.context)
         if spread is not None:
             # What is seen of an opaque panel is a mean of the source function, whatever the order;
@@ -112,7 +112,7 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
                 dr.abs(b) * (s + theta / dr.select(theta < 1.0, 1.0 - theta, 1e-6))
                 for theta, s, b in rows
             ]
-            every = zip(*map(numbers.bright, (wrong, hidden, most_wrong)), ordering, strict=True)
+            every = zip(*map(numbers.bright, (wrong, occluded, most_wrong)), ordering, strict=True)
             error = most([dr.minimum(w + h + o, m) for w, h, m, o in every])
     if seen:
         dims = [d * w for d, w in zip(dims, seen, strict=True)]
@@ -139,7 +139,7 @@ def _ordering_error(
         for own in shares:
             for i, first in enumerate(own):
                 for k, other in enumerate(own):
-                    if i == k and source.alike[i]:
+                    if i == k and source.constant_source_functions[i]:
                         continue
                     (bright, _), (_, depth) = first[c], other[c]
                     one, two = uneven[i][c], uneven[k][c]
@@ -150,7 +150,7 @@ def _ordering_error(
     return found
 
 
-def _hidden(front: Path, back: Path) -> list[Float]:
+def _occluded(front: Path, back: Path) -> list[Float]:
     """Return the error of opaque halves: only the front of each is seen, and not resolved."""
     grey, sums = len(front.depth) == 1, []
     for c, (b, other) in enumerate(zip(front.emission, back.emission, strict=True)):

@@ -260,7 +260,7 @@ class CurvilinearWalk(Walk):
         """Return the lanes that are in no cell."""
         return functools.reduce(operator.or_, self._gaps(track, count))
 
-    def cross(self, track: SurfaceTrack, cursor: Any) -> GapLanding:
+    def skip_gap(self, track: SurfaceTrack, cursor: Any) -> GapLanding:
         """Return rays where they are in a cell, beyond the gap they were in, or out."""
         gap = cursor.inside & self.in_gap(track, cursor.count)
 

@@ -64,8 +64,8 @@ class ConfinedWalk(Walk):
         segment.cell = dr.minimum(segment.cell - self.first, self.most)
         return segment, self._confined(onward)
 
-    def cross(self, track: Any, cursor: TreeCursor) -> ConfinedLanding:
-        landing = self.whole.cross(track, cursor)
+    def skip_gap(self, track: Any, cursor: TreeCursor) -> ConfinedLanding:
+        landing = self.whole.skip_gap(track, cursor)
         return ConfinedLanding(self._confined(landing.cursor), landing.moved, landing)
 
     def beyond(self, track: Any, cursor: TreeCursor) -> TreeCursor:

@@ -1,7 +1,7 @@
-"""The cells of nested patches: which are hidden by finer ones, and how the others are numbered.
+"""The cells of nested patches: which are covered by finer ones, and how the others are numbered.
 
-Cells are numbered patch after patch, in C order within a patch (the last axis fastest), hidden ones
-left out. The number of a cell in a patch that is seen entirely follows from its place; those of
+Cells are numbered patch after patch, in C order within a patch (the last axis fastest);
+covered ones are left out. The number of a cell in a patch that is seen entirely follows from its place; those of
 the other patches are looked up.
 """
 
@@ -64,7 +64,7 @@ class Patches:
 
     @functools.cached_property
     def volumes(self) -> np.ndarray:
-        """Number of cells of each patch, hidden ones included."""
+        """Number of cells of each patch, covered ones included."""
         volumes: np.ndarray = self.shape.prod(axis=1)
         return volumes
 
@@ -110,22 +110,22 @@ class Patches:
         return np.cumsum(self.visible)
 
     @functools.cached_property
-    def hidden(self) -> np.ndarray:
+    def covered(self) -> np.ndarray:
         """True for patches that are seen partly."""
-        hidden: np.ndarray = (self._shown > _PART) & (self._shown < self.volumes - _PART)
-        return hidden
+        covered: np.ndarray = (self._shown > _PART) & (self._shown < self.volumes - _PART)
+        return covered
 
     @functools.cached_property
     def first_slots(self) -> np.ndarray:
         """Where the cells of each patch start in `numbers`, for those that are seen partly."""
-        volumes = np.where(self.hidden, self.volumes, 0)
+        volumes = np.where(self.covered, self.volumes, 0)
         first: np.ndarray = np.cumsum(volumes) - volumes
         return first
 
     @functools.cached_property
     def numbers(self) -> np.ndarray:
-        """Numbers of all cells of patches that are seen partly, in C order; NONE where hidden."""
-        partly = np.flatnonzero(self.hidden)
+        """Numbers of all cells of patches that are seen partly, in C order; NONE where covered."""
+        partly = np.flatnonzero(self.covered)
         seen = self._seen(int(self.volumes[partly].sum()))
         if np.count_nonzero(seen) > self._shown[partly].sum() + _PART * len(seen):
             counts = np.add.reduceat(seen, self.first_slots[partly], dtype=np.int64)
@@ -148,7 +148,7 @@ class Patches:
         seen = np.zeros(count, bool)
         for depth, (unit, words) in enumerate(self._entries.levels()):
             chosen = np.flatnonzero(_names(words))
-            chosen = chosen[self.hidden[words[chosen] & NUMBER_MASK]]
+            chosen = chosen[self.covered[words[chosen] & NUMBER_MASK]]
             for some, index in self._entries.located(depth, chosen):
                 patch = (words[some] & NUMBER_MASK).astype(np.int64)
                 for level in np.unique(self.level[patch]).tolist():
@@ -180,9 +180,9 @@ class Patches:
         level, and `_TABLED` if that number is a place in `numbers`.
         """
         ny, nz = self.shape[:, 1], self.shape[:, 2]
-        start = np.where(self.hidden, self.first_slots, self.ends - self.visible)
+        start = np.where(self.covered, self.first_slots, self.ends - self.visible)
         start = start - (self.low[:, 0] * ny + self.low[:, 1]) * nz - self.low[:, 2]
-        what = self.level | np.where(self.hidden, _TABLED, 0)
+        what = self.level | np.where(self.covered, _TABLED, 0)
         return (np.stack([start, ny * nz, nz, what], axis=1) & 0xFFFFFFFF).astype(np.uint32)
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +201,7 @@ class Patches:
         # Cells of a patch follow each other: a fifth of the time of looking up what each is in.
         patch = np.repeat(np.arange(begin, end + 1), counts)
         local = np.arange(first, last) - np.repeat(starts, counts)
-        for k in np.flatnonzero(self.hidden[some]):
+        for k in np.flatnonzero(self.covered[some]):
             here = slice(stops[k] - counts[k] - first, stops[k] - first)
             local[here] = self.seen_cells(begin + k)[local[here]]
         row, z = np.divmod(local, self.shape[patch, 2])
@@ -214,7 +214,7 @@ class Patches:
         for patch in range(begin, end + 1):
             start = self.ends[patch] - self.visible[patch]
             number = start + np.arange(self.visible[patch])
-            if self.hidden[patch]:
+            if self.covered[patch]:
                 slot = self.first_slots[patch]
                 number = self.numbers[slot : slot + self.volumes[patch]]
             elif not len(number):
@@ -289,7 +289,7 @@ class PatchNumbering:
         ny, nz = patches.shape[patch, 1], patches.shape[patch, 2]
         local = (index[0] * ny + index[1]) * nz + index[2]
         number = local + (patches.ends - patches.visible)[patch]
-        partly = patches.hidden[patch] & ~hole
+        partly = patches.covered[patch] & ~hole
         number[partly] = patches.numbers[(local + patches.first_slots[patch])[partly]]
         return np.where(hole, -1, number), np.where(hole, unit, size)
 
@@ -310,7 +310,7 @@ class TracedPatches:
         self.backend, self.holes = backend, tree.holes
         self.rows = from_host(backend.UInt, patches.rows.reshape(-1))
         self.Four = backend.module.Array4u
-        self.tabled = bool(patches.hidden.any())
+        self.tabled = bool(patches.covered.any())
         self.numbers = backend.UInt(patches.numbers) if self.tabled else None
         self.blocks = _blocks(patches, tree, backend)
         # Of indices beyond 32 bits the lowest 32 are wanted.
@@ -435,7 +435,7 @@ def _blocks(patches: Patches, tree: Tree, backend: Backend) -> list[tuple[Float,
     """
     shape, counts = patches.shape[0], tree.extent // patches.sizes
     uneven = (patches.shape != shape).any() or (patches.low % shape).any()
-    if uneven or (counts % shape).any() or patches.hidden.any() or tree.holes:
+    if uneven or (counts % shape).any() or patches.covered.any() or tree.holes:
         return None
     return [(backend.opaque(float(n)), backend.opaque(1.0 / n)) for n in shape]
 

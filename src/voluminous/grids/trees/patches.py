@@ -36,8 +36,8 @@ class PatchGrid(TreeCells):
     axis its own. Patches may overlap, and cover each other. Where no patch is, there is a hole:
     rays cross it as they cross vacuum. Nothing is resampled.
 
-    A field is a list of arrays, one per patch, index ``[ix, iy, iz]``: hidden cells are ignored. As
-    one flat array it has the cells that are seen, patch after patch, each in C order.
+    A field is a list of arrays, one per patch, index ``[ix, iy, iz]``; covered cells are ignored.
+    As one flat array it has the cells that are seen, patch after patch, each in C order.
 
     Parameters
     ----------
@@ -213,12 +213,12 @@ class PatchGrid(TreeCells):
                 f"the array of patch {patch} must have its shape {shape}, got {array.shape}{turned}"
             )
         flat = array.reshape(-1)
-        if patches.hidden[patch]:
+        if patches.covered[patch]:
             return np.asarray(flat[patches.seen_cells(patch)])
         return flat[: patches.visible[patch]]
 
     def unpack(self, flat: np.ndarray) -> list[np.ndarray]:
-        """Return a flat field as one array per patch; hidden cells are NaN, or zero.
+        """Return a flat field as one array per patch; covered cells are NaN, or zero.
 
         Raises
         ------
@@ -236,7 +236,7 @@ class PatchGrid(TreeCells):
         arrays = []
         for patch, part in enumerate(parts):
             whole = np.full(patches.volumes[patch], lacking, flat.dtype)
-            where = patches.seen_cells(patch) if patches.hidden[patch] else slice(0, len(part))
+            where = patches.seen_cells(patch) if patches.covered[patch] else slice(0, len(part))
             whole[where] = part
             arrays.append(whole.reshape(patches.shape[patch]))
         return arrays

@@ -262,7 +262,7 @@ class TreeFieldWalk(TreeWalk):
         super().__init__(grid, tree, backend)
         self.has_gaps = self.holes
 
-    def cross(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
+    def skip_gap(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
         moved = self._in_hole(cursor)
 
         def step(cursor: TreeCursor) -> tuple[TreeCursor]:

@@ -18,7 +18,7 @@ from ...grids.contract import Segment
 from ...grids.straight_chord import trilinear
 from ...media.context import Context, completed
 from ...media.contract import Medium
-from ...media.edges import Level
+from ...media.jumps import Jump
 from ...media.panel import Panel, Straight, may_turn, within_limits
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, layer
@@ -112,11 +112,11 @@ class Interpolated:
         Upper bounds of the emission and optical depth along a ray of faint places that are skipped.
     lost : float
         Relative error of a pixel due to the interpolation itself.
-    hollow, layered : bool
-        The medium is empty between its edges; some part of it has zero width.
-    steady : bool
+    surface_only, layered : bool
+        The medium is empty between its surfaces; some part of it has zero width.
+    constant_source_function : bool
         The source function is the same everywhere.
-    alike : list of bool
+    constant_source_functions : list of bool
         That of each part is.
     """
 
@@ -153,10 +153,13 @@ class Interpolated:
         self.scalars = medium.scalars()
         # Whether panels need fields: of others the scalars at their places are enough.
         turning = any(may_turn(expr, self.context) for expr in self.scalars)
-        self.looks_inside = medium.looks_inside or bool(self.edges) or turning
-        self.hollow, self.layered = medium.surface_only, any(part.surface_only for part in parts)
-        self.alike = [part.constant_source_function for part in parts]
-        self.steady = self.alike == [True]
+        self.looks_inside = medium.looks_inside or bool(self.jumps) or turning
+        self.surface_only, self.layered = (
+            medium.surface_only,
+            any(part.surface_only for part in parts),
+        )
+        self.constant_source_functions = [part.constant_source_function for part in parts]
+        self.constant_source_function = self.constant_source_functions == [True]
         every = "r" in medium.names or bool(self.context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in medium.names or every]
 
@@ -262,9 +265,9 @@ class Interpolated:
         return [*usable, self.numbers.split(error)]
 
     @property
-    def edges(self) -> list[Level]:
+    def jumps(self) -> list[Jump]:
         """Where the medium is discontinuous."""
-        return self.medium.discontinuities(self.context)
+        return self.medium.jumps(self.context)
 
     def layer(self, panel: Panel, place: Float) -> Path:
         """Return the parts of zero width that a panel crosses, evaluated at a place."""

@@ -60,8 +60,8 @@ def _sign_changes(values: list[Float], level: Int) -> Float:
 _BESIDE = 2.0**-8
 # Most steps of the root search: cubics take three or four, a tenth root from its pole six.
 _STEPS = 24
-# After this many steps that moved the same end the next one bisects: behind an edge where a scalar
-# hardly rises before it falls, twelve steps missed the next edge by a hundredth of the interval.
+# After this many steps that moved the same end the next one bisects: behind a jump where a scalar
+# hardly rises before it falls, twelve steps missed the next jump by a hundredth of the interval.
 _ONE_SIDED = 2.0
 # The search ends at this distance from the level, relative to the change of the scalar: a Newton
 # step leaves about the square of that.
@@ -195,29 +195,29 @@ SENSITIVITY = 10.0
 
 
 @dataclass
-class Level:
+class Jump:
     """A level of an expression, a kernel constant, at which the medium jumps or has a surface."""
 
     expr: Expression
     level: Any
 
 
-def edges_ahead(panel: Panel, edges: Sequence[Level]) -> tuple[Float, Float]:
-    """Return the number of edges crossed, as nodes show it, and where there may be more."""
-    count, hidden = dr.int32_array_t(type(panel.length))(0), panel.length < 0.0
-    for edge in edges:
-        possible, shown = passes(panel, edge.expr, edge.level)
-        hidden |= possible > shown
+def jumps_ahead(panel: Panel, jumps: Sequence[Jump]) -> tuple[Float, Float]:
+    """Return the number of jumps crossed, as nodes show it, and where there may be more."""
+    count, unresolved = dr.int32_array_t(type(panel.length))(0), panel.length < 0.0
+    for jump in jumps:
+        possible, shown = passes(panel, jump.expr, jump.level)
+        unresolved |= possible > shown
         count += shown
-    return count, hidden
+    return count, unresolved
 
 
-def first_edge(panel: Panel, edges: Sequence[Level]) -> Float:
-    """Return the place s of the first edge crossed; 1 where there is none."""
+def first_jump(panel: Panel, jumps: Sequence[Jump]) -> Float:
+    """Return the place s of the first jump crossed; 1 where there is none."""
     found = type(panel.length)(1.0)
-    groups: dict[str, list[Level]] = {}
-    for edge in edges:
-        groups.setdefault(edge.expr.text, []).append(edge)
+    groups: dict[str, list[Jump]] = {}
+    for jump in jumps:
+        groups.setdefault(jump.expr.text, []).append(jump)
     for own in groups.values():
         level, passed = _first_level(panel, own)
         place = panel.context.narrow(passing(panel, own[0].expr, level))
@@ -225,22 +225,22 @@ def first_edge(panel: Panel, edges: Sequence[Level]) -> Float:
     return found
 
 
-def _first_level(panel: Panel, edges: Sequence[Level]) -> tuple[Float, Float]:
+def _first_level(panel: Panel, jumps: Sequence[Jump]) -> tuple[Float, Float]:
     """Return the level of one expression that is crossed first, and a mask: where there is one.
 
     Between nodes that show all crossings the scalar is monotonic, so the first level is the
     nearest. One search is sufficient for any number of levels.
     """
-    expr, level = edges[0].expr, edges[0].level
+    expr, level = jumps[0].expr, jumps[0].level
     first, middle, last = panel.nodes(expr)
     passed, nearest = panel.length < 0.0, first * 0.0
-    for edge in edges:
-        _, shown = passes(panel, expr, edge.level)
-        early = (first < edge.level) ^ (middle < edge.level)
-        there = (shown > 0) & (early | ((middle < edge.level) ^ (last < edge.level)))
-        late = dr.abs(middle - first) + dr.abs(edge.level - middle)
-        way = dr.select(early, dr.abs(edge.level - first), late)
+    for jump in jumps:
+        _, shown = passes(panel, expr, jump.level)
+        early = (first < jump.level) ^ (middle < jump.level)
+        there = (shown > 0) & (early | ((middle < jump.level) ^ (last < jump.level)))
+        late = dr.abs(middle - first) + dr.abs(jump.level - middle)
+        way = dr.select(early, dr.abs(jump.level - first), late)
         here = there & (~passed | (way < nearest))
-        level, nearest = dr.select(here, edge.level, level), dr.select(here, way, nearest)
+        level, nearest = dr.select(here, jump.level, level), dr.select(here, way, nearest)
         passed = passed | there
     return level, passed

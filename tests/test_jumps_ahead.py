@@ -11,7 +11,7 @@ import voluminous as vm
 from panels import panel_of
 from voluminous.backend import get_backend
 from voluminous.expressions import Expression
-from voluminous.media.edges import Level, edges_ahead, first_edge
+from voluminous.media.jumps import Jump, first_jump, jumps_ahead
 
 # Rounding of places, and of what is added up; in double the tolerance of 1e-6 counts.
 EXACT = {"single": 2e-5, "double": 2e-7}
@@ -106,20 +106,20 @@ def test_edges_are_counted_and_the_first_is_found(precision):
     panel, number = panel_of(backend, **rows), backend.opaque
     a, b = (Expression(n) for n in "ab")
     cases = [
-        ([Level(a, number(0.6)), Level(a, number(0.3))], 2, 0.3),
-        ([Level(a, number(0.6)), Level(b, number(0.25))], 3, 0.25),
-        ([Level(a, number(0.1)), Level(b, number(0.25))], 3, 0.1),
-        ([Level(a, number(1.6))], 0, 1.0),
+        ([Jump(a, number(0.6)), Jump(a, number(0.3))], 2, 0.3),
+        ([Jump(a, number(0.6)), Jump(b, number(0.25))], 3, 0.25),
+        ([Jump(a, number(0.1)), Jump(b, number(0.25))], 3, 0.1),
+        ([Jump(a, number(1.6))], 0, 1.0),
     ]
     for edges, count, place in cases:
-        found, hidden = edges_ahead(panel, edges)
+        found, unresolved = jumps_ahead(panel, edges)
         assert found.numpy().item() == count
-        assert not hidden.numpy().item()
-        first = first_edge(panel, edges).numpy().item()
+        assert not unresolved.numpy().item()
+        first = first_jump(panel, edges).numpy().item()
         assert first == pytest.approx(place, abs=EXACT[precision])
     # Both ends and the middle show none of it.
-    count, hidden = edges_ahead(panel, [Level(Expression("4*a*a - 4*a"), number(-0.999))])
-    assert hidden.numpy().item() or count.numpy().item() == 2
+    count, unresolved = jumps_ahead(panel, [Jump(Expression("4*a*a - 4*a"), number(-0.999))])
+    assert unresolved.numpy().item() or count.numpy().item() == 2
 
 
 def noise(shape, seed):
