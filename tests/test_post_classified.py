@@ -314,7 +314,7 @@ def test_leaping_over_what_is_empty_changes_nothing(name, monkeypatch):
     leaping = vm.render(volume, medium, camera)
     volume.tables.clear()
     monkeypatch.setattr(
-        "voluminous.rendering.sources.empty_space.worthwhile_blocks", lambda *_: None
+        "voluminous.rendering.sources.empty_space.worthwhile_bricks", lambda *_: None
     )
     walking = vm.render(volume, medium, camera)
     volume.tables.clear()

@@ -294,7 +294,8 @@ class Medium(Value):
         """Return (visible, unresolved), two masks.
 
         Visible: lanes on which the medium may contribute. Unresolved: those on which structure
-        between the nodes may be missed, so that the panel must be halved. On a `culling_only` panel only its scalars are known: gates do not count.
+        between the nodes may be missed, so that the panel must be halved. On a `culling_only` panel
+        gates do not count.
         """
         active = panel.length >= 0.0
         return active, active & False

@@ -1,8 +1,8 @@
 """The cells of nested patches: which are covered by finer ones, and how the others are numbered.
 
 Cells are numbered patch after patch, in C order within a patch (the last axis fastest);
-covered ones are left out. The number of a cell in a patch that is seen entirely follows from its place; those of
-the other patches are looked up.
+covered ones are left out. The number of a cell in a patch that is seen entirely follows from its
+place; those of the other patches are looked up.
 """
 
 from __future__ import annotations
