@@ -1,14 +1,14 @@
-"""Pictures before and after: some 60 of them, drawn with the code of two commits and compared.
+"""Pictures before and after: some 70 of them, drawn with the code of two commits and compared.
 
     PYTHONPATH=BEFORE/src python benchmarks/golden.py draw before.npz
     PYTHONPATH=AFTER/src  python benchmarks/golden.py draw after.npz
     python benchmarks/golden.py compare before.npz after.npz
 
-Every grid with every kind of medium in every scheme, both precisions, and real data where they
-are (VOLUMINOUS_TEST_DATA). `compare` prints, for each picture, the largest difference and the share
-of pixels that differ at all; of those with error control how far both are from a picture to 1e-6
-in double precision, and the share of pixels within the error that is told; and the ratio of times
-(the best of three pictures after the first).
+Every grid with every kind of medium in every scheme, both precisions; in blocks, for volumes larger
+than memory; a spectrum; and real data where they are (VOLUMINOUS_TEST_DATA). `compare` prints, for
+each picture, the largest difference and the share of pixels that differ at all; of those with error
+control how far both are from a picture to 1e-6 in double precision, and the share of pixels within
+the estimated error; and the ratio of times (the best of three pictures after the first).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -139,7 +140,53 @@ def scenes() -> Iterator[tuple[str, Callable[[], tuple[Any, Any, Any, dict[str, 
             f"uniform, {name}",
             lambda m=medium, v=view, o=options: (volume("uniform"), m, v, o),
         )
+    yield from _larger_than_memory(volume, camera)
+    yield "spectrum, gas and dust", _gas_and_dust
     yield from _real()
+
+
+def _larger_than_memory(volume: Callable[[str], Any], camera: Any) -> Iterator[tuple[str, Any]]:
+    """Yield scenes that are read and drawn block by block."""
+    folder = Path(tempfile.mkdtemp())
+
+    def stored(kind: str, memory: str, medium: Any, options: dict[str, Any]) -> Any:
+        path = folder / f"{kind}.zarr"
+        if not path.exists():
+            volume(kind).save(path, stats=True, **({"chunks": 8} if kind == "uniform" else {}))
+        return vm.open(path), medium, camera, {**options, "memory": memory}
+
+    for kind, memory in (("uniform", "190 MB"), ("octree", "520 MB")):
+        for name, how in (("shells", "default"), ("shells", "None"), ("coefficients", "first")):
+            yield (
+                f"in blocks, {kind}, {name}, {how}",
+                lambda k=kind, m=memory, n=name, h=how: stored(k, m, MEDIA[n], SCHEMES[h]),
+            )
+
+
+def _gas_and_dust() -> tuple[Any, Any, Any, dict[str, Any]]:
+    """Return a collapsing core, and how it is observed: a line of CO and dust, 21 channels."""
+    core = vm.models.prestellar_core(32)
+    for axis in "xyz":
+        core[f"fall_{axis}"] = f"-0.3 km/s * {axis} / sqrt(x**2 + y**2 + z**2 + (0.01 pc)**2)"
+    levels = np.arange(4)
+    einstein_a = 7.203e-8 * 3 * levels[1:] ** 4 / (2 * levels[1:] + 1)
+    energies, weights = 1.9225 * levels * (levels + 1), 2 * levels + 1
+    frequencies = 2 * 57.6359683e9 * levels[1:]
+    co = vm.Molecule(
+        "CO", 28.0, energies, weights, levels, levels[1:], levels[:-1], einstein_a, frequencies
+    )
+    gas = vm.Lines("1e-7 * density", co, temperature="12 K", velocity="fall", turbulence="0.1 km/s")
+    ice = vm.Opacity.published("ossenkopf-henning-1994")
+    dust = vm.Dust("density * 4.7e-26 g", "12 K", ice)
+    camera = vm.Orthographic(**ORTHO, width="0.45 pc", resolution=PIXELS)
+    channels = vm.channels(-1, 1, 21, line="CO 1-0")
+    return core, gas + dust, camera, {"velocities": channels, "distance": "140 pc"}
+
+
+def drawn(volume: Any, medium: Any, camera: Any, **options: Any) -> Any:
+    """Return the picture of a scene; at velocities an observation."""
+    verb = vm.observe if "velocities" in options else vm.render
+    return verb(volume, medium, camera, **options)
 
 
 def _real() -> Iterator[tuple[str, Any]]:
@@ -170,11 +217,11 @@ def draw(path: str, only: str) -> None:
             continue
         try:
             volume, medium, camera, options = make()
-            image = vm.render(volume, medium, camera, **options)
+            image = drawn(volume, medium, camera, **options)
             times = []
             for _ in range(3):
                 start = time.perf_counter()
-                image = vm.render(volume, medium, camera, **options)
+                image = drawn(volume, medium, camera, **options)
                 times.append(time.perf_counter() - start)
         except Exception as error:
             print(f"{name}: {type(error).__name__}: {error}")
@@ -183,7 +230,7 @@ def draw(path: str, only: str) -> None:
         if image.error is not None:
             fine = {**options, "tolerance": 1e-6, "precision": "double"}
             kept[f"{name}|error"] = image.error
-            kept[f"{name}|truth"] = vm.render(volume, medium, camera, **fine).intensity
+            kept[f"{name}|truth"] = drawn(volume, medium, camera, **fine).intensity
         print(f"{name}: {1e3 * min(times):.0f} ms", flush=True)
     np.savez_compressed(path, **kept)
 
