@@ -1,0 +1,114 @@
+"""How large the house is. Changes may lower these numbers, and may not raise them.
+
+Who wants to add lines, members or files to the core takes others out.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import voluminous as vm
+from voluminous.rendering import tracer
+
+SOURCE = Path(vm.__file__).parent
+# What a reader of the renderer owns: what happens between `render` and a number.
+CORE = (
+    *("backend", "expressions", "grids", "derivatives", "media", "schemes", "cameras", "rendering"),
+    *("deferred.py", "errors.py", "evaluation.py", "fields.py", "geometry.py", "levels.py"),
+    *("rotation.py", "store.py", "units.py", "value.py", "volume.py"),
+)
+LINES = {"src": 78_609, "core": 35_539}
+FILES = {"src": 401, "core": 157}
+# Public members of the contracts.
+MEMBERS = {
+    "media/contract.py:Medium": 53,
+    "grids/contract.py:Grid": 39,
+    "grids/contract.py:Walk": 12,
+    "schemes/base.py:Scheme": 19,
+    "schemes/base.py:Source": 6,
+}
+# Files entered by the second picture of a uniform grid, and by its ray loop alone.
+ENTERED = {"picture": 81, "loop": 33}
+LOOP_LINES = 9_240
+# What knows units, volumes or files has no place in the ray loop.
+NOT_IN_THE_LOOP: set[str] = set()
+
+
+def files(rooms: tuple[str, ...]) -> Iterator[Path]:
+    """Yield the Python files of rooms."""
+    for room in rooms:
+        path = SOURCE / room
+        yield from path.rglob("*.py") if path.is_dir() else [path] if path.exists() else []
+
+
+@pytest.mark.parametrize(("name", "rooms"), [("src", ("",)), ("core", CORE)])
+def test_lines_and_files(name, rooms):
+    paths = list(files(rooms))
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
+    assert lines <= LINES[name]
+    assert len(paths) <= FILES[name]
+
+
+@pytest.mark.parametrize("contract", MEMBERS)
+def test_members_of_contracts(contract):
+    path, _, name = contract.partition(":")
+    tree = ast.parse((SOURCE / path).read_text(encoding="utf-8"))
+    (body,) = (n.body for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
+    found = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    for node in body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    assert len([member for member in found if not member.startswith("_")]) <= MEMBERS[contract]
+
+
+def files_entered(call: Callable[[], Any]) -> set[str]:
+    """Return which files of the package a call enters."""
+    entered = set()
+
+    def note(frame: Any, event: str, _: Any) -> None:
+        if event == "call":
+            entered.add(frame.f_code.co_filename)
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        call()
+    finally:
+        sys.setprofile(before)
+    paths = (Path(name) for name in entered)
+    return {str(p.relative_to(SOURCE)) for p in paths if p.is_relative_to(SOURCE)}
+
+
+def test_few_files_are_entered_by_a_picture(monkeypatch):
+    volume = vm.Volume(vm.CartesianGrid.uniform(32, (-1, 1)))
+    volume["density"] = "10**(3 - 4 * (x**2 + y**2 + z**2))"
+    # A tolerance of its own: the loop is traced, not taken from kernels of an earlier test.
+    medium = vm.Gaussian("log10(density)", 2.0, 0.1, (0.9, 0.5, 0.1), 0.3, 0.1)
+    camera = vm.Orthographic(60, 30, width=2.0, resolution=32)
+    vm.render(volume, medium, camera)
+    picture = files_entered(lambda: vm.render(volume, medium, camera, tolerance=1.1e-3))
+
+    loop: set[str] = set()
+    march = tracer.march
+    volume = vm.Volume(vm.CartesianGrid.uniform(32, (-1, 1)))
+    volume["density"] = "10**(3 - 4 * (x**2 + y**2 + z**2))"
+
+    def noted(*args: Any, **options: Any) -> Any:
+        result = []
+        loop.update(files_entered(lambda: result.append(march(*args, **options))))
+        return result[0]
+
+    monkeypatch.setattr(tracer, "march", noted)
+    vm.render(volume, medium, camera)
+    assert loop, "the ray loop was not traced"
+    assert len(picture) <= ENTERED["picture"], sorted(picture)
+    assert len(loop) <= ENTERED["loop"], sorted(loop)
+    lines = sum(len((SOURCE / name).read_text(encoding="utf-8").splitlines()) for name in loop)
+    assert lines <= LOOP_LINES
+    assert not loop & NOT_IN_THE_LOOP
