@@ -338,7 +338,7 @@ def test_what_cannot_be_told_again_counts_as_new(tmp_path):
 
     pictures = []
     for _ in range(2):
-        with pytest.warns(UserWarning, match=r"cannot be told again .*lock"):
+        with pytest.warns(UserWarning, match=r"cannot be identified again .*lock"):
             (path,) = vm.movie(VOLUME, SHELL, VIEW, tmp_path / "a.npz", finish=finish)
         pictures.append(vm.Image.load(path).intensity)
     np.testing.assert_allclose(pictures[1], 1.5 * pictures[0], rtol=1e-6)  # single precision

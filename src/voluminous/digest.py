@@ -27,7 +27,7 @@ from .value import Value
 _PART = 8 << 20
 # More do not make memory faster.
 _MOST_THREADS = 8
-# What functions are told by, and what is made of them: not names, nor where code stands.
+# What functions are identified by, and what is made of them: not names, nor where code stands.
 _CODE = "code names varnames freevars cellvars flags argcount posonlyargcount kwonlyargcount"
 _FUNCTIONS = ("__self__", "__func__", "fget", "fset", "fdel", "func", "__wrapped__")
 _MADE_OF: Any = (types.MethodType, staticmethod, classmethod, property, functools.cached_property)
@@ -59,15 +59,15 @@ def content_key(*values: Any) -> str:
     Functions count with their code, defaults, closures, and the global variables and functions that
     they read; those of installed packages with their names. Files that a function opens do not.
 
-    What cannot be told again, such as a lock or an open file, is warned of; its key is a new one
-    each time.
+    What cannot be identified again, such as a lock or an open file, is warned of; its key is a new
+    one each time.
     """
     hashed = hashlib.sha256()
     try:
         _Contents(types.SimpleNamespace(write=hashed.update)).dump((VERSION, *values))
     except Exception as error:  # pickling runs code of others
         warnings.warn(
-            f"something that is drawn with cannot be told again ({type(error).__name__}: "
+            f"something that is drawn with cannot be identified again ({type(error).__name__}: "
             f"{str(error)[:200]}): whatever was drawn with it is drawn anew by the next call",
             stacklevel=3,
         )
@@ -120,11 +120,11 @@ class _Contents(pickle.Pickler):
             return _written(kind, {k: v for k, v in vars(value).items() if k != "callbacks"})
         own = kind.__module__.startswith("voluminous.") and kind.__reduce__ is object.__reduce__
         if isinstance(value, Value) or (own and hasattr(value, "__dict__")):
-            told = list((value.__reduce_ex__(4)[2] or {}).items())
+            state = list((value.__reduce_ex__(4)[2] or {}).items())
             if isinstance(value, Value):  # what is private is made of the arguments
-                told = [(n, v) for n, v in told if n == "_given" or n[0] != "_"]
+                state = [(n, v) for n, v in state if n == "_given" or n[0] != "_"]
             found, lazy = inspect.getattr_static, functools.cached_property  # likewise
-            return _written(kind, [p for p in told if not isinstance(found(kind, p[0], 0), lazy)])
+            return _written(kind, [p for p in state if not isinstance(found(kind, p[0], 0), lazy)])
         return NotImplemented
 
 

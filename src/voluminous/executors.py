@@ -127,8 +127,8 @@ def _error(future: Future[Any]) -> BaseException | None:
 
 def _is_passing(error: BaseException) -> bool:
     """Return whether the next try may succeed: the file system, not what the user gave."""
-    told = isinstance(error, VoluminousError)
-    return isinstance(error, UnreachableError) or (isinstance(error, OSError) and not told)
+    explained = isinstance(error, VoluminousError)
+    return isinstance(error, UnreachableError) or (isinstance(error, OSError) and not explained)
 
 
 def _named(error: BaseException, name: str) -> BaseException:

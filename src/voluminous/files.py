@@ -79,8 +79,10 @@ def stamp(path: Path) -> str:
         return url
     files = itertools.chain([path], sorted(path.rglob("*")) if path.is_dir() else ())
     states = ((p.relative_to(path.parent), p.stat()) for p in itertools.islice(files, _MOST))
-    told = [f"{p.as_posix()} {s.st_size} {s.st_mtime_ns}" for p, s in states]
-    return told[0] if len(told) == 1 else hashlib.sha256("\n".join(told).encode()).hexdigest()
+    stamped = [f"{p.as_posix()} {s.st_size} {s.st_mtime_ns}" for p, s in states]
+    return (
+        stamped[0] if len(stamped) == 1 else hashlib.sha256("\n".join(stamped).encode()).hexdigest()
+    )
 
 
 # What describes a Zarr store in a directory.
@@ -107,9 +109,9 @@ def unchanged(opened: Opening) -> Iterator[None]:
     path, since, stamps = opened
 
     def check() -> None:
-        for told in stamps:
-            file = path / told.split(" ")[0] if path.is_dir() else path
-            if not file.is_file() or stamp(file) != told:
+        for stamped in stamps:
+            file = path / stamped.split(" ")[0] if path.is_dir() else path
+            if not file.is_file() or stamp(file) != stamped:
                 raise _changed(file)
 
     token = _SINCE.set(since or math.inf)

@@ -94,9 +94,9 @@ def _left_in_groups(process: Path, groups: Path) -> Iterator[int]:
                     if (limit := int((group / files[0]).read_text())) >= _NO_LIMIT:
                         continue
                     held = int((group / files[1]).read_text())
-                    told = dict(p.split() for p in (group / "memory.stat").read_text().splitlines())
+                    stat = dict(p.split() for p in (group / "memory.stat").read_text().splitlines())
                     cached = (f"{word}{kind}_file" for kind in ("active", "inactive"))
-                    yield limit - held + sum(int(told.get(name, 0)) for name in cached)
+                    yield limit - held + sum(int(stat.get(name, 0)) for name in cached)
 
 
 def reuse_memory() -> None:

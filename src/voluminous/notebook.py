@@ -43,6 +43,6 @@ def png(pixels: Any) -> bytes:
 
 def picture(data: bytes, title: str) -> str:
     """Return a PNG file below its title."""
-    told = html.escape(title, quote=True)
+    text = html.escape(title, quote=True)
     source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
-    return f"<p>{told}<br><img src='{source}' alt='{told}'></p>"
+    return f"<p>{text}<br><img src='{source}' alt='{text}'></p>"

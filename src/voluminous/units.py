@@ -72,8 +72,8 @@ def _converted(value: Any, convert: Callable[[], Any]) -> Any:
         return convert()
     except Exception as error:  # other packages and astropy each raise errors of their own
         unit = getattr(value, "units", "units")
-        told = _UNKNOWN.format(type(value).__module__, type(value).__name__, unit)
-        raise UnitsError(told) from error
+        message = _UNKNOWN.format(type(value).__module__, type(value).__name__, unit)
+        raise UnitsError(message) from error
 
 
 def _of_pint(value: Any) -> Any:

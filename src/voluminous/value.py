@@ -71,8 +71,8 @@ class Value:
         self._refuse(name, "…")
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{name}={value!r}" for name, value in self.arguments().items())
-        return f"{type(self).__name__}({told})"
+        shown = ", ".join(f"{name}={value!r}" for name, value in self.arguments().items())
+        return f"{type(self).__name__}({shown})"
 
     def _swatch(self) -> str:
         return ""

@@ -293,12 +293,12 @@ class Volume(Evaluation):
         Fields of a file are not read: the file's name, size and time of change stand for them.
         """
         origins = {name: self._fields.origin(name) for name in self._fields}
-        told = [
+        identity = [
             (name, self.units[name], origin[1] if origin else self.array(name))
             for name, origin in origins.items()
         ]
         files = {origin[2] or stamp(origin[0]) for origin in origins.values() if origin}
-        return content_key(told, sorted(files), self.grid, self.meta, self.wcs)
+        return content_key(identity, sorted(files), self.grid, self.meta, self.wcs)
 
     def _defer(self, name: str, value: Deferred) -> None:
         size = self.grid.size * np.dtype(value.dtype).itemsize

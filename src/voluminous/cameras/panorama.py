@@ -209,21 +209,21 @@ class Panorama(Camera):
         return self.replace(resolution=parts * max(1, min(nx // parts, ny // rows)))
 
     def describe(self) -> dict[str, Any]:
-        told: dict[str, Any] = {"type": "panorama", "projection": self.projection}
-        told["position"], told["target"] = described(self.position), described(self.target)
+        settings: dict[str, Any] = {"type": "panorama", "projection": self.projection}
+        settings["position"], settings["target"] = described(self.position), described(self.target)
         one = self.resolution[0]
-        told["resolution"] = one // 2 if self.stereo == "side-by-side" else one
+        settings["resolution"] = one // 2 if self.stereo == "side-by-side" else one
         if self.projection == "fulldome":
-            told["fov"] = float(np.rad2deg(self.fov))
+            settings["fov"] = float(np.rad2deg(self.fov))
         if self.stereo is not None:
-            told["stereo"] = self.stereo
+            settings["stereo"] = self.stereo
             if self.eye_distance is not None:
-                told["eye_distance"] = described(self.eye_distance)
+                settings["eye_distance"] = described(self.eye_distance)
         if self.up is not None:
-            told["up"] = self.up.tolist()
+            settings["up"] = self.up.tolist()
         elif self.posang:
-            told["posang"] = self.posang
-        return told
+            settings["posang"] = self.posang
+        return settings
 
 
 def _pixels(resolution: Any, projection: str, stereo: str | None) -> tuple[int, int]:

@@ -182,12 +182,12 @@ def read_keyframes(path: Path, scene: Scene) -> list[Camera]:
     from ..scene.sections import build_camera
     from ..scene.settings import loads
 
-    told = loads(text_of(path))
+    table = loads(text_of(path))
     with placed(path):
-        unknown = set(told) - {"keyframe", "ease"}
-        if unknown or not told.get("keyframe"):
+        unknown = set(table) - {"keyframe", "ease"}
+        if unknown or not table.get("keyframe"):
             raise InputError('expected [[keyframe]] tables, and ease = "smooth"')
         own = scene.to_dict().get("camera", {})
-        cameras = [build_camera({**own, **one.get("camera", {})}) for one in told["keyframe"]]
-        frames = [one.get("frame", -1) for one in told["keyframe"]]
-        return keyframes(list(zip(frames, cameras, strict=True)), told.get("ease", "smooth"))
+        cameras = [build_camera({**own, **one.get("camera", {})}) for one in table["keyframe"]]
+        frames = [one.get("frame", -1) for one in table["keyframe"]]
+        return keyframes(list(zip(frames, cameras, strict=True)), table.get("ease", "smooth"))

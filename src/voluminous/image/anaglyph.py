@@ -1,4 +1,4 @@
-"""Anaglyphs: two eyes' pictures in one, told apart by coloured glasses."""
+"""Anaglyphs: two eyes' pictures in one, separated by coloured glasses."""
 
 from __future__ import annotations
 

@@ -156,10 +156,10 @@ def text(header: Header, key: str) -> str:
 def is_casa_image(path: Path) -> bool:
     """Return True for an image of CASA: a directory of tables."""
     try:
-        told = (path / "table.info").read_bytes() if (path / "table.dat").is_file() else b""
+        head = (path / "table.info").read_bytes() if (path / "table.dat").is_file() else b""
     except OSError:
         return False
-    return b"Type = Image" in told[:200]
+    return b"Type = Image" in head[:200]
 
 
 @contextmanager
@@ -235,7 +235,7 @@ def _mended(header: Header, shape: tuple[int, ...], rest: Any) -> Header:
     kinds = {k: text(header, f"CTYPE{k}") for k in range(1, count + 1)}
     on_sky = any(map(ON_SKY.match, kinds.values()))
     for k, kind in kinds.items():
-        told = text(header, f"CUNIT{k}")
+        unit_text = text(header, f"CUNIT{k}")
         unit = lenient_unit(str(card(header, f"CUNIT{k}", "")))
         if on_sky and unit is not None and kind in ("", "LINEAR"):
             is_wave = unit.physical_type != "length" or unit.to_string() in _OF_WAVES
@@ -245,11 +245,11 @@ def _mended(header: Header, shape: tuple[int, ...], rest: Any) -> Header:
         is_known = kind.startswith(SPECTRUM) or ON_SKY.match(kind)
         if is_known:
             header[f"CTYPE{k}"] = kind
-        if is_known and unit is None and told not in _NO_UNIT:
-            raise ValueError(f"{told!r} of axis {k}, {kind}, is no known unit")
+        if is_known and unit is None and unit_text not in _NO_UNIT:
+            raise ValueError(f"{unit_text!r} of axis {k}, {kind}, is no known unit")
         if kind.startswith(SPECTRUM) and card(header, "DC-FLAG", 0) == 1:
             raise ValueError(f"axis {k}, {kind}, has logarithms of wavelengths (DC-FLAG)")
-        if told:
+        if unit_text:
             header[f"CUNIT{k}"] = fits_name(unit)
     _put_one_matrix(header, count, len(shape))
     if rest is not None:

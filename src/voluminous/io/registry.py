@@ -183,16 +183,16 @@ def open_lazily(
 class _OpenedAgain:
     """A file as other processes open it, once, for the fields that are read there."""
 
-    def __init__(self, *told: Any) -> None:
-        self.told = told
+    def __init__(self, *arguments: Any) -> None:
+        self.arguments = arguments
         self.volume: Volume | None = None
 
     def __reduce__(self) -> Any:
-        return _OpenedAgain, self.told
+        return _OpenedAgain, self.arguments
 
     def __call__(self, name: str) -> np.ndarray:
         if self.volume is None:
-            path, fields, format, options = self.told
+            path, fields, format, options = self.arguments
             self.volume = open_lazily(path, fields, format=format, **options)
         return self.volume.with_arrays({}).array(name)  # of which no copy stays here
 

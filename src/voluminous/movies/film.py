@@ -74,9 +74,9 @@ def movie(
     ----------
     volume : Volume, path, function that returns a Volume, or sequence of them
         A sequence is a series in time, opened one by one; it is spread evenly over the frames.
-        ``functools.partial(vm.open, path, unit="pc")`` opens a file with options: it is told by
-        its arguments, and by name, size and time of its files. Any other function is also called
-        to see what it returns before frames that are there are taken.
+        ``functools.partial(vm.open, path, unit="pc")`` opens a file with options: it is identified
+        by its arguments, and by name, size and time of its files. Any other function is also
+        called to see what it returns before frames that are there are taken.
     medium : Medium or sequence of Medium
         One for all frames, or one per frame (`fade`). Path lengths and colour ranges that are open
         are measured in the first volume, and are the same in all frames.
@@ -95,7 +95,7 @@ def movie(
         annotations, are the same in all frames: by default those that suit the whole film.
     finish : callable, optional
         Makes another image of each before it is saved: ``lambda image: image.anaglyph()``. It
-        is told by its code and by all values that it reads, not by files that it opens.
+        is identified by its code and by all values that it reads, not by files that it opens.
     codec : str
         Of an .mp4, one that FFmpeg knows: "libx264", "libsvtav1".
     keep_frames : bool
@@ -406,8 +406,8 @@ class _Film:
 def _content(given: Any) -> str:
     """Return what tells a volume, or what a function returns, from others.
 
-    A partial function of this package, such as `open`, is told by its arguments, with the stamps of
-    files among them; any other is called.
+    A partial function of this package, such as `open`, is identified by its arguments, with the
+    stamps of files among them; any other is called.
     """
     if isinstance(given, Volume) or not _is_ours(given):
         return volume_of(given).fingerprint()

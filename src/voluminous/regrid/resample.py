@@ -403,9 +403,11 @@ def _check(source: Grid, target: Grid, samples: Any) -> None:
         )
     (low, high), (first, last) = source.bounds.T, target.bounds.T
     if np.any(np.maximum(low, first) >= np.minimum(high, last)):
-        told = [" x ".join(f"{a:g} … {b:g}" for a, b in g.bounds) for g in (target, source)]
+        wanted, there = (
+            " x ".join(f"{a:g} … {b:g}" for a, b in g.bounds) for g in (target, source)
+        )
         raise InputError(
-            f"the new grid, {told[0]}, is nowhere in the volume, {told[1]}; compare their bounds"
+            f"the new grid, {wanted}, is nowhere in the volume, {there}; compare their bounds"
         )
 
 

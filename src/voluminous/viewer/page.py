@@ -92,8 +92,8 @@ class App:
         elif self.base and scope["path"] == self.base:
             query = scope["query_string"].decode("latin-1")
             more, status = {"location": f"{quote(self.base)}/{'?' * bool(query)}{query}"}, 307
-        told = {**_HEADERS, **more, "content-type": kind, "content-length": str(len(content))}
-        pairs = [(name.encode(), value.encode()) for name, value in told.items()]
+        headers = {**_HEADERS, **more, "content-type": kind, "content-length": str(len(content))}
+        pairs = [(name.encode(), value.encode()) for name, value in headers.items()]
         await send({"type": "http.response.start", "status": status, "headers": pairs})
         body = b"" if scope["method"] == "HEAD" else content
         await send({"type": "http.response.body", "body": body})

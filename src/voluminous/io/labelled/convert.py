@@ -208,8 +208,8 @@ def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
 
 
 def _named_by(data: xarray.Dataset, keys: tuple[str, ...]) -> set[str]:
-    told = [of for v in data.variables.values() for of in (v.attrs, v.encoding)]
-    return {word for of in told for key in keys for word in str(of.get(key, "")).split()}
+    attributes = [of for v in data.variables.values() for of in (v.attrs, v.encoding)]
+    return {word for of in attributes for key in keys for word in str(of.get(key, "")).split()}
 
 
 def decoded(source: Any, **options: Any) -> Any:

@@ -90,14 +90,14 @@ class NativeZarrReader(ContentsReader):
 
     def contents(self, path: Path, **options: Any) -> Contents:
         with opened(path) as root:
-            told = dict(root.attrs)
-            if (version := told.get("version")) != VERSION:
+            attributes = dict(root.attrs)
+            if (version := attributes.get("version")) != VERSION:
                 raise FileFormatError(
                     f"it is a volume in version {version} of the native format, expected "
                     f"{VERSION}; a newer voluminous may read it"
                 )
-            plain = told.get(GRID)
-            names, levels = told.get("fields"), told.get("levels")
+            plain = attributes.get(GRID)
+            names, levels = attributes.get("fields"), attributes.get("levels")
             if not isinstance(plain, dict) or not isinstance(names, list):
                 raise FileFormatError("its attributes must name 'grid' and 'fields'")
             grid = grid_of(PlainGrid(str(plain.get("type")), "", _values(path, root, GRID), plain))
@@ -114,9 +114,9 @@ class NativeZarrReader(ContentsReader):
                 pieces = _pieces(path, root, name, arrays)
                 load = functools.partial(_part, path, name, (slice(None),) * len(grid.shape), 0)
                 fields.append(StoredField(name, name, grid.shape, dtype, unit, load, pieces))
-            tables = _tables(path, root) if SKY in told else {}
-            sky = wcs_of(str(told[SKY]), tables) if SKY in told else None
-            meta = known_meta(str(told.get(META, "{}")))
+            tables = _tables(path, root) if SKY in attributes else {}
+            sky = wcs_of(str(attributes[SKY]), tables) if SKY in attributes else None
+            meta = known_meta(str(attributes.get(META, "{}")))
             return NativeContents(fields, lambda _: grid, meta, sky)
 
     def finish(self, volume: Volume, contents: Contents) -> None:
@@ -172,20 +172,20 @@ class NativeZarrReader(ContentsReader):
             if stats:
                 ends = pyramid.extremes
                 _new_array(root, f"stats/{name}", ends.shape, ends.shape, dtype)[...] = ends
-        told: dict[str, Any] = {"written_by": f"voluminous {SOFTWARE}", "about": ABOUT}
-        told |= {GRID: {"type": plain.type, "order": plain.order, **plain.attributes}}
-        told |= {"fields": list(volume.fields)}
-        told |= {"levels": len(shapes)}
+        attributes: dict[str, Any] = {"written_by": f"voluminous {SOFTWARE}", "about": ABOUT}
+        attributes |= {GRID: {"type": plain.type, "order": plain.order, **plain.attributes}}
+        attributes |= {"fields": list(volume.fields)}
+        attributes |= {"levels": len(shapes)}
         if volume.meta:
-            told[META] = json.dumps(volume.meta, default=json_value, ensure_ascii=False)
+            attributes[META] = json.dumps(volume.meta, default=json_value, ensure_ascii=False)
         if volume.wcs is not None:
             text, tables = header_text(volume.wcs)
-            told[SKY] = text
+            attributes[SKY] = text
             for (table, column), values in tables.items():
                 place = f"{TABLES}/{table}/{column}"
                 root.create_array(place, data=np.asarray(values), config=_EVERY_CHUNK)
         # Last of all: without them the store is no volume.
-        root.attrs.update({"format": MARK, "version": VERSION, **told})
+        root.attrs.update({"format": MARK, "version": VERSION, **attributes})
         with warnings.catch_warnings():
             # The specification of Zarr 3 does not have it; readers of servers need it.
             warnings.simplefilter("ignore")

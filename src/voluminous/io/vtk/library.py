@@ -54,13 +54,13 @@ def heard(warnings: bool = True) -> Iterator[None]:
         raise FileFormatError(f"VTK cannot read it: {'; '.join(lines)[:_LONGEST]}")
 
 
-def check_numbers(content: mmap.mmap, told: str = "") -> None:
+def check_numbers(content: mmap.mmap, hint: str = "") -> None:
     """Refuse text with what VTK takes for two numbers, so that all others move up."""
     end = content.find(b"<AppendedData")
     odd = _FORTRAN.search(content, 0, len(content) if end == -1 else end)
     if odd:
         raise FileFormatError(
-            f"{odd[0].decode()} is no number{told}; write exponents of three digits with an E"
+            f"{odd[0].decode()} is no number{hint}; write exponents of three digits with an E"
         )
 
 

@@ -121,7 +121,7 @@ def _careful() -> type:
             self.absent: set[str] = set()
             self.denied: dict[str, Exception] = {}  # what counts as absent, too
             self.arrays: dict[str, Any] = {}  # that were opened, by their places
-            self.told: set[str] = set()  # those of which it was said that chunks are missing
+            self.warned: set[str] = set()  # those of which it was said that chunks are missing
             self.kept: dict[Any, Any] = {}  # what readers made of it
 
         async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
@@ -264,8 +264,8 @@ def warn_of_missing(path: Path, store: Any) -> None:
     """Warn of chunks that were not there; once per array."""
     for key in sorted(store.absent):
         array = store.owner(key)
-        if array is not None and array.path not in store.told:
-            store.told.add(array.path)
+        if array is not None and array.path not in store.warned:
+            store.warned.add(array.path)
             denied = " (or access to it is denied)" if key in store.denied else ""
             warnings.warn(
                 f"{url_of(path) or path}: there is no chunk {key}{denied}: Zarr takes the fill "
