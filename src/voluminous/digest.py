@@ -118,8 +118,8 @@ class _Contents(pickle.Pickler):
             return _written("colormap", value(np.arange(value.N)), *ends)
         if colors and isinstance(value, colors.Normalize):
             return _written(kind, {k: v for k, v in vars(value).items() if k != "callbacks"})
-        own = kind.__module__.startswith("voluminous.") and kind.__reduce__ is object.__reduce__
-        if isinstance(value, Value) or (own and hasattr(value, "__dict__")):
+        ours = kind.__module__.startswith("voluminous.") and kind.__reduce__ is object.__reduce__
+        if isinstance(value, Value) or (ours and hasattr(value, "__dict__")):
             state = list((value.__reduce_ex__(4)[2] or {}).items())
             if isinstance(value, Value):  # what is private is made of the arguments
                 state = [(n, v) for n, v in state if n == "_given" or n[0] != "_"]
@@ -134,8 +134,8 @@ def _written(*parts: Any) -> Any:
 
 def _of_class(value: Any) -> list[Any]:
     members = vars(value).items()
-    own = [(n, v) for n, v in members if n != "_abc_impl" and (callable(v) or n[:2] != "__")]
-    return [value.__name__, getattr(value, "__bases__", ()), own]
+    relevant = [(n, v) for n, v in members if n != "_abc_impl" and (callable(v) or n[:2] != "__")]
+    return [value.__name__, getattr(value, "__bases__", ()), relevant]
 
 
 def _of_function(value: types.FunctionType) -> list[Any]:

@@ -16,30 +16,30 @@ _DIGITS, _OF_WIDTH = 6, 3
 CARTESIAN, SPHERICAL, CYLINDRICAL = ("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z")
 
 
-def position(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
+def position(system: tuple[str, ...], coordinates: np.ndarray) -> np.ndarray:
     """Return x, y and z, shape (3, n), of points in a grid's own coordinates, shape (3, n).
 
     Coordinates beyond the ends of their range go on through the axis or the centre: r < 0 is the
     point opposite.
     """
     if system == SPHERICAL:
-        r, theta, phi = own
+        r, theta, phi = coordinates
         radius = r * np.sin(theta)
         return np.array([radius * np.cos(phi), radius * np.sin(phi), r * np.cos(theta)])
     if system == CYLINDRICAL:
-        radius, phi, z = own
+        radius, phi, z = coordinates
         return np.array([radius * np.cos(phi), radius * np.sin(phi), z])
-    return own
+    return coordinates
 
 
-def metric(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
+def metric(system: tuple[str, ...], coordinates: np.ndarray) -> np.ndarray:
     """Return the length per unit of each coordinate, shape (3, n): (1, r, r sin θ) or (1, R, 1)."""
-    one = np.ones_like(own[0])
+    one = np.ones_like(coordinates[0])
     if system == SPHERICAL:
-        return np.array([one, own[0], own[0] * np.sin(own[1])])
+        return np.array([one, coordinates[0], coordinates[0] * np.sin(coordinates[1])])
     if system == CYLINDRICAL:
-        return np.array([one, own[0], one])
-    return np.ones_like(own)
+        return np.array([one, coordinates[0], one])
+    return np.ones_like(coordinates)
 
 
 def mirror_images(grid: Any) -> list[np.ndarray]:

@@ -172,8 +172,8 @@ class Panorama(Camera):
         return Ray(origin, direction, first=zero, active=active)
 
     def key(self) -> Hashable:
-        own = type(self) is Panorama
-        return ("panorama", self.projection, self.stereo) if own else None
+        exact = type(self) is Panorama
+        return ("panorama", self.projection, self.stereo) if exact else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         return sight_from(vector(on_grid(self.position, grid, "position"), "position"), points)

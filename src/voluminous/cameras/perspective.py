@@ -223,8 +223,8 @@ class Perspective(Camera):
         return Ray(origin, direction, first=zero)
 
     def key(self) -> Hashable:
-        own = type(self) is Perspective
-        return ("perspective", self.projection, self.stereo) if own else None
+        exact = type(self) is Perspective
+        return ("perspective", self.projection, self.stereo) if exact else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         return sight_from(vector(on_grid(self.position, grid, "position"), "position"), points)

@@ -185,10 +185,10 @@ def _draw(
     images: list[Image] = []
     titles = []
     for number, panel in enumerate((*PANELS, *MORE_PANELS) if all else PANELS, start=1):
-        own = {"scheme": panel.scheme, **options}
-        changes = {f"render.{name}": value for name, value in own.items()}
+        chosen = {"scheme": panel.scheme, **options}
+        changes = {f"render.{name}": value for name, value in chosen.items()}
         scene = scene.replaced({"medium": panel.media, **changes})
-        titles.append(panel.title.format(scheme=own["scheme"].replace("-", " ")))
+        titles.append(panel.title.format(scheme=chosen["scheme"].replace("-", " ")))
         path = output or Path("core.png")
         path = path.with_name(f"{path.stem}-{number}.png")
         image, seconds = render_scene(scene, path.name, quiet)

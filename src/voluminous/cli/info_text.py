@@ -131,9 +131,9 @@ def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
     if particles is not None:
         yield f"  made by voluminous around {particles} particles, which have no cells of their own"
     ends = dict(zip(CARTESIAN, grid.bounds, strict=True))
-    if (own := tuple(grid.coordinates)) != CARTESIAN:
-        ends |= {name: edges[[0, -1]] for name, edges in zip(own, grid.edges, strict=True)}
-    for name in dict.fromkeys((*(own if own != CARTESIAN else ()), *CARTESIAN)):
+    if (axes := tuple(grid.coordinates)) != CARTESIAN:
+        ends |= {name: edges[[0, -1]] for name, edges in zip(axes, grid.edges, strict=True)}
+    for name in dict.fromkeys((*(axes if axes != CARTESIAN else ()), *CARTESIAN)):
         yield f"  {name}  {span(*ends[name])} {'rad' if is_angle(name) else unit}".rstrip()
     if grid.is_structured or base is None:
         return

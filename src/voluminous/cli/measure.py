@@ -160,11 +160,13 @@ def _with_units(table: QTable, units: dict[str, str], columns: list[str]) -> QTa
 
     for name, unit in units.items():
         check_name("total", name, columns)
-        own = table[name].unit
+        present = table[name].unit
         try:
             table[name] = table[name].to(parse_unit(unit))
         except (ValueError, TypeError) as error:
-            raise UnitsError(f"{name} is in {unit_name(own) or 'no unit'}, not {unit}") from error
+            raise UnitsError(
+                f"{name} is in {unit_name(present) or 'no unit'}, not {unit}"
+            ) from error
     return table
 
 

@@ -187,7 +187,7 @@ def read_keyframes(path: Path, scene: Scene) -> list[Camera]:
         unknown = set(table) - {"keyframe", "ease"}
         if unknown or not table.get("keyframe"):
             raise InputError('expected [[keyframe]] tables, and ease = "smooth"')
-        own = scene.to_dict().get("camera", {})
-        cameras = [build_camera({**own, **one.get("camera", {})}) for one in table["keyframe"]]
+        shared = scene.to_dict().get("camera", {})
+        cameras = [build_camera({**shared, **one.get("camera", {})}) for one in table["keyframe"]]
         frames = [one.get("frame", -1) for one in table["keyframe"]]
         return keyframes(list(zip(frames, cameras, strict=True)), table.get("ease", "smooth"))

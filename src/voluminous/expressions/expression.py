@@ -412,12 +412,12 @@ def on_one_side(
         def field_of(node: Node) -> Node | None:
             if not isinstance(node, Call) or node.operation != "compare":
                 return None
-            own = in_steps(steps, node)
-            if own not in sides:
+            comparison = in_steps(steps, node)
+            if comparison not in sides:
                 name = f"%side {len(sides)}"
-                condition = Expression.of_tree(own, shown=f"{expression.text}: {name}")
-                sides[own] = ComparisonField(name, condition)
-            return Field(sides[own].name)
+                condition = Expression.of_tree(comparison, shown=f"{expression.text}: {name}")
+                sides[comparison] = ComparisonField(name, condition)
+            return Field(sides[comparison].name)
 
         new = replaced(tree, field_of)
         return Expression.of_tree(new, shown=f"{expression.text}: on one side")

@@ -598,12 +598,12 @@ class _Builder:
                 self._fail(element, "the tables of interp hold numbers only")
             numbers.append(built.value)
             units.append(built.unit if isinstance(built, NumberWithUnit) else None)
-        unit = next((own for own in units if own is not None), None)
+        unit = next((given for given in units if given is not None), None)
         if unit is None:
             return numbers, None
-        if not all(own is None or own.is_equivalent(unit) for own in units):
+        if not all(given is None or given.is_equivalent(unit) for given in units):
             self._fail(node, f"the numbers of a table need units of one kind, such as {unit}")
-        if any(own is None and number != 0 for number, own in zip(numbers, units, strict=True)):
+        if any(given is None and number != 0 for number, given in zip(numbers, units, strict=True)):
             self._fail(node, f"give all numbers of the table a unit, such as {unit}, or none")
         pairs = zip(numbers, units, strict=True)
-        return [0.0 if own is None else number * own.to(unit) for number, own in pairs], unit
+        return [0.0 if given is None else number * given.to(unit) for number, given in pairs], unit

@@ -264,9 +264,9 @@ def _quantity(value: float, unit: Unit) -> str:
     shown = str(unit)
     if _SCALED.search(shown):
         dex = is_dex(unit)
-        own = (unit.physical_unit if dex else unit).decompose()
-        value = value + math.log10(own.scale) if dex else value * own.scale
-        shown = str(type(own)(1.0, own.bases, own.powers))
+        plain = (unit.physical_unit if dex else unit).decompose()
+        value = value + math.log10(plain.scale) if dex else value * plain.scale
+        shown = str(type(plain)(1.0, plain.bases, plain.powers))
         shown = f"dex({shown})" if dex and shown else shown
     return f"({text(Constant(value))} {shown.replace('%', 'percent')}".rstrip() + ")"
 

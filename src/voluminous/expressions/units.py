@@ -181,8 +181,8 @@ class _Walk:
 
         With `plain`, numbers without a unit are in that of the others.
         """
-        own = self._units.values()
-        parts = [p if p.unit in own else self._plain_if_pure(p) for p in parts]
+        field_units = self._units.values()
+        parts = [p if p.unit in field_units else self._plain_if_pure(p) for p in parts]
         varying = [p for p in parts if p.number is None and not isinstance(p.node, InUnit)]
         unit = _unit_of(varying) if varying else _unit_of(parts)
         plain = plain or is_dex(unit) or _is_radian(unit)
@@ -197,13 +197,15 @@ class _Walk:
         dex = is_dex(part.unit)
         if dex != is_dex(unit):
             self._refuse_kind(node, part, unit)
-        own, wanted = (part.unit.physical_unit, unit.physical_unit) if dex else (part.unit, unit)
-        factor = _factor(own, wanted) or self._refuse_kind(node, part, unit)
+        present, wanted = (
+            (part.unit.physical_unit, unit.physical_unit) if dex else (part.unit, unit)
+        )
+        factor = _factor(present, wanted) or self._refuse_kind(node, part, unit)
         factor = math.log10(factor) if dex else factor
         if isinstance(part.node, InUnit):
             value = part.node.value
             return _Part(InUnit(value + factor if dex else value * factor, unit), unit)
-        change = _dex(wanted / own) if dex else _quotient(unit, part.unit)
+        change = _dex(wanted / present) if dex else _quotient(unit, part.unit)
         if change == _quotient(None, None):  # the same unit by another name
             return _Part(part.node, unit)
         operation = "add" if dex else "multiply"
@@ -239,12 +241,12 @@ class _Walk:
 
     def _refuse_kind(self, node: Node, part: _Part, unit: Unit) -> NoReturn:
         wanted = "a plain number is needed" if unit is None else f"expected {_named(unit)}"
-        own = "a plain number" if part.unit is None else f"in {_named(part.unit)}"
+        present = "a plain number" if part.unit is None else f"in {_named(part.unit)}"
         shown = text(part.node)
         if isinstance(part.node, InUnit):
             shown = shown[1:-1]
         advice = f"write '{shown} {_named(unit)}'" if part.number is not None else _ADVICE
-        self._refuse(node, f"{shown!r} is {own}, {wanted}", advice)
+        self._refuse(node, f"{shown!r} is {present}, {wanted}", advice)
 
     def _refuse_dex(self, node: Node, part: _Part) -> None:
         if is_dex(part.unit):
@@ -259,10 +261,10 @@ class _Walk:
             return self._same(node, parts, plain=False)
         # The logarithm of a product or quotient; plain numbers are logarithms of factors.
         sign = 1 if node.operation == "add" else -1
-        own: list[Unit] = [p.unit.physical_unit if is_dex(p.unit) else None for p in parts]
-        unit = _product(own[0], own[1], sign)
+        units: list[Unit] = [p.unit.physical_unit if is_dex(p.unit) else None for p in parts]
+        unit = _product(units[0], units[1], sign)
         if unit is not None and _is_pure(unit):  # of two densities, in g/cm3 and in kg/m3
-            parts = [parts[0], self._in(parts[1], _dex(own[0] ** -sign), node)]
+            parts = [parts[0], self._in(parts[1], _dex(units[0] ** -sign), node)]
             unit = None
         parts = [p if is_dex(p.unit) else self._pure(node, p) for p in parts]
         return self._call(node, parts, None if unit is None else _dex(unit))
@@ -365,10 +367,10 @@ def _unit_of(parts: list[_Part]) -> Unit:
     return next((p.unit for p in parts if p.unit is not None), None)
 
 
-def _factor(own: Unit, unit: Unit) -> float | None:
+def _factor(present: Unit, unit: Unit) -> float | None:
     """Return what converts numbers from one unit to another; None if they are of other kinds."""
     u = _astropy()
-    pair = [unit or u.dimensionless_unscaled for unit in (own, unit)]
+    pair = [unit or u.dimensionless_unscaled for unit in (present, unit)]
     for first, second in (pair, map(_of_gauss, pair)):
         with contextlib.suppress(u.UnitsError, TypeError):
             return float(first.to(second))
@@ -379,8 +381,8 @@ def _product(first: Unit, second: Unit, sign: int) -> Unit:
     if _is_radian(first) and _is_radian(second):
         return None
     first, second = (
-        None if _is_radian(own) and other is not None and not _has_angle(other) else own
-        for own, other in ((first, second), (second, first))
+        None if _is_radian(one) and other is not None and not _has_angle(other) else one
+        for one, other in ((first, second), (second, first))
     )
     plain = _astropy().dimensionless_unscaled
     return parse_unit((first or plain) * (second or plain) ** sign)

@@ -100,8 +100,8 @@ def known_unit(unit: Any) -> u.UnitBase | None:
 
 def length_unit(unit: Any, x: Any, y: Any) -> str:
     """Return the name of the unit of the image plane: `unit`, or else that of `x` or `y`."""
-    own = unit_of(x) or unit_of(y) if unit is None or _is_empty(unit) else unit
-    return "" if own is None else str(own)
+    present = unit_of(x) or unit_of(y) if unit is None or _is_empty(unit) else unit
+    return "" if present is None else str(present)
 
 
 def axis(values: Any, count: int, unit: str, name: str) -> Axis:

@@ -90,11 +90,15 @@ def _of_plane(image: Image, beam: Beam) -> Beam:
 
     Its angle is from up to the left, which need not be from north to east later.
     """
-    own = parse_unit(image.unit)
-    if beam.unit is None or own is None or sky_matrix(image) is not None:
+    plane_unit = parse_unit(image.unit)
+    if beam.unit is None or plane_unit is None or sky_matrix(image) is not None:
         return beam
-    factor = plane_factor(image, beam.unit, own)
-    return beam if factor is None else Beam(factor * beam.major, factor * beam.minor, beam.pa, own)
+    factor = plane_factor(image, beam.unit, plane_unit)
+    return (
+        beam
+        if factor is None
+        else Beam(factor * beam.major, factor * beam.minor, beam.pa, plane_unit)
+    )
 
 
 def as_beam(beam: Any) -> Beam:
@@ -180,13 +184,13 @@ def _in_pixels(image: Image, beam: Beam) -> np.ndarray:
 
     Position angles run from north to east on the sky, and from up to the left on a plane.
     """
-    own, to_sky, unit = parse_unit(image.unit), sky_matrix(image), beam.unit
+    plane_unit, to_sky, unit = parse_unit(image.unit), sky_matrix(image), beam.unit
     is_angle = unit is not None and unit.is_equivalent("rad")
     if unit is not None and is_angle and to_sky is not None:
         to_plane, scale = to_sky, float(unit.to("deg"))
     else:
         to_plane = np.diag(np.array(image.pixel_size) * [-1.0, 1.0])
-        there = None if own is None else plane_factor(image, unit or own, own)
+        there = None if plane_unit is None else plane_factor(image, unit or plane_unit, plane_unit)
         if there is None and unit is not None:
             advice = "; say how far it is: image.replace(distance=140 * u.pc)"
             raise UnitsError(

@@ -31,17 +31,19 @@ def to_unit(image: Own, unit: UnitLike, beam: Any = None) -> Own:
         size = (scale * width, scale * height)
         x, y = scale * image.x, scale * image.y
         image = image.replace(unit=str(target), x=x, y=y, pixel_size=size)
-        own = known_unit(image.intensity_unit)
-        if own is None or not own.is_equivalent(target):  # else a map of depths: convert both
+        present = known_unit(image.intensity_unit)
+        if present is None or not present.is_equivalent(
+            target
+        ):  # else a map of depths: convert both
             return image
-    own = parse_unit(image.intensity_unit)
-    if own is None:
+    present = parse_unit(image.intensity_unit)
+    if present is None:
         plane_unit = f", and its plane is in {image.unit}" if image.unit else ""
         raise UnitsError(
             f"the image's intensities have no unit{plane_unit}, so there is no {unit}; "
             "give Image(..., intensity_unit=, unit=), or emissivities with units (vm.Coefficients)"
         )
-    factor = conversion(image, own, target, beam)
+    factor = conversion(image, present, target, beam)
     scaled = {
         name: _scaled(plane, factor)
         for name in ("intensity", "lower", "upper")
@@ -79,7 +81,7 @@ def _scaled(values: Array, factor: Any) -> Array:
     return result
 
 
-def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
+def conversion(image: Image, present: Any, target: Any, beam: Any = None) -> Any:
     """Return the factor from one unit to another, with solid angles of beams and pixels.
 
     Of a cube it may differ between channels: brightness temperatures by the law of Rayleigh and
@@ -88,27 +90,28 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
     from astropy import units as u
 
     target = u.dimensionless_unscaled if target is None else target
-    if beam is not None and u.beam not in (*own.decompose().bases, *target.decompose().bases):
+    if beam is not None and u.beam not in (*present.decompose().bases, *target.decompose().bases):
         raise UnitsError(
-            f"beam= is for units per beam, but it is from {own} to {target}: leave it out"
+            f"beam= is for units per beam, but it is from {present} to {target}: leave it out"
         )
-    if own.is_equivalent(target):  # both units are per beam, or neither is
-        return float(own.to(target))
+    if present.is_equivalent(target):  # both units are per beam, or neither is
+        return float(present.to(target))
     angles: Any = 1.0
-    message = f"intensities in {own} cannot be converted to {target or 'no unit'}"
+    message = f"intensities in {present} cannot be converted to {target or 'no unit'}"
     for base, area in ((u.beam, _beam_area), (u.pix, _pixel_area)):
         powers = []
-        for unit in (own, target):
+        for unit in (present, target):
             plain = unit.decompose()
             powers.append(float(dict(zip(plain.bases, plain.powers, strict=True)).get(base, 0.0)))
         if any(powers):
             angles = angles * area(image, beam) ** (powers[0] - powers[1])  # beams may differ
-            own, target = (
-                x * (u.sr / base) ** power for x, power in zip((own, target), powers, strict=True)
+            present, target = (
+                x * (u.sr / base) ** power
+                for x, power in zip((present, target), powers, strict=True)
             )
-    if own.is_equivalent(target):
-        return angles * float((own / target).to(u.dimensionless_unscaled))
-    if target.is_equivalent(u.rad) and not own.is_equivalent(u.rad):
+    if present.is_equivalent(target):
+        return angles * float((present / target).to(u.dimensionless_unscaled))
+    if target.is_equivalent(u.rad) and not present.is_equivalent(u.rad):
         raise UnitsError(
             f"{message}, nor lengths on the image plane: say how far it is with "
             "image.replace(distance=140 * u.pc)"
@@ -121,7 +124,7 @@ def conversion(image: Image, own: Any, target: Any, beam: Any = None) -> Any:
     nu = image.spectral.frequencies * u.Hz
     laws = u.brightness_temperature(nu) + u.spectral_density(nu)
     try:
-        factor = own.to(target, np.ones(len(nu)), equivalencies=laws)
+        factor = present.to(target, np.ones(len(nu)), equivalencies=laws)
         return np.asarray(angles * factor, np.float64)
     except u.UnitConversionError as error:
         raise UnitsError(

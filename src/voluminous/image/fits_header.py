@@ -276,9 +276,9 @@ def _put_one_matrix(header: Header, count: int, pixels: int) -> None:
     rows = {}
     for i in axes if by_matrix else ():
         step = float(card(header, f"CDELT{i}", 0.0 if i <= pixels else 1.0))
-        own = [step * values.get(("PC", i, j), float(i == j)) for j in axes]
-        rows[i] = [values.get(("CD", i, j), 0.0) for j in axes] if i in by_matrix else own
-        if i not in by_matrix and (not any(own) or card(header, f"CROTA{i}", 0.0)):
+        entries = [step * values.get(("PC", i, j), float(i == j)) for j in axes]
+        rows[i] = [values.get(("CD", i, j), 0.0) for j in axes] if i in by_matrix else entries
+        if i not in by_matrix and (not any(entries) or card(header, f"CROTA{i}", 0.0)):
             raise ValueError(f"CDELT{i} is missing, or CROTA{i} beside CD cards of others")
     for key, match in cards.items():
         if by_matrix or (match[1] == "CD" and "CDELT1" in header):  # all zero: no information

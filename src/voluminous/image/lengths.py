@@ -41,20 +41,22 @@ def readable(size: float, unit: Any) -> tuple[float, str]:
     """
     from astropy import units as u
 
-    own, size = known_unit(unit), abs(size)
+    present, size = known_unit(unit), abs(size)
     ladders = (_LENGTHS, _ANGLES, _TIMES)
-    ladder = next((a for a in ladders if own is not None and own.is_equivalent(a[0][0])), None)
-    if own is None or ladder is None or not math.isfinite(size) or size == 0:
+    ladder = next(
+        (a for a in ladders if present is not None and present.is_equivalent(a[0][0])), None
+    )
+    if present is None or ladder is None or not math.isfinite(size) or size == 0:
         return 1.0, str(unit or "")
     names = {u.Unit(name): text.replace("um", "µm") for name, text, _ in ladder}
-    if _HANDY[0] <= size < _HANDY[1] and (own in names or own.si.scale != 1.0):
-        return 1.0, next((text for known, text in names.items() if known == own), str(own))
+    if _HANDY[0] <= size < _HANDY[1] and (present in names or present.si.scale != 1.0):
+        return 1.0, next((text for known, text in names.items() if known == present), str(present))
     chosen = ladder[0]
     for rung in ladder:
         # Rounding must not turn 1 of one unit into 999.9999 of the previous one.
-        if size * own.to(rung[0]) >= rung[2] * (1.0 - 1e-9):
+        if size * present.to(rung[0]) >= rung[2] * (1.0 - 1e-9):
             chosen = rung
-    return float(own.to(chosen[0])), names[u.Unit(chosen[0])]
+    return float(present.to(chosen[0])), names[u.Unit(chosen[0])]
 
 
 def bar_length(

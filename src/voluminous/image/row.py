@@ -107,14 +107,14 @@ def plot_row(
     if len(names) != len(shown):
         raise InputError(f"titles must be one for each of {len(shown)} images, got {len(names)}")
     scales = [scales_of(image, options) for image in shown] if colorbar and not one else [[]]
-    own = any(_differ(scales[0], others) for others in scales)
+    separate = any(_differ(scales[0], others) for others in scales)
     alike = all(np.allclose(image.extent, shown[0].extent) for image in shown)
     for image, place, title in zip(shown, axes, names, strict=True):
-        image.plot(place, scale_bar=scale_bar, colorbar=own, **common)
+        image.plot(place, scale_bar=scale_bar, colorbar=separate, **common)
         place.set_title(title)
         if alike:
             place.label_outer()
-    if colorbar and not own:
+    if colorbar and not separate:
         rows = {round(float(a.get_position(original=True).y0), 6) for a in axes}
         beside = axes[-1] if len(rows) == 1 else list(axes)
         add_bars(beside, shown[0], common, axes[0].images[0], own=False)
@@ -127,8 +127,10 @@ def _in_one_unit(images: list[Image], unit: UnitLike) -> list[Image]:
     shown = [image if unit is None else image.to(unit) for image in images]
     first = shown[0]
     for name in ("unit", "intensity_unit"):
-        own = getattr(first, name)
-        shown = [i.to(own) if own and getattr(i, name) not in (own, "") else i for i in shown]
+        present = getattr(first, name)
+        shown = [
+            i.to(present) if present and getattr(i, name) not in (present, "") else i for i in shown
+        ]
     if len({image.channels for image in shown}) > 1:
         counts = ", ".join(str(image.channels) for image in shown)
         raise InputError(f"images in a row must have as many channels each, got {counts}")

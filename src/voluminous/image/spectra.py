@@ -70,8 +70,8 @@ def moment(cube: Cube, order: int, threshold: Any = None) -> Image:
     if order:
         values[~np.isfinite(values)] = np.nan
         return image_of(cube, values, _VELOCITY, map=_MAPS[order])
-    own, velocity = parse_unit(cube.intensity_unit), parse_unit(_VELOCITY)
-    return image_of(cube, values, velocity if own is None else own * velocity, map=_MAPS[0])
+    present, velocity = parse_unit(cube.intensity_unit), parse_unit(_VELOCITY)
+    return image_of(cube, values, velocity if present is None else present * velocity, map=_MAPS[0])
 
 
 def _least(cube: Cube, threshold: Any) -> float:
@@ -217,9 +217,9 @@ def _nearest(cube: Cube, value: Any, axis: int) -> int:
 
 def on_plane(cube: Cube, value: Any, what: str) -> Any:
     """Return a place along x or y in the unit of the image plane, also of an angle."""
-    given, own = unit_of(value), parse_unit(cube.unit)
-    factor = None if given is None or own is None else plane_factor(cube, given, own)
-    found = plain(value, own, what) if factor is None else factor * plain(value, given, what)
+    given, plane_unit = unit_of(value), parse_unit(cube.unit)
+    factor = None if given is None or plane_unit is None else plane_factor(cube, given, plane_unit)
+    found = plain(value, plane_unit, what) if factor is None else factor * plain(value, given, what)
     if np.ndim(found):
         raise InputError(f"{what} must be one number, got {shown(value)}")
     return found
@@ -232,10 +232,10 @@ def _edges(cube: Cube) -> str:
 
 def total(cube: Cube, beam: Any = None) -> Spectrum:
     """Return the flux of all pixels together; see `Cube.total`."""
-    own = parse_unit(cube.intensity_unit)
-    if own is None:
+    present = parse_unit(cube.intensity_unit)
+    if present is None:
         raise UnitsError("a flux needs intensities with a unit: cube.replace(intensity_unit=…)")
-    factor = conversion(cube, own, parse_unit("Jy / pix"), beam)
+    factor = conversion(cube, present, parse_unit("Jy / pix"), beam)
     return Spectrum(
         cube.spectral,
         _sums(cube) * factor,

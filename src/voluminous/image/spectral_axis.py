@@ -69,7 +69,7 @@ class SpectralAxis(Value):
     ) -> None:
         given = as_given(values, "a channel's place", "1.3 mm")
         parsed = parse_unit(unit) or unit_of(given) or parse_unit(UNITS["wavelength"])
-        kinds = [kind for kind, own in UNITS.items() if parsed.is_equivalent(own)]
+        kinds = [kind for kind, known in UNITS.items() if parsed.is_equivalent(known)]
         if not kinds:
             raise UnitsError(
                 f"channels are wavelengths, frequencies or velocities, got the unit {parsed}"
@@ -168,9 +168,9 @@ class SpectralAxis(Value):
         return f"<{len(self)} channel{plural}{name}, {ends} {self.unit}>"
 
     def _in(self, kind: str) -> Axis:
-        own, unit = parse_unit(self.unit), parse_unit(UNITS[kind])
+        present, unit = parse_unit(self.unit), parse_unit(UNITS[kind])
         # To astropy a millimetre is 1000.0000000000001 micron: 15 digits make it 1000.
-        return self.values if own == unit else self.values * float(f"{own.to(unit):.15g}")
+        return self.values if present == unit else self.values * float(f"{present.to(unit):.15g}")
 
     def _rest(self, what: str) -> float:
         if self.rest is None:

@@ -94,11 +94,13 @@ def read(
     if not rest and header.get("RESTWAV"):
         rest = LIGHT_MICRON / (1e6 * header["RESTWAV"])
     if known and exact is not None and len(exact) == count:
-        own = SpectralAxis(exact, **known)
-        edited = own.rest is None or not np.isclose(rest or 0.0, own.rest, rtol=1e-12, atol=0.0)
-        own = own.at_rest(rest) if rest and edited else own
-        if not own.is_even or axis is None or _agree(own, axis):
-            return own
+        spectral = SpectralAxis(exact, **known)
+        edited = spectral.rest is None or not np.isclose(
+            rest or 0.0, spectral.rest, rtol=1e-12, atol=0.0
+        )
+        spectral = spectral.at_rest(rest) if rest and edited else spectral
+        if not spectral.is_even or axis is None or _agree(spectral, axis):
+            return spectral
     if axis is None or wcs is None:
         return None
     line, frame = str(header.get("LINE", "")), str(header.get("SPECSYS", "")) or wcs.wcs.specsys
@@ -138,9 +140,9 @@ def _of_wcs(wcs: WCS, count: int) -> SpectralAxis:
     return SpectralAxis(values * float(f"{wcs.wcs.cunit[0].to(unit):.15g}"), unit)
 
 
-def _agree(own: SpectralAxis, other: SpectralAxis) -> bool:
-    if own.kind != other.kind:
+def _agree(one: SpectralAxis, other: SpectralAxis) -> bool:
+    if one.kind != other.kind:
         return False
-    values, seen = own.places(own.kind), other.places(own.kind)
-    step = abs(linear(own)[3]) / _TYPES[own.kind][2]
+    values, seen = one.places(one.kind), other.places(one.kind)
+    step = abs(linear(one)[3]) / _TYPES[one.kind][2]
     return bool(np.abs(values - seen).max() <= _SAME * step + 1e-14 * np.abs(values).max())

@@ -91,11 +91,11 @@ class Spectrum(Value):
     ) -> None:
         given = as_quantity(flux)
         nothing = unit is None or (isinstance(unit, str) and not unit)
-        own = parse_unit(unit_of(given) if nothing else unit)
+        present = parse_unit(unit_of(given) if nothing else unit)
         self.spectral = as_spectral(spectral)
-        self.unit = "" if own is None else str(own)
-        self.flux = self._numbers(given, own, "flux")
-        self.error = None if error is None else self._numbers(error, own, "error")
+        self.unit = "" if present is None else str(present)
+        self.flux = self._numbers(given, present, "flux")
+        self.error = None if error is None else self._numbers(error, present, "error")
         self.distance = distance_of(distance)
         self.provenance = json_value(provenance, "provenance")
 
@@ -130,18 +130,18 @@ class Spectrum(Value):
         """
         from astropy import units as u
 
-        own, target = parse_unit(self.unit), parse_unit(unit)
-        if own is None or target is None:
-            raise UnitsError(f"a spectrum in {own or 'no unit'} cannot be converted to {unit}")
-        nu = None if own.is_equivalent(target) else self.spectral.frequencies * u.Hz
+        present, target = parse_unit(self.unit), parse_unit(unit)
+        if present is None or target is None:
+            raise UnitsError(f"a spectrum in {present or 'no unit'} cannot be converted to {unit}")
+        nu = None if present.is_equivalent(target) else self.spectral.frequencies * u.Hz
         laws = [] if nu is None else u.spectral_density(nu) + u.brightness_temperature(nu)
-        if self.distance is not None and not own.is_equivalent(target, laws):
+        if self.distance is not None and not present.is_equivalent(target, laws):
             sphere = u.Unit(4.0 * math.pi * self.distance**2 * u.cm**2)
-            ways = (own * sphere, own * sphere**-1)
-            own = next((way for way in ways if way.is_equivalent(target, laws)), own)
+            ways = (present * sphere, present * sphere**-1)
+            present = next((way for way in ways if way.is_equivalent(target, laws)), present)
         try:
             parts = {
-                name: np.asarray(own.to(target, values, equivalencies=laws), np.float64)
+                name: np.asarray(present.to(target, values, equivalencies=laws), np.float64)
                 for name, values in (("flux", self.flux), ("error", self.error))
                 if values is not None
             }

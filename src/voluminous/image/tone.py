@@ -122,9 +122,9 @@ def scale(
     if isinstance(norm, Normalize):
         if vmin is not None or top is not None:
             raise InputError("vmin, vmax and exposure belong inside the norm that was given")
-        own: Normalize = copy(norm)  # do not change the caller's object
-        own.autoscale_None(values[np.isfinite(values)])
-        return own
+        copied: Normalize = copy(norm)  # do not change the caller's object
+        copied.autoscale_None(values[np.isfinite(values)])
+        return copied
     if not (norm is None or (isinstance(norm, str) and norm in ("linear", "log"))):
         raise InputError(f"norm must be 'linear', 'log' or a matplotlib Normalize, got {norm!r}")
     log = norm == "log"

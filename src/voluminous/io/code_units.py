@@ -96,9 +96,9 @@ class CodeUnits(NamedTuple):
         if self.length is None:
             return edges, unit
         width = max(float(np.ptp(edges[axis])) for axis in lengths)
-        own = round_unit(width * self.length) if unit is None else unit
-        factor = self.length.to(own)
-        return [e * factor if axis in lengths else e for axis, e in enumerate(edges)], own
+        rounded = round_unit(width * self.length) if unit is None else unit
+        factor = self.length.to(rounded)
+        return [e * factor if axis in lengths else e for axis, e in enumerate(edges)], rounded
 
 
 def _checked(name: str, value: Any) -> u.UnitBase:

@@ -149,8 +149,8 @@ def check_place(path: Path, item: h5py.Dataset, above: tuple[Any, ...] = ()) -> 
     known = (str(path), 0 if url_of(path) else path.stat().st_mtime_ns, item.name)
     if known in _SOUND:
         return
-    own = (path.resolve(), h5py.h5o.get_info(item.id).addr)
-    if own in above or len(above) == _DEEPEST:
+    address = (path.resolve(), h5py.h5o.get_info(item.id).addr)
+    if address in above or len(above) == _DEEPEST:
         raise FileFormatError(
             f"the values of {item.name} are virtual, and come from itself, or from others through "
             f"{_DEEPEST} virtual data sets; write the values themselves"
@@ -159,7 +159,7 @@ def check_place(path: Path, item: h5py.Dataset, above: tuple[Any, ...] = ()) -> 
         there = path if name == "." else inside(path.parent, name)
         with nullcontext(item.file) if name == "." else opened(there) as file:
             if isinstance(source := file.get(place), h5py.Dataset):
-                check_place(there, source, (*above, own))
+                check_place(there, source, (*above, address))
     _SOUND.add(known)
 
 

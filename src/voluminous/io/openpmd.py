@@ -250,8 +250,8 @@ def _field(
         return values
 
     place, item_name = f"{name}/{part}".rstrip("/"), item.name
-    own = field_name(f"{name}_{ending}" if part else name)
-    return StoredField(own, place, points.shape, dtype, unit, load)
+    called = field_name(f"{name}_{ending}" if part else name)
+    return StoredField(called, place, points.shape, dtype, unit, load)
 
 
 def _unit(powers: Any) -> UnitLike:

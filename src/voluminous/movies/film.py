@@ -147,7 +147,7 @@ def movie(
     if not isinstance(codec, str):
         raise InputError(f"codec must be a name such as 'libx264', got {codec!r}")
     film = _Film.of(volume, medium, cameras, options, {} if picture is None else picture, finish)
-    own = _share(share, film.count)
+    mine = _share(share, film.count)
     paths = film.paths = _paths(target, film.count)
     remove_unfinished([*paths, target])
     report: Any = progress
@@ -155,12 +155,12 @@ def movie(
     if suffix not in ENCODERS or keep_frames:
         _name_others(paths)
     if suffix not in PICTURES or suffix == ".png":
-        film.fix_display(lambda done: report(0, len(own)))
-    film.draw(own, report)
+        film.fix_display(lambda done: report(0, len(mine)))
+    film.draw(mine, report)
     if executor is not None:
         remove_unfinished(paths)  # of workers that were killed
     if share is not None and not all(map(film.is_made, range(film.count))):
-        return [paths[k] for k in own]
+        return [paths[k] for k in mine]
     if suffix not in ENCODERS:
         return paths
     with replacing(target) as temporary:
@@ -186,10 +186,10 @@ def _paths(target: Path, count: int) -> list[Path]:
 
 def _name_others(paths: list[Path]) -> None:
     """Warn of frames that are no part of the film: other programs would take them for some."""
-    first, own = paths[0], {path.name for path in paths}
+    first, ours = paths[0], {path.name for path in paths}
     pattern = re.compile(re.escape(first.stem.rstrip("0")) + r"\d{4,}" + re.escape(first.suffix))
     there = (path.name for path in first.parent.glob(f"*{first.suffix}"))
-    if others := sorted(n for n in there if pattern.fullmatch(n) and n not in own):
+    if others := sorted(n for n in there if pattern.fullmatch(n) and n not in ours):
         warnings.warn(
             f"{first.parent} has {len(others)} more frames, of another film: "
             f"{', '.join(others[:_SAMPLES])}{' …' * (len(others) > _SAMPLES)}; remove them before "

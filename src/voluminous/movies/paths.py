@@ -359,10 +359,12 @@ class Pose:
 
 
 def _plain(value: Any, unit: Any) -> np.ndarray:
-    own = unit_of(value)
-    if own is None and unit is not None and np.any(np.asarray(value)):
+    given_unit = unit_of(value)
+    if given_unit is None and unit is not None and np.any(np.asarray(value)):
         raise InputError(f"give units to all lengths of a camera or to none, got {value!r}")
-    return np.asarray(plain(value, unit if own is not None else None, "length"), dtype=np.float64)
+    return np.asarray(
+        plain(value, unit if given_unit is not None else None, "length"), dtype=np.float64
+    )
 
 
 def _count(frames: Any) -> int:

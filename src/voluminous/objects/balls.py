@@ -82,10 +82,10 @@ class Ellipses:
         some = np.flatnonzero(covered > (_LEAST * np.minimum(np.abs(size), 1.0)).take(owner))
         return owner.take(some), x.take(some), y.take(some), covered.take(some)
 
-    def _turned(self, way: np.ndarray) -> np.ndarray:
+    def _turned(self, direction: np.ndarray) -> np.ndarray:
         a, b = self.a, self.b
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray((cross(way, b) + 1j * cross(a, way)) / cross(a, b))
+            return np.asarray((cross(direction, b) + 1j * cross(a, direction)) / cross(a, b))
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return how far points are from the centres: 1 on the ellipse; NaN for none."""
@@ -146,7 +146,7 @@ class Balls:
         half = (self.radius * np.sqrt(1.0 - sine**2))[:, None]
         e, f = (half * side for side in view.across(direction))
         more = np.sqrt(0.5) * (e + f), np.sqrt(0.5) * (e - f), -np.sqrt(0.5) * (e + f)
-        ends = [self._image(middle + way) for way in (e, -e, f, -f, *more)]
+        ends = [self._image(middle + offset) for offset in (e, -e, f, -f, *more)]
         outline = Ellipses.through(*ends[:4])
         off = np.max([np.abs(outline.distance(end) - 1.0) for end in ends[4:]], axis=0)
         # Of one that reaches behind a dome's observer, the outline is around everything else.
@@ -166,17 +166,17 @@ class Balls:
     def _by_rays(self, ball: int) -> Covered:
         y, x = (a.ravel().astype(float) for a in np.indices(self.view.frame.pixels[::-1]))
         owner, radius = np.full(len(x), ball), self.radius[ball]
-        way, miss, _ = self._nearest(owner, x, y)
+        distance, miss, _ = self._nearest(owner, x, y)
         if self.sine[ball] >= 1.0:
             covered = np.ones(len(x))
         else:
-            covered = np.where((miss < radius) & (way > 0.0), 1.0, 0.0)
-            footprint = np.abs(way) * max(self.view.frame.pixel)
+            covered = np.where((miss < radius) & (distance > 0.0), 1.0, 0.0)
+            footprint = np.abs(distance) * max(self.view.frame.pixel)
             edge = np.flatnonzero(np.abs(radius - miss) < footprint)
             du, dv = (d.reshape(-1, 1) for d in np.meshgrid(_PARTS, _PARTS))
             inner = x[edge] + du, y[edge] + dv
-            way, miss, _ = self._nearest(np.full(inner[0].size, ball), *map(np.ravel, inner))
-            met = ((miss < radius) & (way > 0.0)).reshape(du.size, -1)
+            distance, miss, _ = self._nearest(np.full(inner[0].size, ball), *map(np.ravel, inner))
+            met = ((miss < radius) & (distance > 0.0)).reshape(du.size, -1)
             covered[edge] = met.mean(axis=0)
         some = np.flatnonzero(covered)
         return owner[some], x[some].astype(np.int64), y[some].astype(np.int64), covered[some]
@@ -193,13 +193,13 @@ class Balls:
             for values in (self.radius, *self.center.T)
         )
         away = [c - o for c, o in zip(center, ray.origin, strict=True)]
-        way = sum(a * d for a, d in zip(away, ray.direction, strict=True))
-        off = [a - way * d for a, d in zip(away, ray.direction, strict=True)]
+        distance = sum(a * d for a, d in zip(away, ray.direction, strict=True))
+        off = [a - distance * d for a, d in zip(away, ray.direction, strict=True)]
         miss = dr.sqrt(sum(a * a for a in off))
         half = (radius - miss) * (radius + miss)
         half = dr.sqrt(dr.select(half > 0.0, half, 0.0))
-        dr.eval(way, miss, half)
-        return np.asarray(way), np.asarray(miss), np.asarray(half)
+        dr.eval(distance, miss, half)
+        return np.asarray(distance), np.asarray(miss), np.asarray(half)
 
     def meet(self, pixels: Covered) -> tuple[np.ndarray, np.ndarray]:
         """Return the depths at which the rays of pixels meet balls, and cosines to the normal.
@@ -207,8 +207,8 @@ class Balls:
         From inside it is where they leave.
         """
         owner, x, y, covered = pixels
-        way, _, half = self._nearest(owner, x.astype(float), y.astype(float))
-        near, far = way - half, way + half
+        distance, _, half = self._nearest(owner, x.astype(float), y.astype(float))
+        near, far = distance - half, distance + half
         if self.view.observer is not None:
             near = np.where(near > 0.0, near, np.where(far > 0.0, far, np.nan))
         few = np.bincount(owner, covered, len(self.radius))[owner] < _FEW

@@ -84,10 +84,10 @@ def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
 def _of_patches(grid: Any, level: int) -> BlockLattice:
     patches = grid.patches
     low, high = patches.corners
-    own = patches.level == level
-    boxes = (low[own], high[own])
+    here = patches.level == level
+    boxes = (low[here], high[here])
     if level == 0:
-        boxes = (np.vstack([0 * grid.extent, low[own]]), np.vstack([grid.extent, high[own]]))
+        boxes = (np.vstack([0 * grid.extent, low[here]]), np.vstack([grid.extent, high[here]]))
     cell, some = patches.sizes[level], patches.level >= level
     first, last = low[some] // cell, -(-high[some] // cell)
     common = np.gcd.reduce(np.concatenate([first, last]), axis=0)
@@ -258,13 +258,13 @@ def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
     edges = joined_edges(edges)
     first, last = (lattice.own(place.T) for place in edges.ends())
     turned = np.isin(np.array(lattice.system)[edges.axis], ("theta", "phi"))
-    way = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]
-    steps = np.where(turned, np.ceil(way / _STRAIGHT - 1e-6), 1).astype(int)
+    length = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]
+    steps = np.where(turned, np.ceil(length / _STRAIGHT - 1e-6), 1).astype(int)
     lines: list[np.ndarray] = []
     for count in np.unique(steps):
         parts = np.linspace(first[:, steps == count], last[:, steps == count], count + 1)
-        own = np.moveaxis(parts, 2, 0).reshape(-1, 3).T  # parts: points, axes, lines
-        lines.append(position(lattice.system, own).T.reshape(-1, count + 1, 3))
+        ends = np.moveaxis(parts, 2, 0).reshape(-1, 3).T  # parts: points, axes, lines
+        lines.append(position(lattice.system, ends).T.reshape(-1, count + 1, 3))
     return lines
 
 

@@ -122,7 +122,7 @@ class SceneObject(Value):
 
         Colours are a name, a number, one per channel; or a list of `count` of them.
         """
-        own = view.channels if self.channel is None else 1
+        channels = view.channels if self.channel is None else 1
         if is_spectrum(colors):
             raise InputError(
                 "colors that are spectra need frequencies: vm.observe(volume, medium, camera, "
@@ -136,16 +136,16 @@ class SceneObject(Value):
                 )
             array = named_rgb(colors, count, "colors")
         else:
-            colors = colors if own == 4 else without_alpha(colors, "colors")
+            colors = colors if channels == 4 else without_alpha(colors, "colors")
             array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
-        array = array if array.ndim else np.full(own, float(array))
-        if array.shape[-1] not in (1, own):
+        array = array if array.ndim else np.full(channels, float(array))
+        if array.shape[-1] not in (1, channels):
             raise InputError(
-                f"colors: expected a number, or {own} (one per channel), or a list of {count} of "
-                f"these, of shape ({count}, 1) or ({count}, {own}); got shape {array.shape}"
+                f"colors: expected a number, or {channels} (one per channel), or a list of {count} "
+                f"of these, of shape ({count}, 1) or ({count}, {channels}); got shape {array.shape}"
             )
         first, result = self.channel or 0, np.zeros((count, view.all_channels))
-        result[:, first : first + own] = array * (view.brightest if self.relative else 1.0)
+        result[:, first : first + channels] = array * (view.brightest if self.relative else 1.0)
         return result
 
     def describe(self, most: float = math.inf) -> dict[str, Any]:

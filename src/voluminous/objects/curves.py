@@ -38,8 +38,8 @@ class Segments(NamedTuple):
 
     def points(self, segment: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Return points (k, 3) a fraction along segments."""
-        way = part[:, None]
-        return np.asarray((1.0 - way) * self.begin[segment] + way * self.end[segment])
+        direction = part[:, None]
+        return np.asarray((1.0 - direction) * self.begin[segment] + direction * self.end[segment])
 
     def images(self, segment: np.ndarray, part: np.ndarray, view: View) -> np.ndarray:
         """Return the images (k, 2) of points a fraction along segments."""
@@ -98,9 +98,9 @@ def short_pieces(pieces: Pieces, pixels: tuple[int, int]) -> Pieces:
     """
     room, side = 0.5 * pieces.width + 2.0, pieces.end - pieces.begin
     first, last = np.zeros(len(room)), np.ones(len(room))
-    for start, way, count in zip(pieces.begin.T, side.T, pixels, strict=True):
-        still = way == 0.0
-        pace = 1.0 / np.where(still, 1.0, way)
+    for start, direction, count in zip(pieces.begin.T, side.T, pixels, strict=True):
+        still = direction == 0.0
+        pace = 1.0 / np.where(still, 1.0, direction)
         edges = np.stack([(-0.5 - room - start) * pace, (count - 0.5 + room - start) * pace])
         inside = (start > -0.5 - room) & (start < count - 0.5 + room)
         edges = np.where(still, np.where(inside, [[-1.0], [2.0]], [[2.0], [-1.0]]), edges)
@@ -358,7 +358,10 @@ class Axes(SceneObject):
         low, high = (view.grid if self.grid is None else self.grid).bounds.T
         start = low if self.origin is None else np.asarray(view.length(self.origin, "origin"))
         lengths = high - start if self.length is None else view.length(self.length, "length")
-        lines = [np.stack([start, start + way]) for way in np.broadcast_to(lengths, 3) * np.eye(3)]
+        lines = [
+            np.stack([start, start + direction])
+            for direction in np.broadcast_to(lengths, 3) * np.eye(3)
+        ]
         colors = self.colors
         if colors is None:
             colored = view.channels == 3 and self.channel is None

@@ -166,9 +166,9 @@ def from_particles(
     made = Volume(on_grid.grid, {_DENSITY: on_grid.density()})
     made.set_unit(_DENSITY, given.density_unit)
     made.meta["particles"] = len(given.mass)
-    for (name, (_, own)), mean in zip(values.items(), means, strict=True):
+    for (name, (_, stated)), mean in zip(values.items(), means, strict=True):
         made[name] = mean
-        made.set_unit(name, own)
+        made.set_unit(name, stated)
     return made
 
 

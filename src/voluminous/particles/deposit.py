@@ -88,9 +88,9 @@ class CellsDeposit(Deposit):
             center, step = low + 0.5 * (high - low), 0.25 * (high - low)
             middles = center[..., None] + step[..., None] * _OCTANTS
             nearest = tree.query(middles.reshape(3, -1).T, workers=-1)[1]
-            own = owner[nearest]
-            self.owners[part] = own.reshape(-1, 8)
-            self.volume += np.bincount(own, np.repeat(self.octants[part], 8), len(mass))
+            nearest_owner = owner[nearest]
+            self.owners[part] = nearest_owner.reshape(-1, 8)
+            self.volume += np.bincount(nearest_owner, np.repeat(self.octants[part], 8), len(mass))
         if not base.periodic and not inside.all():
             low_, size = grid.boxes(0, grid.size)
             at_walls = ((low_ == 0) | (low_ + size == grid.extent[:, None])).any(axis=0)

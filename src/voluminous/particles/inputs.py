@@ -52,8 +52,8 @@ class Particles(NamedTuple):
 def particles(positions: Any, masses: Any, unit: Unit) -> Particles:
     """Return particles as they are given to `from_particles`."""
     positions, masses = without_mask(positions), without_mask(masses)
-    own = unit_of(positions)
-    unit = space_unit(unit) if own is None else own
+    position_unit = unit_of(positions)
+    unit = space_unit(unit) if position_unit is None else position_unit
     points = _finite(positions, unit, "positions")
     if np.ndim(points) != 2 or points.shape[1] != 3 or len(points) == 0:
         raise InputError(
@@ -125,13 +125,13 @@ def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.
                 f"({count}, 3), got shape {array.shape}"
             )
         names = [name] if array.ndim == 1 else [f"{name}_{axis}" for axis in "xyz"]
-        for own, column in zip(names, np.atleast_2d(array.T), strict=True):
-            if own in columns:
+        for called, column in zip(names, np.atleast_2d(array.T), strict=True):
+            if called in columns:
                 raise InputError(
-                    f"two fields are called {own!r}, one of them a component of a vector; give "
+                    f"two fields are called {called!r}, one of them a component of a vector; give "
                     "one of them another name"
                 )
-            columns[own] = np.asarray(column, np.float64), unit
+            columns[called] = np.asarray(column, np.float64), unit
     return columns
 
 

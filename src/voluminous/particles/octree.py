@@ -123,21 +123,21 @@ def octree_around(
     inside = base.inside(points)
     # Each particle's cell: place on the finest level, and index among the cells of a level.
     place, finest = base.places(points[inside], rule.most), rule.finest[inside]
-    own = base.numbers(place >> rule.most, 0).astype(np.int64)
+    number = base.numbers(place >> rule.most, 0).astype(np.int64)
     cells = np.stack(np.unravel_index(np.arange(base.counts.prod()), base.counts, "F"), axis=1)
     splits, width, count = [], float(base.width.max()), len(cells)
     for level in range(rule.most):
         fine = np.zeros(len(cells), bool)
-        fine[own[finest < width * 0.5**level]] = True
-        split = fine & (np.bincount(own, minlength=len(cells)) > rule.crowd)
+        fine[number[finest < width * 0.5**level]] = True
+        split = fine & (np.bincount(number, minlength=len(cells)) > rule.crowd)
         split |= np.isin(base.numbers(cells, level), claimed[level]) | (level < rule.least)
         splits.append(split)
         count += 7 * int(np.count_nonzero(split))
         check_memory(_CELL_BYTES * count, f"an octree of {count} cells", _ADVICE)
-        deeper, parent = split[own], (np.cumsum(split) - 1)[own]
+        deeper, parent = split[number], (np.cumsum(split) - 1)[number]
         place, finest = place[deeper], finest[deeper]
         octant = (place >> (rule.most - level - 1)) & 1
-        own = 8 * parent[deeper] + octant @ np.array([1, 2, 4])
+        number = 8 * parent[deeper] + octant @ np.array([1, 2, 4])
         children = np.arange(8)[:, None] >> np.arange(3) & 1
         cells = (2 * cells[split][:, None, :] + children).reshape(-1, 3)
         if not len(cells):
@@ -167,11 +167,11 @@ def _claimed_cells(base: Base, points: np.ndarray, rule: Refinement) -> list[np.
             for offset in offsets:
                 near = base.wrapped(points[part] + rule.reach[part, None] * offset)
                 here = np.flatnonzero(base.inside(near) & (level[part] >= 0))
-                own = level[part][here]
-                cells = base.places(near[here], rule.most) >> (rule.most - own)[:, None]
-                numbers = base.numbers(cells, own)
-                for k in np.unique(own):
-                    claimed[k].append(np.unique(numbers[own == k]))
+                cell_level = level[part][here]
+                cells = base.places(near[here], rule.most) >> (rule.most - cell_level)[:, None]
+                numbers = base.numbers(cells, cell_level)
+                for k in np.unique(cell_level):
+                    claimed[k].append(np.unique(numbers[cell_level == k]))
     result = [np.unique(np.concatenate(numbers)) for numbers in claimed]
     for k in range(rule.most - 1, 0, -1):
         nx, ny, _ = (np.uint64(n) << np.uint64(k) for n in base.counts)

@@ -50,10 +50,15 @@ class OctreeNodes(NamedTuple):
         """
         split = self.after != np.arange(1, self.size + 1)
         for level in range(1, int(self.level.max()) + 1):
-            parents, own = (self.level == level - 1) & split, np.flatnonzero(self.level == level)
-            if len(own):
+            parents, level_nodes = (
+                (self.level == level - 1) & split,
+                np.flatnonzero(self.level == level),
+            )
+            if len(level_nodes):
                 parent = np.flatnonzero(parents)
-                amounts[own] += 0.125 * amounts[parent[np.searchsorted(parent, own) - 1]]
+                amounts[level_nodes] += (
+                    0.125 * amounts[parent[np.searchsorted(parent, level_nodes) - 1]]
+                )
         return np.take(amounts, self.leaf)
 
 
@@ -65,8 +70,8 @@ def nodes_of(grid: OctreeGrid) -> OctreeNodes:
     # A leaf comes after the split nodes that begin where it does.
     level = np.repeat(first - np.cumsum(count) + count, count) + np.arange(leaf[-1] + 1)
     after = np.empty(len(level), np.uint32)
-    for own in range(int(level.max()) + 1):
-        ends, nodes = np.flatnonzero(level <= own), np.flatnonzero(level == own)
+    for depth in range(int(level.max()) + 1):
+        ends, nodes = np.flatnonzero(level <= depth), np.flatnonzero(level == depth)
         after[nodes] = np.append(ends, len(level))[np.searchsorted(ends, nodes) + 1]
     low, _ = grid.corners()
     width = np.array([(e[-1] - e[0]) / (len(e) - 1) for e in grid.base_edges])
@@ -113,27 +118,27 @@ class Overlaps:
 
     def counts(self, first: int, last: int) -> np.ndarray:
         """Return how many nodes the spheres of consecutive particles overlap."""
-        own = dr.arange(self.backend.UInt, last - first) + dr.opaque(self.backend.UInt, first)
-        return np.array(self._walk(own, lambda node, count, overlap: None)[1])
+        number = dr.arange(self.backend.UInt, last - first) + dr.opaque(self.backend.UInt, first)
+        return np.array(self._walk(number, lambda node, count, overlap: None)[1])
 
     def pairs(self, first: int, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the particle and the node of each pair, of as many particles as counts."""
         UInt, total = self.backend.UInt, int(counts.sum(dtype=np.int64))
-        own = dr.arange(UInt, len(counts)) + dr.opaque(UInt, first)
+        number = dr.arange(UInt, len(counts)) + dr.opaque(UInt, first)
         start = from_host(UInt, np.cumsum(counts, dtype=np.int64) - counts)
         particle, node = dr.zeros(UInt, total), dr.zeros(UInt, total)
-        dr.eval(own, start, particle, node)
+        dr.eval(number, start, particle, node)
 
         def store(here: Int, count: Int, overlap: Any) -> None:
-            dr.scatter(particle, own, start + count, overlap)
+            dr.scatter(particle, number, start + count, overlap)
             dr.scatter(node, here, start + count, overlap)
 
-        dr.eval(self._walk(own, store))
+        dr.eval(self._walk(number, store))
         return np.array(particle), np.array(node)
 
-    def _walk(self, own: Int, store: Callable[[Int, Int, Any], None]) -> tuple[Int, Int]:
+    def _walk(self, number: Int, store: Callable[[Int, Int, Any], None]) -> tuple[Int, Int]:
         UInt, packet = self.backend.UInt, self.backend.packet(4)
-        sphere = dr.gather(packet, self.spheres, own)
+        sphere = dr.gather(packet, self.spheres, number)
 
         def step(node: Int, count: Int) -> tuple[Int, Int]:
             box = dr.gather(packet, self.boxes, node)
@@ -151,7 +156,7 @@ class Overlaps:
             deeper = dr.select(touched & ~ends, node + 1, after)
             return deeper, count + dr.select(touched & ends, 1, 0)
 
-        state = dr.zeros(UInt, dr.width(own)), dr.zeros(UInt, dr.width(own))
+        state = dr.zeros(UInt, dr.width(number)), dr.zeros(UInt, dr.width(number))
         inside = lambda node, count: node < self.end  # noqa: E731
         walked: tuple[Int, Int] = loop(state, inside, step, label="overlaps")
         return walked
@@ -259,7 +264,7 @@ class SmoothedDeposit(Deposit):
         for part, counts, node, weight in self.cached or self._pairs():
             for total, values in zip(sums, parts, strict=True):
                 # A value that is missing does not count where nothing of its particle is.
-                own, nothing = np.repeat(values[part], counts), np.zeros(len(node))
-                amount = np.multiply(weight, own, out=nothing, where=weight > 0)
+                shares, nothing = np.repeat(values[part], counts), np.zeros(len(node))
+                amount = np.multiply(weight, shares, out=nothing, where=weight > 0)
                 total += np.bincount(node, amount, self.nodes.size)
         return [self.nodes.spread(total) for total in sums]

@@ -74,8 +74,8 @@ def overlaps(cells: Grid, others: Grid, whole: Grid | None = None) -> Iterator[O
     """Yield the overlaps of the cells of a grid, or of a part of a `whole`, with another's."""
     centers, half = others.cell_centers(0, others.size), 0.5 * others.cell_sizes(0, others.size)
     for first in reported_range(cells.size, _CHUNK):
-        own = _boxes(cells, first, min(first + _CHUNK, cells.size), whole or cells)
-        waiting = [_clipped(own, others.bounds)]
+        target = _boxes(cells, first, min(first + _CHUNK, cells.size), whole or cells)
+        waiting = [_clipped(target, others.bounds)]
         while waiting:
             boxes = waiting.pop()
             for start in range(0, len(boxes.owner), _CHUNK):
@@ -155,10 +155,10 @@ def sampled_overlaps(cells: Grid, others: Grid, count: int) -> Iterator[Overlap]
 
 def _smaller(cells: Grid, others: Grid, count: int, *, equal: bool) -> Iterator[Overlap]:
     """Yield overlaps where the cells are smaller than the others, or with `equal` as large."""
-    own, theirs = (grid.cell_volumes.reshape(-1) for grid in (cells, others))
+    ours, theirs = (grid.cell_volumes.reshape(-1) for grid in (cells, others))
     for cell, points, volume in points_in(cells, count):
         other = others.locate(points)
-        small = own[cell] <= theirs[other] if equal else own[cell] < theirs[other]
+        small = ours[cell] <= theirs[other] if equal else ours[cell] < theirs[other]
         counts = (other >= 0) & small
         yield cell[counts], other[counts], volume[counts]
 
@@ -172,9 +172,9 @@ def points_in(grid: Grid, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, 
     step = max(1, _SAMPLES_CHUNK // (offsets.shape[2] * len(images)))
     for first in reported_range(grid.size, step):
         last = min(first + step, grid.size)
-        own, weight = _within(grid, offsets, first, last)
+        within, weight = _within(grid, offsets, first, last)
         share = weight / weight.sum(axis=1, keepdims=True) * volumes[first:last, None]
-        points = position(tuple(grid.coordinates), own.reshape(3, -1)).T
+        points = position(tuple(grid.coordinates), within.reshape(3, -1)).T
         cell = np.repeat(np.arange(first, last), offsets.shape[2])
         for image in images:
             yield cell, np.ascontiguousarray(points * image), share.ravel() / len(images)
@@ -196,8 +196,8 @@ def _within(
     system = tuple(grid.coordinates)
     centers = grid.native_centers(first, last)
     widths = grid.cell_sizes(first, last) / metric(system, centers)
-    own = centers[..., None] + widths[..., None] * offsets
-    return own, np.prod(metric(system, own.reshape(3, -1)), axis=0).reshape(own.shape[1:])
+    points = centers[..., None] + widths[..., None] * offsets
+    return points, np.prod(metric(system, points.reshape(3, -1)), axis=0).reshape(points.shape[1:])
 
 
 def axis_means(values: np.ndarray, source: Grid, target: Grid) -> np.ndarray:
@@ -214,9 +214,9 @@ def _means(values: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     if len(walls) < 2:
         return out
     middle = 0.5 * (walls[1:] + walls[:-1])
-    own, into = (np.searchsorted(e, middle, "right") - 1 for e in (old, new))
+    source_cell, into = (np.searchsorted(e, middle, "right") - 1 for e in (old, new))
     part = np.diff(walls) / np.diff(new)[into]
-    weighted = values[own] * part.reshape(-1, *[1] * (values.ndim - 1))
+    weighted = values[source_cell] * part.reshape(-1, *[1] * (values.ndim - 1))
     cells, starts = np.unique(into, return_index=True)
     out[cells] = np.add.reduceat(weighted, starts, axis=0)
     return out
@@ -312,10 +312,10 @@ def _sums(
     flat = {name: values.reshape(-1) for name, values in fields.items()}
     sums = {name: np.zeros(target.size) for name in fields}
     shared = np.zeros(target.size)
-    for own, into, volume in found:
+    for source_cell, into, volume in found:
         np.add.at(shared, into, volume)
         for name, values in flat.items():
-            np.add.at(sums[name], into, values[own] * volume)
+            np.add.at(sums[name], into, values[source_cell] * volume)
     return {n: total.reshape(target.shape) for n, total in sums.items()}, shared.reshape(
         target.shape
     )
@@ -325,17 +325,17 @@ def _box_overlaps(source: Grid, target: Grid) -> Iterator[Overlap]:
     if _has_holes(source) or (source.size > target.size and not _has_holes(target)):
         yield from overlaps(source, target)
         return
-    for into, own, volume in overlaps(target, source):
-        yield own, into, volume
+    for into, source_cell, volume in overlaps(target, source):
+        yield source_cell, into, volume
 
 
 def _ordered(source: Grid, target: Grid, whole: Grid) -> Iterator[Overlap]:
     waiting: list[Overlap] = []
 
     def in_order() -> Overlap:
-        into, own, volume = (np.concatenate(parts) for parts in zip(*waiting, strict=True))
-        order = np.lexsort((volume, own, into))
-        return own[order], into[order], volume[order]
+        into, source_cell, volume = (np.concatenate(parts) for parts in zip(*waiting, strict=True))
+        order = np.lexsort((volume, source_cell, into))
+        return source_cell[order], into[order], volume[order]
 
     for found in overlaps(target, source, whole):
         # Cells come so many at a time, all that is in them one after another.
@@ -372,9 +372,9 @@ def _is_boxes(grid: Grid) -> bool:
 
 def _located(source: Grid, target: Grid, samples: int) -> Iterator[Overlap]:
     for into, points, volume in points_in(target, samples):
-        own = source.locate(points)
-        there = own >= 0
-        yield own[there], into[there], volume[there]
+        number = source.locate(points)
+        there = number >= 0
+        yield number[there], into[there], volume[there]
 
 
 def _has_holes(grid: Grid) -> bool:

@@ -129,9 +129,9 @@ class Slice:
         what = f"{self.name}: {span} {self.unit}".rstrip()
         return f"<Slice {nx}×{ny} pixels, {size}, {what}>"
 
-    def _label(self, way: np.ndarray) -> str:
-        along = np.flatnonzero(way >= _ALONG)
-        rounded = ", ".join(f"{part:.2g}" for part in way)
+    def _label(self, direction: np.ndarray) -> str:
+        along = np.flatnonzero(direction >= _ALONG)
+        rounded = ", ".join(f"{part:.2g}" for part in direction)
         return _with_unit("xyz"[along[0]] if along.size else f"({rounded})", self.length_unit)
 
 
@@ -335,19 +335,19 @@ _WIDE, _FAINT = 100.0, 2.0
 
 def values_png(slices: list[np.ndarray]) -> bytes:
     """Return pictures of values beside each other; logarithmic if they are wide."""
-    every = np.concatenate([own[np.isfinite(own)] for own in slices])
+    every = np.concatenate([values[np.isfinite(values)] for values in slices])
     low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
     if low >= 0.0 and np.any(every % 1):
         least = float(np.percentile(every[every > 0.0], _FAINT))
         if high > _WIDE * least:
-            slices = [np.log10(np.maximum(own, least)) for own in slices]
+            slices = [np.log10(np.maximum(values, least)) for values in slices]
             low, high = np.log10(least), np.log10(high)
     colormap = get_colormap("viridis").with_extremes(bad=(0.9, 0.9, 0.9))
-    height = max(len(own) for own in slices)
+    height = max(len(values) for values in slices)
     columns: list[np.ndarray] = []
-    for own in slices:
-        scaled = np.ma.masked_invalid((own - low) / ((high - low) or 1.0))
-        above = np.ones((height - len(own), own.shape[1], 4))
+    for values in slices:
+        scaled = np.ma.masked_invalid((values - low) / ((high - low) or 1.0))
+        above = np.ones((height - len(values), values.shape[1], 4))
         columns += [np.concatenate([colormap(scaled), above]), np.ones((height, _GAP, 4))]
     page = np.concatenate(columns[:-1], axis=1)
     zoom = max(1, 2 * THUMBNAIL_PIXELS // height)

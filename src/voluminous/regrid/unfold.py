@@ -61,7 +61,7 @@ def _changes_sign(name: str, fields: Container[str]) -> bool:
     stem, _, axis = name.rpartition("_")
     if not stem or axis not in _UPWARDS:
         return False
-    systems = [own for own in (CARTESIAN, SPHERICAL, CYLINDRICAL) if axis in own]
+    systems = [one for one in (CARTESIAN, SPHERICAL, CYLINDRICAL) if axis in one]
     return any(all(f"{stem}_{part}" in fields for part in system) for system in systems)
 
 
@@ -126,9 +126,9 @@ def _check_vectors(volume: Any) -> None:
     """Refuse vectors along x and y: in a cell that goes all around they have no direction."""
     for name in volume.fields:
         stem, _, axis = name.rpartition("_")
-        if stem and axis == "x" and all(f"{stem}_{own}" in volume for own in CARTESIAN):
-            own = ", ".join(f"{stem}_{axis}" for axis in volume.grid.coordinates)
+        if stem and axis == "x" and all(f"{stem}_{names}" in volume for names in CARTESIAN):
+            names = ", ".join(f"{stem}_{axis}" for axis in volume.grid.coordinates)
             raise InputError(
                 f"{name!r} is a component along x, which in a cell that goes all around has no "
-                f"direction; give the vector along the grid's own coordinates ({own})"
+                f"direction; give the vector along the grid's own coordinates ({names})"
             )

@@ -102,15 +102,15 @@ def build_camera(section: Mapping[str, Any]) -> Camera:
         make, rest = _typed({"type": "orthographic", **section}, CAMERAS)
         others: dict[str, Any] = {}
         if "view_direction" in section:
-            own = inspect.signature(make.looking).parameters
-            others = {k: v for k, v in rest.items() if k not in own}
+            accepted = inspect.signature(make.looking).parameters
+            others = {k: v for k, v in rest.items() if k not in accepted}
             check_keys(others, inspect.signature(make).parameters)
             if taken := {"incl", "phi", "target"} & set(others):
                 raise InputError(
                     "view_direction takes the place of angles and target; leave those out, got "
                     f"also {', '.join(sorted(taken))}"
                 )
-            rest = {k: v for k, v in rest.items() if k in own}
+            rest = {k: v for k, v in rest.items() if k in accepted}
             make = make.looking
         camera: Camera = make(**arguments(make, rest, _CAMERA), **converted(others, _CAMERA))
         return camera

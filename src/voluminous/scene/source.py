@@ -82,8 +82,8 @@ def read_source(section: Mapping[str, Any]) -> VolumeSource:
     with placed("[volume]"):
         if ("path" in section) == ("model" in section):
             raise InputError("give path = a file, or model = one of " + ", ".join(sorted(models())))
-        own = kinds.converted({k: v for k, v in section.items() if k in _OWN}, _OWN)
-        source = VolumeSource(**own)
+        chosen = kinds.converted({k: v for k, v in section.items() if k in _OWN}, _OWN)
+        source = VolumeSource(**chosen)
         options = {key: value for key, value in section.items() if key not in _OWN}
         if source.path is not None:
             known = {reader.name: reader for reader in readers()}

@@ -91,8 +91,8 @@ class Session:
     @property
     def window(self) -> int:
         """Frames that may be on their way: one where the kernel is slower than the way."""
-        way = self._way / max(self._kernel, 1e-3)
-        return max(1, min(_MOST_IN_FLIGHT, 1 + int(way)))
+        travel = self._way / max(self._kernel, 1e-3)
+        return max(1, min(_MOST_IN_FLIGHT, 1 + int(travel)))
 
     def may_send(self, now: float) -> bool:
         while self._in_flight and now - self._in_flight[0][1] > 2.0:  # lost, or a page that sleeps
@@ -113,9 +113,9 @@ class Session:
             if number <= frame:
                 self._in_flight.popleft()
             if number == frame:
-                way = now - at
+                travel = now - at
                 # Up slowly, down at once: what waits for the kernel is no part of the way.
-                self._way = min(way, self._way + 0.3 * (way - self._way))
+                self._way = min(travel, self._way + 0.3 * (travel - self._way))
 
     def _adapt(self, kernel: float) -> None:
         took = kernel + self._way

@@ -91,7 +91,7 @@ def compass_arrows(image: Image) -> list[Arrow]:
     kind = image.wcs.celestial.wcs.ctype[0].split("-")[0]
     east, north = np.linalg.inv(to_sky).T
     pairs = zip(_SKY.get(kind, ("N", "E")), (north, east), strict=True)
-    return [Arrow(name, *(way / np.linalg.norm(way))) for name, way in pairs]
+    return [Arrow(name, *(direction / np.linalg.norm(direction))) for name, direction in pairs]
 
 
 def draw_arrows(sheet: Sheet, arrows: list[Arrow], top: bool, gid: str) -> None:
@@ -176,9 +176,11 @@ def scale_bar_of(
         return None if is_wide(image) else bar_length(_PART * across, image.unit, shown)
     given = as_given(wanted, "scale_bar", "100 au")
     if is_quantity(given):
-        own = parse_unit(image.unit)
-        factor = None if own is None else plane_factor(image, given.unit, own)  # of angles, too
-        length = plain(given, own, "scale_bar") if factor is None else factor * given.value
+        image_unit = parse_unit(image.unit)
+        factor = (
+            None if image_unit is None else plane_factor(image, given.unit, image_unit)
+        )  # of angles, too
+        length = plain(given, image_unit, "scale_bar") if factor is None else factor * given.value
         length = finite(length, "scale_bar")
         # Keep the unit that the user chose.
         text = with_unit(float(given.value), readable(1.0, str(given.unit))[1])

@@ -42,8 +42,8 @@ class Format:
         """Names of the options that `write` takes."""
         parameters = inspect.signature(self.write).parameters.values()
         shows = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
-        own = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY}
-        return frozenset(own | OPTIONS if shows else own)
+        accepted = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY}
+        return frozenset(accepted | OPTIONS if shows else accepted)
 
 
 FORMATS = (

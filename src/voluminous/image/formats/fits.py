@@ -115,9 +115,9 @@ def read(path: Path) -> dict[str, Any]:
         axes["unit"] = unit
     card = str(header.get("BUNIT", ""))
     for name in PLANES:
-        own = extras.get(name.upper())
-        if own is not None and own.ndim >= 2 and own.shape[-2:] == shape[:2]:
-            image[name] = _channels_last(own, list(range(min(own.ndim, 3))))
+        extra = extras.get(name.upper())
+        if extra is not None and extra.ndim >= 2 and extra.shape[-2:] == shape[:2]:
+            image[name] = _channels_last(extra, list(range(min(extra.ndim, 3))))
     place = wcs.sub(numbers)
     place.pixel_shape = shape[1::-1]
     # Axes without a name, or named X and Y, as `write` does it, are plain coordinates.

@@ -191,12 +191,14 @@ def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -
     if options.get("bounds") is not None:
         return CartesianGrid.uniform(shape, options["bounds"], unit=unit)
     spacing = options["spacing"]
-    own = unit_of(spacing)
-    widths = np.asarray(plain(spacing, own, "spacing"))
+    spacing_unit = unit_of(spacing)
+    widths = np.asarray(plain(spacing, spacing_unit, "spacing"))
     if widths.shape not in ((), (3,)) or not np.all(widths > 0):
         raise InputError(f"spacing must be a positive number, or one per axis, got {spacing!r}")
     bounds = np.outer(np.broadcast_to(widths, 3) * shape, [0, 1])
-    return CartesianGrid.uniform(shape, bounds if own is None else bounds * own, unit=unit)
+    return CartesianGrid.uniform(
+        shape, bounds if spacing_unit is None else bounds * spacing_unit, unit=unit
+    )
 
 
 def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> Any:

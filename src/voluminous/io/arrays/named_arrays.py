@@ -56,8 +56,8 @@ class NamedArraysReader(Reader):
     ) -> Volume:
         from ...volume import Volume
 
-        own = self._own(options)
-        with self.entries(path, **own) as stored:
+        specific = self._own(options)
+        with self.entries(path, **specific) as stored:
             entries = with_components(stored, components)
             chosen = _chosen(entries, fields)
             for name, place in chosen.items():
@@ -81,7 +81,7 @@ class NamedArraysReader(Reader):
             for name, place in chosen.items():
                 entry, order, pieces = entries[place], orders[name], None
                 whole = entry.part_of or place
-                part = functools.partial(self._part, path, own, components, place, whole)
+                part = functools.partial(self._part, path, specific, components, place, whole)
                 if entry.chunks is not None:
                     pieces = boxes(part, [entry.shape], entry.chunks, order, backward)
                 read = functools.partial(_whole, part, order, turns)
@@ -101,19 +101,19 @@ class NamedArraysReader(Reader):
     def _part(
         self,
         path: Path,
-        own: dict[str, Any],
+        specific: dict[str, Any],
         components: str | None,
         place: str,
         whole: str,
         index: Any,
         level: int = 0,
     ) -> np.ndarray:
-        with self.entries(path, whole, **own) as stored:
+        with self.entries(path, whole, **specific) as stored:
             return with_components(stored, components)[place].load(index)
 
     def _own(self, options: dict[str, Any]) -> dict[str, Any]:
-        own = [name for name in options if name not in NamedArraysReader.options]
-        return {name: options.pop(name) for name in own}
+        specific = [name for name in options if name not in NamedArraysReader.options]
+        return {name: options.pop(name) for name in specific}
 
 
 def _whole(

@@ -49,10 +49,10 @@ class PlutoReader(ContentsReader):
                         f"{item.name} has shape {item.shape}, expected {shape} (z, y, x)"
                     )
                 common, quantity = described(name, kind)
-                factor, own = units.of(quantity)
+                factor, stored_unit = units.of(quantity)
                 place, dtype = item.name.strip("/"), item.dtype.newbyteorder("=")
                 load = functools.partial(_load, path, place, factor)
-                fields.append(StoredField(common, place, shape, dtype, own, load))
+                fields.append(StoredField(common, place, shape, dtype, stored_unit, load))
             time = float(np.ravel(step.attrs.get("Time", 0.0))[0])
         edges, grid_unit = units.edges(walls, LENGTHS[kind], unit)
         factor, time_unit = units.of(TIME)

@@ -63,13 +63,15 @@ class AthenaReader(ContentsReader):
             )
             level, low = _blocks(file, block, counts)
             walls = [_edges(file, axis, int(n), level, low, block) for axis, n in enumerate(counts)]
-            edges, own = units.edges(_whole_circles(kind, walls), LENGTHS[kind], unit)
+            edges, length_unit = units.edges(_whole_circles(kind, walls), LENGTHS[kind], unit)
             shape, ratio = np.broadcast_to(block, low.shape), np.where(counts > 1, 2, 1)
 
             # Made when first needed: a description of the file needs no grid.
             @functools.cache
             def mesh() -> tuple[Any, Callable[..., Any]]:
-                return grid_of_blocks(GRIDS[kind], edges, level, low, shape, ratio, unit=own)
+                return grid_of_blocks(
+                    GRIDS[kind], edges, level, low, shape, ratio, unit=length_unit
+                )
 
             def load(dataset: str, row: int, factor: float) -> Any:
                 with opened(path) as file:

@@ -114,20 +114,20 @@ def place_of(cube: Cube, options: Mapping[str, Any]) -> CubePlace:
         depth = card(header, DEPTH) if depth is None and per_value is None else depth
     velocity, rest = options.get("velocity"), options.get("rest")
     wcs, header, axes, flipped = world(cube.image, cube.axes, velocity, rest)
-    (x, y), own = _plane(wcs, parse_unit(unit))
+    (x, y), plane_unit = _plane(wcs, parse_unit(unit))
     edges, centers, measure = _third_axis(wcs, header)
     if is_place(wcs):
         if depth is not None or per_value is not None:
             raise InputError("depth and spectral_scale are for cubes whose third axis is no length")
-        grid = CartesianGrid(x, y, _converted(edges, measure, own), unit=own)
+        grid = CartesianGrid(x, y, _converted(edges, measure, plane_unit), unit=plane_unit)
         return CubePlace(grid, axes, flipped, wcs)
-    scale = _scale(edges, (x, y), own, depth, per_value, measure)
+    scale = _scale(edges, (x, y), plane_unit, depth, per_value, measure)
     half = 0.5 * scale * float(np.ptp(edges))
     z = (edges - 0.5 * (edges[0] + edges[-1])) * scale
     if is_uniform(edges):  # a difference of large numbers would not be uniform
         z = np.linspace(-half, half, len(edges))
     third = ThirdAxis(axis_name(wcs), centers, measure)
-    return CubePlace(CartesianGrid(x, y, z, unit=own), axes, flipped, wcs, third)
+    return CubePlace(CartesianGrid(x, y, z, unit=plane_unit), axes, flipped, wcs, third)
 
 
 def _third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:
@@ -173,8 +173,8 @@ def _shown(wcs: WCS, unit: Any, header: Header) -> Any:
         return unit
     spectral = (k for k in range(1, 10) if str(card(header, f"CTYPE{k}", ""))[:4] in _NAMES)
     cards = (lenient_unit(str(card(header, f"CUNIT{k}", ""))) for k in spectral)
-    own = next((c for c in cards if c is not None and c.is_equivalent(unit)), unit)
-    return u.um if own == u.m else own
+    shown = next((c for c in cards if c is not None and c.is_equivalent(unit)), unit)
+    return u.um if shown == u.m else shown
 
 
 def _converted(value: Any, unit: UnitLike, other: Any) -> Any:
@@ -201,10 +201,10 @@ def _plane(wcs: WCS, unit: UnitLike) -> tuple[list[np.ndarray], Any]:
 
     if not wcs.has_celestial:
         edges, units = zip(*(_edges_along(wcs, k) for k in (0, 1)), strict=True)
-        own = units[0] if unit is None else unit
+        plane_unit = units[0] if unit is None else unit
         if not _same_kind(*units):
             raise FileFormatError(f"x is in {units[0]} and y in {units[1]}{HINT}")
-        return [_converted(e, k, own) for e, k in zip(edges, units, strict=True)], own
+        return [_converted(e, k, plane_unit) for e, k in zip(edges, units, strict=True)], plane_unit
     # In the projection plane, relative to the centre of the cube.
     steps = np.linalg.norm(linear_part(wcs)[:2, :2], axis=0)
     counts = wcs.pixel_shape[:2]
@@ -228,15 +228,17 @@ def is_place(wcs: WCS) -> bool:
 
 
 def _scale(
-    third: np.ndarray, first: Any, own: Any, depth: Any, spectral_scale: Any, measure: Any
+    third: np.ndarray, first: Any, plane_unit: Any, depth: Any, spectral_scale: Any, measure: Any
 ) -> float:
     if depth is not None and spectral_scale is not None:
         raise InputError("give depth or spectral_scale, not both")
     if spectral_scale is not None:
-        per = None if own is None or measure is None else own / measure
+        per = None if plane_unit is None or measure is None else plane_unit / measure
         return _positive(spectral_scale, per, "spectral_scale")
     widest = max(float(np.ptp(edges)) for edges in first)
-    return (widest if depth is None else _positive(depth, own, "depth")) / float(np.ptp(third))
+    return (widest if depth is None else _positive(depth, plane_unit, "depth")) / float(
+        np.ptp(third)
+    )
 
 
 def _positive(value: Any, unit: UnitLike, what: str) -> float:

@@ -80,11 +80,11 @@ class FITSReader(Reader):
         if third is not None:
             names[third.name] = third.name
         chosen = chosen_fields(names, fields)
-        own = [by_place[place] for place in chosen.values() if place in by_place] or every[:1]
-        place = _common(own, options)
+        wanted = [by_place[place] for place in chosen.values() if place in by_place] or every[:1]
+        place = _common(wanted, options)
         volume = Volume(place.grid)
         volume.wcs = place.wcs
-        meta = {key.lower(): card(own[0].image.header, key) for key in _META_CARDS}
+        meta = {key.lower(): card(wanted[0].image.header, key) for key in _META_CARDS}
         meta = {k: v for k, v in meta.items() if v != "" and isinstance(v, (str, int, float))}
         volume.meta |= meta | place.pointing()
         for name, where in chosen.items():

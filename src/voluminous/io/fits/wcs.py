@@ -118,10 +118,10 @@ def _upright(wcs: WCS, sides: list[int]) -> tuple[np.ndarray, np.ndarray, list[i
 
     Grid pixel q lies at ``matrix q + origin`` in the file, with axes in the order returned last.
     """
-    linear, own = linear_part(wcs), [0, 1, 2]
+    linear, order = linear_part(wcs), [0, 1, 2]
     if abs(linear[0, 1] * linear[1, 0]) > abs(linear[0, 0] * linear[1, 1]):
-        own = [1, 0, 2]  # rotated by about 90 degrees
-    signs = np.sign(linear[[0, 1, 2], own])
+        order = [1, 0, 2]  # rotated by about 90 degrees
+    signs = np.sign(linear[[0, 1, 2], order])
     for k in range(3):
         if wcs.wcs.ctype[k].endswith("-TAB"):  # the table may descend
             ends = wcs.sub([k + 1]).wcs_pix2world([[0], [sides[k] - 1]], 0)[:, 0]
@@ -129,6 +129,6 @@ def _upright(wcs: WCS, sides: list[int]) -> tuple[np.ndarray, np.ndarray, list[i
     if wcs.has_celestial:
         signs[0] *= -1  # x runs to the right, which is west
     matrix, origin = np.zeros((3, 3)), np.zeros(3)
-    matrix[own, [0, 1, 2]] = np.where(signs > 0, 1.0, -1.0)
-    origin[own] = np.where(signs > 0, 0.0, np.array(sides)[own] - 1.0)
-    return matrix, origin, own
+    matrix[order, [0, 1, 2]] = np.where(signs > 0, 1.0, -1.0)
+    origin[order] = np.where(signs > 0, 0.0, np.array(sides)[order] - 1.0)
+    return matrix, origin, order

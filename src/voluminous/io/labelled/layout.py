@@ -258,12 +258,12 @@ def _bounded(data: xarray.Dataset, coordinate: xarray.DataArray, down: bool) -> 
 def unit_in(array: xarray.DataArray) -> str:
     """Return the unit of an array's values, or of its attributes as far as astropy knows it."""
     held = array.variable._data  # `data` would read a file
-    own = str(getattr(held, "units", getattr(held, "unit", "")))  # pint, unyt, astropy
-    if own in ("", "dimensionless"):
+    written = str(getattr(held, "units", getattr(held, "unit", "")))  # pint, unyt, astropy
+    if written in ("", "dimensionless"):
         return known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
-    unit = known_unit(own)
+    unit = known_unit(written)
     if not unit:
-        raise UnitsError(f"{array.name} has values in {own!r}, which astropy does not know")
+        raise UnitsError(f"{array.name} has values in {written!r}, which astropy does not know")
     return unit
 
 

@@ -240,9 +240,9 @@ class Pyramid:
                     ends = [f + side // 2 for f, side in zip(first, self.sides, strict=True)]
                     # An axis of a single chunk may have an odd number of cells.
                     ends = [e if k > 1 else None for e, k in zip(ends, below, strict=True)]
-                    own = tuple(map(slice, first, ends))
+                    target = tuple(map(slice, first, ends))
                     yield from self._write(
-                        level - 1, number, [part[own] for part in (weights, *parts)]
+                        level - 1, number, [part[target] for part in (weights, *parts)]
                     )
             parts[0] = rounded(parts[0], self.keep_bits)
         box = tuple(map(slice, low, high))

@@ -57,7 +57,7 @@ def slices_of(path: Path, header: Any) -> list[DicomSlice]:
     if len(frames) != count:
         raise FileFormatError(f"NumberOfFrames is {count}, but {len(frames)} frames are described")
     shared = [*(header.get("SharedFunctionalGroupsSequence") or ()), header]
-    return [_slice(path, header, number, [own, *shared]) for number, own in enumerate(frames)]
+    return [_slice(path, header, number, [frame, *shared]) for number, frame in enumerate(frames)]
 
 
 def _offset_frames(header: Any, count: int) -> list[Any]:

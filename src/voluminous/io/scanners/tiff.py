@@ -92,8 +92,8 @@ def _whole(path: Path, file: tifffile.TiffFile) -> tuple[Path | None, str | None
     root = ElementTree.fromstring(text)
     parts = {(e.text, e.get("FileName", "")) for e in root.findall(".//{*}UUID")}
     if whole is None and (root.get("UUID") in {uuid for uuid, _ in parts} or len(parts) > 1):
-        own = {root.get("UUID"), *(uuid for uuid, name in parts if name == path.name)}
-        parts = {part for part in parts if part[0] not in own}
+        present = {root.get("UUID"), *(uuid for uuid, name in parts if name == path.name)}
+        parts = {part for part in parts if part[0] not in present}
         whole = path if parts else None
     if whole is not None:
         _check_there(path, {name for _, name in parts})
@@ -137,7 +137,7 @@ class TIFFReader(VoxelReader):
             number, series = _stack(file)
             sizes = _sizes(series)
             third = _third(sizes)
-            widths, own = _scale(file, number)
+            widths, stored_unit = _scale(file, number)
             listed = _channels(file, number, sizes.get("C", 1))
             dtype = np.dtype(series.dtype)
         if third == "C" and any({"label", "color"} & entry.keys() for entry in listed):
@@ -159,7 +159,9 @@ class TIFFReader(VoxelReader):
         return Voxels(
             shape=shape,
             dtype=np.dtype(np.float32) if dtype == np.float16 else dtype.newbyteorder("="),
-            placement=equal_voxels(shape, widths if spacing is None else spacing, unit or own),
+            placement=equal_voxels(
+                shape, widths if spacing is None else spacing, unit or stored_unit
+            ),
             load=load,
             components=component_names(channels * samples, COLORS if channels == 1 else ()),
             channels=of_samples(samples) * channels if samples > 1 else listed[:channels],

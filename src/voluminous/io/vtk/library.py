@@ -38,16 +38,16 @@ def heard(warnings: bool = True) -> Iterator[None]:
     core = vtk("vtkCommonCore")
     window, log = core.vtkOutputWindow, core.vtkLogger
     before, verbosity = window.GetInstance(), log.GetCurrentVerbosityCutoff()
-    own = core.vtkStringOutputWindow()
-    own.SetDisplayModeToNever()
-    window.SetInstance(own)
+    silent = core.vtkStringOutputWindow()
+    silent.SetDisplayModeToNever()
+    window.SetInstance(silent)
     log.SetStderrVerbosity(log.VERBOSITY_OFF)
     try:
         yield
     finally:
         window.SetInstance(before)
         log.SetStderrVerbosity(verbosity)
-    text = _HARMLESS.sub("", own.GetOutput())
+    text = _HARMLESS.sub("", silent.GetOutput())
     if text.strip() and (warnings or "ERROR:" in text):
         plain = _NOISE.sub("", _DUMP.sub("", text) or text).splitlines()
         lines = dict.fromkeys(line.strip() for line in plain if line.strip())

@@ -135,11 +135,11 @@ def _sampled(source: YtSource, unit: UnitLike) -> tuple[Grid, Load]:
 
 
 def _deferred(ds: Any, field: Field, load: Load, wanted: Any) -> Deferred:
-    own, unit, factor = units_of_field(ds, field, wanted)
+    loaded_unit, unit, factor = units_of_field(ds, field, wanted)
 
     def values() -> Any:
         with quiet():
-            numbers = load(field, own)
+            numbers = load(field, loaded_unit)
         if factor == 1:
             return numbers
         return [n * factor for n in numbers] if isinstance(numbers, list) else numbers * factor
@@ -179,8 +179,8 @@ def _volume_of_particles(
         return plain_values(source.region[kind, name], unit)
 
     def carried(field: Field, wanted: Any) -> u.Quantity:
-        own, unit, factor = units_of_field(ds, field, wanted)
-        values = plain_values(source.region[field], own)
+        loaded_unit, unit, factor = units_of_field(ds, field, wanted)
+        values = plain_values(source.region[field], loaded_unit)
         return u.Quantity(
             values if factor == 1 else values * factor,
             u.dimensionless_unscaled if unit is None else unit,
