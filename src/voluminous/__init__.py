@@ -12,9 +12,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from .llvm import find_llvm_early
-from .packages import VERSION
-
-__version__ = VERSION
 
 # Public name → module that has it.
 _PUBLIC = {
@@ -215,6 +212,8 @@ find_llvm_early()
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.import_module(".packages", __name__).version()
     if name in _PUBLIC:
         value = getattr(importlib.import_module(f".{_PUBLIC[name]}", __name__), name)
         globals()[name] = value

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .packages import VERSION
+from .packages import version
 from .value import Value
 
 # Bytes that one thread hashes at a time: a few milliseconds, long beside handing them out.
@@ -64,7 +64,7 @@ def content_key(*values: Any) -> str:
     """
     hashed = hashlib.sha256()
     try:
-        _Contents(types.SimpleNamespace(write=hashed.update)).dump((VERSION, *values))
+        _Contents(types.SimpleNamespace(write=hashed.update)).dump((version(), *values))
     except Exception as error:  # pickling runs code of others
         warnings.warn(
             f"something that is drawn with cannot be identified again ({type(error).__name__}: "

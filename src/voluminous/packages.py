@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
+import importlib.metadata
 import importlib.util
 from typing import Any
 
 from .errors import MissingPackageError
 
-VERSION = "0.1.0"
+
+@functools.cache
+def version() -> str:
+    """Return the installed version; setuptools-scm derives it from the tags of the repository."""
+    try:
+        return importlib.metadata.version("voluminous")
+    except importlib.metadata.PackageNotFoundError:  # run from its sources
+        return "0+unknown"
 
 
 def require(module: str, extra: str, purpose: str) -> Any:

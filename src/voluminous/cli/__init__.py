@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import VoluminousError
-from ..packages import VERSION
+from ..packages import version
 from . import (
     convert,
     demo,
@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
         description="Physically based volume rendering: pictures from 3-D data.",
         epilog="Start with: voluminous demo",
     )
-    top.add_argument("--version", action="version", version=f"voluminous {VERSION}")
+    top.add_argument("--version", action="version", version=f"voluminous {version()}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():
         summary = (module.__doc__ or "").splitlines()[0]

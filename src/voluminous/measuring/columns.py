@@ -18,7 +18,7 @@ from ..errors import InputError, check_name
 from ..expressions import product, shifted
 from ..image import Image
 from ..media import Coefficients
-from ..packages import VERSION
+from ..packages import version
 from ..progress import Progress, with_progress
 from ..rendering import image_wcs, render
 from ..schemes.base import Scheme, Solution, Source
@@ -160,7 +160,7 @@ def as_map(
     """Return an image of numbers per pixel; its colour bar is labelled ``provenance["map"]``."""
     frame = camera.frame(volume.grid)
     x, y = frame.coordinates()
-    common = {"software": f"voluminous {VERSION}", "volume": volume.describe()}
+    common = {"software": f"voluminous {version()}", "volume": volume.describe()}
     return Image(
         values,
         x=x,

@@ -10,7 +10,7 @@ from ..backend import Backend, dr
 from ..cameras.contract import Camera, Frame
 from ..media.context import Tape
 from ..media.contract import Medium
-from ..packages import VERSION
+from ..packages import version
 from ..progress import silent
 from ..schemes.base import Scheme
 from ..volume import Volume
@@ -146,7 +146,7 @@ class RenderJob:
     def provenance(self) -> dict[str, Any]:
         """Return the settings of the render, as plain values."""
         return {
-            "software": f"voluminous {VERSION}",
+            "software": f"voluminous {version()}",
             "scheme": self.scheme.name,
             "precision": self.backend.precision,
             "device": self.backend.device,

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
+from ...packages import version
 from ..boxes import boxes
 from ..contents import Contents, ContentsReader, StoredField
 from ..hdf5 import created, data_set, fixed, holds, is_own, opened, read, text, warn_of_missing
@@ -61,9 +62,9 @@ class NativeReader(ContentsReader):
 
     def contents(self, path: Path, **options: Any) -> Contents:
         with opened(path) as file:
-            if (version := file.attrs.get("version")) != VERSION:
+            if (written := file.attrs.get("version")) != VERSION:
                 raise FileFormatError(
-                    f"it is a volume in version {version} of the native format, expected "
+                    f"it is a volume in version {written} of the native format, expected "
                     f"{VERSION}; a newer voluminous may read it"
                 )
             group, stored = _group(file, GRID), _group(file, FIELDS)
@@ -94,12 +95,10 @@ class NativeReader(ContentsReader):
             volume.wcs = contents.wcs
 
     def write(self, volume: Volume, path: Path, *, compress: bool = False) -> None:
-        from ...packages import VERSION as SOFTWARE
-
         plain = plain_grid(volume.grid)
         with created(path) as (file, sink):
             marks = {"format": MARK, "version": VERSION, "about": ABOUT}
-            _describe(file, {**marks, "written_by": f"voluminous {SOFTWARE}"})
+            _describe(file, {**marks, "written_by": f"voluminous {version()}"})
             grid = file.create_group(GRID)
             _describe(grid, {"type": plain.type, "order": plain.order, **plain.attributes})
             for name, values in plain.arrays.items():

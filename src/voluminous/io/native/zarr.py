@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
-from ...packages import require
+from ...packages import require, version
 from ...progress import reporter
 from ...store import LEAVES, SIDE, Store, weighted_means
 from ..boxes import boxes
@@ -91,9 +91,9 @@ class NativeZarrReader(ContentsReader):
     def contents(self, path: Path, **options: Any) -> Contents:
         with opened(path) as root:
             attributes = dict(root.attrs)
-            if (version := attributes.get("version")) != VERSION:
+            if (written := attributes.get("version")) != VERSION:
                 raise FileFormatError(
-                    f"it is a volume in version {version} of the native format, expected "
+                    f"it is a volume in version {written} of the native format, expected "
                     f"{VERSION}; a newer voluminous may read it"
                 )
             plain = attributes.get(GRID)
@@ -133,8 +133,6 @@ class NativeZarrReader(ContentsReader):
         keep_bits: int | None = None,
         chunks: Any = None,
     ) -> None:
-        from ...packages import VERSION as SOFTWARE
-
         library = require("zarr", self.extra, "writing Zarr")
         grid = volume.grid
         if levels and not grid.is_structured:
@@ -172,7 +170,7 @@ class NativeZarrReader(ContentsReader):
             if stats:
                 ends = pyramid.extremes
                 _new_array(root, f"stats/{name}", ends.shape, ends.shape, dtype)[...] = ends
-        attributes: dict[str, Any] = {"written_by": f"voluminous {SOFTWARE}", "about": ABOUT}
+        attributes: dict[str, Any] = {"written_by": f"voluminous {version()}", "about": ABOUT}
         attributes |= {GRID: {"type": plain.type, "order": plain.order, **plain.attributes}}
         attributes |= {"fields": list(volume.fields)}
         attributes |= {"levels": len(shapes)}
@@ -242,7 +240,7 @@ class Pyramid:
                     ends = [e if k > 1 else None for e, k in zip(ends, below, strict=True)]
                     target = tuple(map(slice, first, ends))
                     yield from self._write(
-                        level - 1, number, [part[target] for part in (weights, *parts)]
+                        level - 1, number, [part[own] for part in (weights, *parts)]
                     )
             parts[0] = rounded(parts[0], self.keep_bits)
         box = tuple(map(slice, low, high))
