@@ -904,7 +904,7 @@ def test_a_large_file_is_shown_from_coarse_levels_to_the_one_that_suffices(large
     camera = {**explorer.document.settings["camera"], "width": 3.5}
     frame, _ = page.exact(page.put("look", camera=camera))
     assert frame["level"] == 1
-    assert frame["error"] > 1e-3  # with that of the level
+    assert frame["error"] is None  # that of the level is unknown
     assert reads
     assert {level for level, _ in reads} == {1}
     assert large.waiting == ("a",)

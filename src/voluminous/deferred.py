@@ -50,16 +50,12 @@ class Pieces:
         before along some axes, the last cell of an axis being of one or two.
     extremes : callable, optional
         Returns the least and the largest value of each piece, shape ``(kx, ky, kz, 2)``.
-    spread : callable, optional
-        ``spread(low, high, level)`` returns how far, at most, the finest cells that each cell of a
-        level covers are below it, and above it.
     """
 
     read: Callable[[Sequence[int], Sequence[int], int], np.ndarray]
     chunks: tuple[int, ...] | None = None
     coarser: tuple[tuple[int, ...], ...] = ()
     extremes: Callable[[], np.ndarray] | None = None
-    spread: Callable[[Sequence[int], Sequence[int], int], list[np.ndarray]] | None = None
 
 
 @dataclass(frozen=True)
@@ -190,16 +186,6 @@ class Fields(MutableMapping[str, np.ndarray]):
             return None
         with self._naming_chunk(name, low, high, level):
             return field.pieces.read(low, high, level)
-
-    def spread(
-        self, name: str, low: Sequence[int], high: Sequence[int], level: int
-    ) -> list[np.ndarray] | None:
-        """Return what a file tells of the cells below those of a level; see `Pieces`."""
-        pieces = self._fields[name].pieces
-        if pieces is None or pieces.spread is None:
-            return None
-        with self.reading():
-            return pieces.spread(low, high, level)
 
     def piece_extremes(self, name: str) -> np.ndarray | None:
         """Return the least and largest values that a file tells of its pieces, or None."""

@@ -46,8 +46,7 @@ def level_of_volume(volume: Any, level: int, kind: Any) -> Any:
         known = own is not None and own.extremes is not None
         extremes = functools.partial(_extremes, store, name, level) if known else None
         read = functools.partial(_box, store, name, level)
-        spread = functools.partial(_spread, store, name, level) if own and own.spread else None
-        pieces = Pieces(read, store.chunks, coarser, extremes, spread)
+        pieces = Pieces(read, store.chunks, coarser, extremes)
         load = functools.partial(store.read, name, (0, 0, 0), shape, level)
         dtype = volume._fields.dtype(name)
         coarse[name] = Deferred(load, dtype, volume.field_unit(name), pieces=pieces)
@@ -82,14 +81,6 @@ def _box(
     store: FieldStore, name: str, level: int, low: Sequence[int], high: Sequence[int], coarser: int
 ) -> np.ndarray:
     return store.read(name, low, high, level + coarser)
-
-
-def _spread(
-    store: FieldStore, name: str, level: int, low: Sequence[int], high: Sequence[int], coarser: int
-) -> list[np.ndarray]:
-    ends = store.spread(name, low, high, level + coarser)
-    assert ends is not None
-    return ends
 
 
 def _extremes(store: FieldStore, name: str, level: int) -> np.ndarray:

@@ -132,16 +132,6 @@ class FieldStore:
         table = self._fields.piece_extremes(name) if self._trusts else None
         return None if table is None else _reduced(table, self._factors(level))
 
-    def spread(
-        self, name: str, low: Sequence[int], high: Sequence[int], level: int = 0
-    ) -> list[np.ndarray] | None:
-        """Return how far the finest cells are below each cell of a level, and above it, at most.
-
-        None if the file does not tell.
-        """
-        self._check(name)
-        return self._fields.spread(name, low, high, level)
-
     def without_ranges(self) -> FieldStore:
         """Return the store as if no ranges were stored: who writes new ones trusts no others."""
         other = FieldStore(self._shapes[0], self._fields)

@@ -22,7 +22,6 @@ from .empty_picture import warn_of_nothing
 from .framing import first_camera, first_medium, framed
 from .job import RenderJob
 from .layers import with_channels
-from .level_error import level_error
 from .levels import at_level
 from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
@@ -32,7 +31,6 @@ from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
 from .sources.channel_layout import before
 from .sweep import Sweep
-from .tolerance import fixed_relative_error
 from .tracer import exhausted
 
 Steps: TypeAlias = Generator[tuple[np.ndarray, np.ndarray, np.ndarray], None, Image]
@@ -132,9 +130,8 @@ def render(
     level : int or "auto", optional
         Draw a coarser level of the file (`Volume.level`); ``"auto"``: the coarsest whose cells are
         no wider than a pixel, where the visible ones are nearest; level 0, all cells, if the file
-        has no levels. A picture of means is not the mean of pictures: `Image.error` estimates the
-        difference, where the file tells how far cells are from means; else it is None.
-        ``image.provenance["level"]`` is what was drawn.
+        has no levels. A picture of means is not the mean of pictures; how far it is from that of
+        all cells is unknown, and `Image.error` None. ``image.provenance["level"]`` is the level.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as
@@ -181,7 +178,6 @@ def in_steps(
     *,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
-    last: bool = True,
     view: str | None = None,
     background: Any = 0.0,
     samples: int = 1,
@@ -206,8 +202,6 @@ def in_steps(
         Duration of a batch; by default there are as few as possible.
     focus : (float, float), optional
         The pixel around which to begin; by default the middle of the picture.
-    last : bool
-        False if a picture of a finer level follows: what the level does is then not estimated.
 
     Yields
     ------
@@ -231,7 +225,6 @@ def in_steps(
         if camera is None:
             camera = framed(volume, medium, view=view) if fitted else first_camera(volume)
         volume, medium, drawn = at_level(volume, medium, camera, level)
-        coarse = volume
         if drawn and bounds:
             raise InputError(
                 f"bounds=True is for all cells, this picture is drawn from level {drawn}: leave "
@@ -286,30 +279,6 @@ def in_steps(
     intensity = planes.emission
     if np.any(behind):
         intensity = before(behind, intensity, planes.transparency)
-    error = planes.error
-    if drawn:
-        told, error = options.get("progress"), None
-        brightest = float(np.max(np.abs(intensity)))
-        if last and options.get("tolerance", job.tolerance) is not None:
-            error = level_error(
-                coarse,
-                medium,
-                camera,
-                brightest,
-                reach=0.0 if job.scheme.coefficients_at == "cell" else 1.0 - 0.5**drawn,
-                memory=memory,
-                sweep=None if executor is None else Sweep(executor, None),
-                samples=samples,
-                precision=precision,
-                device=options.get("device", "auto"),
-                # The picture is done, and may be cancelled.
-                progress=(lambda done, total: told(total, total)) if callable(told) else None,
-            )
-        if error is not None:
-            own = planes.error
-            error = error + (
-                fixed_relative_error(planes.tracer) * brightest if own is None else own
-            )
     lower, upper = guaranteed.bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     volume, context = job.volume, RangeContext(job.volume.unit, job.volume.expression_unit)
@@ -317,7 +286,7 @@ def in_steps(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
-        error=error,
+        error=None if drawn else planes.error,
         lower=lower,
         upper=upper,
         x=x,

@@ -14,7 +14,6 @@ from ..calibration.plain import in_plain_numbers
 from ..cameras.contract import Camera, check_camera
 from ..errors import InputError
 from ..files import url_of
-from ..grids.contract import CellBox
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
@@ -60,8 +59,6 @@ class Plan:
         Cells that are read and drawn together: some chunks.
     boxes : int
         How many of them are read, in one pass.
-    tasks, shells : int
-        Blocks of boxes that an executor draws, and how many of them, at least, one after another.
     passes : (int, int)
         How often chunks are read, at least and at most.
     bytes_read, bytes_stored : int or None
@@ -82,8 +79,6 @@ class Plan:
     known: bool
     side: tuple[int, int, int]
     boxes: int
-    tasks: int
-    shells: int
     passes: tuple[int, int]
     bytes_read: int
     bytes_stored: int | None
@@ -109,9 +104,9 @@ class Plan:
         if self.workers > 1:
             lines[-1] = (
                 "memory",
-                f"{_bytes(self.memory)} a process, {_bytes(self.memory_here)} here",
+                f"{_bytes(self.memory)} in each of {self.workers} processes, "
+                f"{_bytes(self.memory_here)} here",
             )
-            lines += [("tasks", f"{self.tasks} in {self.shells} shells, {self.workers} processes")]
         return "\n".join(f"{name:8} {text}" for name, text in lines)
 
 
@@ -245,7 +240,6 @@ def _planned(
     least, most = _PASSES if scheme.controlled else (1, 1)
     total = float(np.sum(cells)) * sum(volume.dtype(name).itemsize for name in names)
     held = min(_KEPT * pieces.room, total) if most * turns > 1 or pieces.dual else 0.0
-    tasks, shells = _side_by_side(pieces, boxes, share)
     stored = _stored(volume, names) if level == 0 else None
     x, y, z = (int(n) for n in pieces.side)
     return Plan(
@@ -258,8 +252,6 @@ def _planned(
         known=all(volume.knows(name) for name in names),
         side=(x, y, z),
         boxes=int(np.count_nonzero(share)),
-        tasks=tasks,
-        shells=shells,
         passes=(least * turns, most * turns),
         bytes_read=int(total),
         bytes_stored=None if stored is None else int(stored * seen.mean()),
@@ -308,17 +300,6 @@ def in_picture(camera: Camera, pieces: Pieces, low: np.ndarray, high: np.ndarray
         within &= (at.min(axis=1) < 0.5 * count) & (at.max(axis=1) > -0.5 * count)
         known &= np.isfinite(at).all(axis=1)
     return np.where(known, within, np.isfinite(seen[0]).reshape(-1, 8).any(axis=1))
-
-
-def _side_by_side(pieces: Pieces, boxes: list[CellBox], share: np.ndarray) -> tuple[int, int]:
-    """Return the number of tasks and of shells: blocks that wait for those towards the first."""
-    blocks = pieces.blocks(boxes)
-    visible = dict(zip(boxes, share.tolist(), strict=True))
-    drawn = np.array([any(visible[box] > 0.0 for box in block.boxes) for block in blocks])
-    corners = np.array([block.extent[:, 0] for block in blocks])
-    places = np.stack([np.unique(c, return_inverse=True)[1] for c in corners.T], axis=-1)
-    shells = np.abs(places - places[0]).sum(axis=1)[drawn]
-    return int(drawn.sum()), len(np.unique(shells))
 
 
 def _stored(volume: Volume, names: Sequence[str]) -> int | None:

@@ -287,7 +287,6 @@ class Painter:
             shot.camera,
             seconds=_BATCH,
             progress=report if in_pieces else silent,
-            last=parts[1] == 1.0,
             **options,
         )
         while True:

@@ -2,8 +2,7 @@
 
 The root's attributes say what the store is, and hold the metadata. ``/grid`` has the edges of the
 cells, ``/fields/NAME`` the values in ``units``, ``/levels/1/NAME`` … their means over 2, 4 …
-cells along each axis, ``/stats/NAME`` the least and the largest value of each chunk. Where there
-are both, ``/below/1/NAME`` … and ``/above/1/NAME`` … say how far the cells are from their mean.
+cells along each axis, ``/stats/NAME`` the least and the largest value of each chunk.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
-from ...packages import require, version
+from ...packages import require
 from ...progress import reporter
 from ...store import LEAVES, SIDE, Store, weighted_means
 from ..boxes import boxes
@@ -52,15 +51,11 @@ MARK = "voluminous volume"
 ABOUT = (
     "A volume: /grid has the edges of the cells, /fields/NAME one value per cell in 'units', index "
     "[ix, iy, iz] (of a refined grid, flat in the 'order' of the grid); /levels/K/NAME means over "
-    "2^K cells along each axis (fewer at the upper ends), /below/K/NAME and /above/K/NAME how far, "
-    "at most, those cells are from it; /stats/NAME the least and largest value per chunk. Read it "
-    "with voluminous.open(path)."
+    "2^K cells along each axis (fewer at the upper ends); /stats/NAME the least and largest value "
+    "per chunk. Read it with voluminous.open(path)."
 )
 # Stored bits of the fraction of a number.
 _FRACTION = {4: 23, 8: 52}
-# Of them, those of distances from a mean: they are too large by up to 0.4 %, and pack well.
-_DISTANCE_BITS = 8
-_SIDES = ("below", "above")
 _HALVES = (2, 2, 2)
 # All chunks are written, so that one that is lost is known to be.
 _EVERY_CHUNK: Any = {"write_empty_chunks": True}
@@ -91,9 +86,9 @@ class NativeZarrReader(ContentsReader):
     def contents(self, path: Path, **options: Any) -> Contents:
         with opened(path) as root:
             attributes = dict(root.attrs)
-            if (written := attributes.get("version")) != VERSION:
+            if (version := attributes.get("version")) != VERSION:
                 raise FileFormatError(
-                    f"it is a volume in version {written} of the native format, expected "
+                    f"it is a volume in version {version} of the native format, expected "
                     f"{VERSION}; a newer voluminous may read it"
                 )
             plain = attributes.get(GRID)
@@ -133,6 +128,8 @@ class NativeZarrReader(ContentsReader):
         keep_bits: int | None = None,
         chunks: Any = None,
     ) -> None:
+        from ...packages import version
+
         library = require("zarr", self.extra, "writing Zarr")
         grid = volume.grid
         if levels and not grid.is_structured:
@@ -156,14 +153,10 @@ class NativeZarrReader(ContentsReader):
             store = volume.with_arrays({}).store.without_ranges()
             dtype = held_dtype(volume.describe()["fields"][name]["dtype"])
             arrays = [
-                [_new_array(root, place, shapes[k], sides, dtype)]
+                _new_array(root, place, shapes[k], sides, dtype)
                 for k, place in _places(name, len(shapes))
             ]
-            arrays[0][0].attrs["units"] = exact_name(volume.field_unit(name))
-            distance = dtype if dtype.kind == "f" else np.dtype(np.float32)
-            for k in range(1, len(shapes) if stats else 1):
-                places = [f"{side}/{k}/{name}" for side in _SIDES]
-                arrays[k] += [_new_array(root, p, shapes[k], sides, distance) for p in places]
+            arrays[0].attrs["units"] = exact_name(volume.field_unit(name))
             pyramid = Pyramid(store, name, arrays, sides, keep_bits)
             for _ in pyramid.write():
                 report(next(done), total)
@@ -196,18 +189,18 @@ class Pyramid:
 
     store: Store
     name: str
-    # Of the levels, finest first: values, and of all but the first how far cells are from them.
-    arrays: Sequence[Sequence[zarr.Array[Any]]]
+    # Of the levels, finest first.
+    arrays: Sequence[zarr.Array[Any]]
     sides: tuple[int, ...]
     keep_bits: int | None = None
 
     def __post_init__(self) -> None:
-        counts = _counts(self.arrays[0][0].shape, self.sides)
-        self.extremes = np.empty((*counts, 2), self.arrays[0][0].dtype)
+        counts = _counts(self.arrays[0].shape, self.sides)
+        self.extremes = np.empty((*counts, 2), self.arrays[0].dtype)
 
     def write(self) -> Iterator[None]:
         """Write all levels; yields after each chunk of the finest."""
-        for index in np.ndindex(*_counts(self.arrays[-1][0].shape, self.sides)):
+        for index in np.ndindex(*_counts(self.arrays[-1].shape, self.sides)):
             yield from self._write(len(self.arrays) - 1, index, [])
 
     def _write(
@@ -215,22 +208,21 @@ class Pyramid:
     ) -> Iterator[None]:
         """Write a chunk after those it covers; put means of it into a part of the one above.
 
-        Beside the means of a chunk are how many of the finest cells count in them, and the least
-        and the largest values of these.
+        Beside the means of a chunk is how many of the finest cells count in them.
         """
-        array, *distances = self.arrays[level]
+        array = self.arrays[level]
         low = [i * side for i, side in zip(index, self.sides, strict=True)]
         high = [min(a + s, n) for a, s, n in zip(low, self.sides, array.shape, strict=True)]
         if level == 0:
             values = rounded(self.store.read(self.name, low, high), self.keep_bits)
             self.extremes[index] = values.min(), values.max()
-            weights, parts = None, [values] * 3
+            weights = None
             yield
         else:
             shape = [b - a for a, b in zip(low, high, strict=True)]
             weights = np.empty(shape)
-            parts = list(np.empty((1 + len(distances), *shape), array.dtype))
-            below = _counts(self.arrays[level - 1][0].shape, self.sides)
+            values = np.empty(shape, array.dtype)
+            below = _counts(self.arrays[level - 1].shape, self.sides)
             for child in np.ndindex(2, 2, 2):
                 number = tuple(2 * i + c for i, c in zip(index, child, strict=True))
                 if all(n < count for n, count in zip(number, below, strict=True)):
@@ -239,36 +231,11 @@ class Pyramid:
                     # An axis of a single chunk may have an odd number of cells.
                     ends = [e if k > 1 else None for e, k in zip(ends, below, strict=True)]
                     target = tuple(map(slice, first, ends))
-                    yield from self._write(
-                        level - 1, number, [part[own] for part in (weights, *parts)]
-                    )
-            parts[0] = rounded(parts[0], self.keep_bits)
-        box = tuple(map(slice, low, high))
-        array[box] = parts[0]
-        for one, sign, end in zip(distances, (1.0, -1.0), parts[1:], strict=False):
-            one[box] = _rounded_up(sign * (parts[0].astype(one.dtype) - end.astype(one.dtype)))
+                    yield from self._write(level - 1, number, [values[target], weights[target]])
+            values = rounded(values, self.keep_bits)
+        array[tuple(map(slice, low, high))] = values
         if above:
-            above[1][...], above[0][...] = weighted_means(parts[0], _HALVES, weights)
-        for whole, cells, combine in zip(above[2:], parts[1:], (np.fmin, np.fmax), strict=False):
-            whole[...] = _ends(cells, combine)
-
-
-def _ends(values: np.ndarray, combine: np.ufunc) -> np.ndarray:
-    """Return the least or the largest values of 2 × 2 × 2 cells; fewer at the upper ends."""
-    for axis, n in enumerate(values.shape):
-        lines = np.moveaxis(values, axis, 0)
-        pairs = lines[::2].copy()
-        combine(pairs[: n // 2], lines[1::2], out=pairs[: n // 2])
-        values = np.moveaxis(pairs, 0, axis)
-    return values
-
-
-def _rounded_up(distance: np.ndarray) -> np.ndarray:
-    kind = distance.dtype
-    unsigned, drop = np.dtype(f"u{kind.itemsize}").type, _FRACTION[kind.itemsize] - _DISTANCE_BITS
-    bits = np.maximum(distance, 0).view(unsigned) + unsigned((1 << drop) - 1)
-    bits &= ~unsigned((1 << drop) - 1)
-    return np.asarray(np.where(np.isfinite(distance), bits.view(kind), distance))
+            above[0][...], above[1][...] = weighted_means(values, _HALVES, weights)
 
 
 def rounded(values: np.ndarray, keep_bits: int | None) -> np.ndarray:
@@ -371,20 +338,7 @@ def _pieces(path: Path, root: Any, name: str, arrays: Sequence[zarr.Array[Any]])
         return pieces
     counts = _counts(shapes[0], arrays[0].chunks)
     _array(root, place, (*counts, 2))
-    pieces = replace(pieces, extremes=functools.partial(part, path, place, complete=True))
-    places = [f"{side}/{k}/{name}" for side in _SIDES for k in range(1, len(shapes))]
-    if not places or places[0] not in root:  # as before there were such
-        return pieces
-    for place, shape in zip(places, shapes[1:] * 2, strict=True):
-        _array(root, place, shape)
-    return replace(pieces, spread=functools.partial(_spread, path, name))
-
-
-def _spread(
-    path: Path, name: str, low: Sequence[int], high: Sequence[int], level: int
-) -> list[np.ndarray]:
-    box = tuple(map(slice, low, high))
-    return [part(path, f"{side}/{level}/{name}", box, complete=True) for side in _SIDES]
+    return replace(pieces, extremes=functools.partial(part, path, place, complete=True))
 
 
 def _part(path: Path, name: str, index: tuple[slice, ...], level: int) -> np.ndarray:
