@@ -21,7 +21,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
-from ...packages import require
+from ...packages import require, version
 from ...progress import reporter
 from ...store import LEAVES, SIDE, Store, weighted_means
 from ..boxes import boxes
@@ -128,7 +128,6 @@ class NativeZarrReader(ContentsReader):
         keep_bits: int | None = None,
         chunks: Any = None,
     ) -> None:
-        from ...packages import version
 
         library = require("zarr", self.extra, "writing Zarr")
         grid = volume.grid
