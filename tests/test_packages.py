@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import numpy as np
 import pytest
 
 import voluminous as vm
@@ -17,6 +18,17 @@ def test_what_is_not_there_is_told_without_a_traceback_of_the_import():
     ) as found:
         require("nowhere_to_be_found.inside", "all", "nothing")
     assert found.value.__suppress_context__
+
+
+@pytest.mark.parametrize(("module", "suffix"), [("OpenEXR", "exr"), ("tifffile", "tif")])
+def test_image_formats_name_the_extra_that_they_need(module, suffix, tmp_path, monkeypatch):
+    image = vm.Image(np.ones((2, 2, 1)))
+    image.save(path := tmp_path / f"image.{suffix}")
+    monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
+    extra = {"exr": "exr", "tif": "tiff"}[suffix]
+    for call in (vm.Image.load, image.save):
+        with pytest.raises(vm.errors.MissingPackageError, match=rf"voluminous\[{extra}\]"):
+            call(path)
 
 
 def test_what_is_broken_is_told_with_its_traceback(tmp_path, monkeypatch):

@@ -371,6 +371,8 @@ def expecting(path: Path, expectation: str) -> Iterator[None]:
     """Turn all errors of a library that reads `path` into one that names the file."""
     try:
         yield
+    except ImportError:
+        raise  # not the file's fault
     except VoluminousError as error:
         raise FileFormatError(f"{path}: {error}") from error
     except Exception as error:

@@ -7,6 +7,7 @@ import importlib.metadata
 import math
 import os
 import platform
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -54,23 +55,28 @@ def _system() -> Iterator[str]:
 
 
 def _packages() -> Iterator[str]:
-    from packaging.requirements import Requirement
-
     distribution = importlib.metadata.distribution("voluminous")
     yield f"voluminous {distribution.version}"
-    for requirement in map(Requirement, distribution.requires or []):
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+    for requirement, _, marker in (line.partition(";") for line in distribution.requires or []):
+        if "extra ==" in marker:
             continue
-        name = requirement.name
+        name, _, least = requirement.strip().partition(">=")
         try:
             version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
+            if marker:  # it may be for other systems
+                continue
             raise MissingPackageError(f"{name} is missing: pip install '{requirement}'") from None
-        if not requirement.specifier.contains(version, prereleases=True):
+        if _numbers(version) < _numbers(least):
             raise MissingPackageError(
                 f"{name} {version} is too old: pip install --upgrade '{requirement}'"
             )
         yield f"{name} {version}"
+
+
+def _numbers(version: str) -> list[int]:
+    release = re.split(r"[^\d.]", version)[0].rstrip(".")
+    return [int(number) for number in release.split(".")]
 
 
 def _llvm() -> Iterator[str]:

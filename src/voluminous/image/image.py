@@ -331,7 +331,8 @@ class Image:
         NPZ and FITS restore everything bit for bit, TIFF and EXR the intensities in float32
         (EXR also optical depth and transparency). A file whose channels have wavelengths,
         frequencies or velocities gives a `Cube`. A PNG gives its display values, from 0 to 1;
-        with 16 bits per colour it needs the package imagecodecs (``voluminous[tiff]``).
+        with 16 bits per colour it needs the package imagecodecs (``voluminous[tiff]``, as TIFF
+        does; ``voluminous[exr]`` is for EXR).
 
         Raises
         ------

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
+from ...packages import require
 from .. import metadata
 from ..arguments import narrowed
 
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 Layers = dict[str, np.ndarray]
 _PLANES = ("transparency", "optical_depth")
+
+
+def _library() -> Any:
+    return require("OpenEXR", "exr", "an OpenEXR image")
 
 
 def _names(channels: int) -> list[str]:
@@ -33,8 +38,7 @@ def write(image: Image, path: Path, *, half: bool = False) -> None:
     Intensity with alpha = 1 − transparency is a premultiplied colour in the sense of compositing:
     over another picture B it gives intensity + transparency · B.
     """
-    import OpenEXR
-
+    openexr = _library()
     kind = np.float16 if half else np.float32
     layers = _layers(narrowed(image.intensity, kind, "intensity"), "")
     for name, plane in metadata.planes(image):
@@ -43,14 +47,14 @@ def write(image: Image, path: Path, *, half: bool = False) -> None:
     if image.transparency is not None:
         layers["A"] = (1 - image.transparency.mean(axis=-1)).astype(kind)
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
+        "compression": openexr.ZIP_COMPRESSION,
+        "type": openexr.scanlineimage,
         "pixelAspectRatio": abs(image.pixel_size[0] / image.pixel_size[1]),
         metadata.KEY: metadata.dumps(image),
     }
     # OpenEXR assumes C order and ignores the strides.
     pixels = {key: np.ascontiguousarray(plane[::-1]) for key, plane in layers.items()}
-    OpenEXR.File(header, pixels).write(str(path))
+    openexr.File(header, pixels).write(str(path))
 
 
 def _layers(planes: np.ndarray, prefix: str) -> Layers:
@@ -59,10 +63,9 @@ def _layers(planes: np.ndarray, prefix: str) -> Layers:
 
 def read(path: Path) -> dict[str, Any]:
     """Read the first part of an EXR file: RGB, grey, our channels, or else all channels by name."""
-    import OpenEXR
-
+    openexr = _library()
     # For a damaged file OpenEXR prints the reason and returns a file without parts.
-    with redirect_stdout(io.StringIO()), OpenEXR.File(str(path), separate_channels=True) as file:
+    with redirect_stdout(io.StringIO()), openexr.File(str(path), separate_channels=True) as file:
         layers = {name: channel.pixels[::-1] for name, channel in file.channels().items()}
         text = file.header().get(metadata.KEY)
     intensity = _stacked(layers, "")

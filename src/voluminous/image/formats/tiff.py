@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
+from ...packages import require
 from .. import metadata
 from ..arguments import narrowed
 from ..tone import over_black
@@ -25,8 +26,7 @@ _ASSOCIATED, _UNASSOCIATED = 1, 2  # the ExtraSamples tag: colours (not) multipl
 
 def write(image: Image, path: Path) -> None:
     """Write the intensities, rounded to float32; channels after the third are extra samples."""
-    import tifffile
-
+    tifffile = require("tifffile", "tiff", "writing TIFF")
     channels = image.channels
     rgb = channels >= 3
     pixels = narrowed(image.intensity[::-1], np.float32, "intensity")
@@ -47,8 +47,7 @@ def write(image: Image, path: Path) -> None:
 
 def read(path: Path) -> dict[str, Any]:
     """Read the first picture of a TIFF file; integers keep their values."""
-    import tifffile
-
+    tifffile = require("tifffile", "tiff", "reading TIFF")
     with _quiet(), tifffile.TiffFile(path) as file:
         page: Any = file.pages.first
         needed, found = math.prod(page.chunked), len(page.dataoffsets)

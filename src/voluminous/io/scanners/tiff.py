@@ -20,6 +20,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...memory import check_memory
+from ...packages import require
 from ..channels import Y_DOWN, Channel, channel, of_samples
 from ..guard import by_library, reading
 from ..payload import inside, stored
@@ -58,8 +59,7 @@ class _RaiseOfChain(logging.Handler):
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
-    import tifffile
-
+    tifffile = require("tifffile", "tiff", "reading TIFF")
     logger, handler = logging.getLogger("tifffile"), _RaiseOfChain(logging.ERROR)
     before = logger.propagate
     logger.propagate = False
@@ -115,6 +115,8 @@ class TIFFReader(VoxelReader):
     name = "tiff"
     description = "a TIFF stack (.tif with several pictures)"
     suffixes = _TIFF
+    packages = ("tifffile",)
+    extra = "tiff"
     options = {  # noqa: RUF012 - as in Reader
         **TIMED,
         **_OPTIONS,
