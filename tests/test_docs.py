@@ -113,6 +113,20 @@ def test_links_to_files_lead_somewhere(page):
     assert not missing
 
 
+WIDTH = 100  # characters
+# What is not wrapped: code, formulas, tables, pictures, HTML, targets of links.
+UNWRAPPED = re.compile(
+    r"^ *(```|~~~).*?^ *\1|^\$\$.*?\$\$$|^ *(?:\||!\[|<|\[[^\]]+\]:|    )[^\n]*$", re.M | re.S
+)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_prose_is_wrapped(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    prose = UNWRAPPED.sub(lambda block: "\n" * block[0].count("\n"), text).split("\n")
+    assert not [number for number, line in enumerate(prose, 1) if len(line) > WIDTH]
+
+
 def test_the_readme_starts_with_the_two_commands_and_the_ten_lines_work():
     found = [b for b in blocks("README.md") if b.language in ("sh", "python")]
     first, second = found[0].text.splitlines()
