@@ -159,6 +159,15 @@ def test_the_pictures_can_be_made(name, tmp_path, monkeypatch):
     assert (STATIC / name).stat().st_size < 200_000
 
 
+def test_the_api_lists_all_public_names():
+    text = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    tasks = re.findall(r"^\| \[.*?\| (.*?) \|", text, re.MULTILINE)
+    listed = re.findall(r"`(\w+)`", " ".join(tasks))
+    assert sorted(listed) == sorted(set(vm.__all__) - {"__version__"})
+    described = re.findall(r":: voluminous\.(?:\w+\.)*(\w+)$", text, re.MULTILINE)
+    assert set(listed) - {"io", "measuring"} <= {*described, *dir(vm.errors)}
+
+
 def modules() -> list[str]:
     found = pkgutil.walk_packages(vm.__path__, "voluminous.")
     return [m.name for m in found if not m.name.endswith("__main__")]
