@@ -1,6 +1,8 @@
 // Windows above everything: the list of keys, saving, and the history of changes.
 
-import type { App } from "./app";
+import type { Row } from "./keys";
+import type { Parts } from "./parts";
+import type { Store } from "./store";
 import { button, h, refill } from "./ui/dom";
 import { Form } from "./ui/fields";
 import { fromBase64, type Table } from "./wire";
@@ -29,10 +31,10 @@ const GESTURES: [string, string][] = [
   ["one finger, two fingers", "rotate; move and zoom"],
 ];
 
-export function helpDialog(app: App): Dialog {
+export function helpDialog(keys: Record<string, Row[]>): Dialog {
   const list = (title: string, rows: [string, string][]) =>
-    h("section", {}, h("h3", {}, title), h("dl", {}, ...rows.flatMap(([keys, words]) => [h("dt", {}, h("kbd", {}, keys)), h("dd", {}, words)])));
-  const sections = Object.entries(app.keys).map(([group, rows]) => list(group, rows.filter(([, shown]) => shown).map(([, shown, words]) => [shown, words])));
+    h("section", {}, h("h3", {}, title), h("dl", {}, ...rows.flatMap(([shown, words]) => [h("dt", {}, h("kbd", {}, shown)), h("dd", {}, words)])));
+  const sections = Object.entries(keys).map(([group, rows]) => list(group, rows.filter(([, shown]) => shown).map(([, shown, words]) => [shown, words])));
   return dialog("Keys and gestures", h("div", { class: "vlm-help" }, list("Mouse and fingers", GESTURES), ...sections));
 }
 
@@ -44,7 +46,7 @@ export function download(name: string, mime: string, data: Uint8Array | string):
 }
 
 /** A bar for something that takes time, and the way to have the file that comes of it. */
-export function fileMaker(app: App): { bar: HTMLProgressElement; make(kind: string, what: Table): Promise<boolean>; cancel(): void } {
+export function fileMaker({ server, notices }: Pick<Parts, "server" | "notices">): { bar: HTMLProgressElement; make(kind: string, what: Table): Promise<boolean>; cancel(): void } {
   const bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "progress" });
   let id = 0;
   return {
@@ -52,20 +54,20 @@ export function fileMaker(app: App): { bar: HTMLProgressElement; make(kind: stri
     async make(kind, what) {
       Object.assign(bar, { hidden: false, value: 0 });
       try {
-        const answer = app.ask(kind, what, (part) => (bar.value = part));
+        const answer = server.ask(kind, what, (part) => (bar.value = part));
         id = answer.id;
         const reply = await answer;
         download(reply.name, reply.mime, reply.text ?? fromBase64(reply.data));
         return true;
       } catch (error) {
         const { message } = error as Error;
-        app.notice(message, message === "cancelled" ? "info" : "error");
+        notices.add(message, message === "cancelled" ? "info" : "error");
         return false;
       } finally {
         bar.hidden = true;
       }
     },
-    cancel: () => app.send({ kind: "cancel", of: id }),
+    cancel: () => server.send({ kind: "cancel", of: id }),
   };
 }
 
@@ -77,9 +79,9 @@ const KINDS: Record<string, string> = {
   "Python script": "python",
 };
 
-export function saveDialog(app: App): Dialog {
+export function saveDialog(parts: Pick<Parts, "stage" | "server" | "notices">): Dialog {
   const wish = { format: "PNG, as shown", width: 2000 };
-  const maker = fileMaker(app);
+  const maker = fileMaker(parts);
   const form = new Form<typeof wish>();
   const put = (what: Partial<typeof wish>) => form.update(Object.assign(wish, what));
   const isText = () => /TOML|Python/.test(wish.format);
@@ -88,7 +90,7 @@ export function saveDialog(app: App): Dialog {
     if (await maker.make("export", what)) made.element.close();
   };
   const screen = () =>
-    app.stage.canvas.toBlob(async (blob) => {
+    parts.stage.canvas.toBlob(async (blob) => {
       if (blob) download("screen.png", "image/png", new Uint8Array(await blob.arrayBuffer()));
     });
   const main = button("Save", "Save", () => void save(), "save");
@@ -106,9 +108,9 @@ export function saveDialog(app: App): Dialog {
 }
 
 /** Undo, redo, and a list of all changes: a click goes back to before one of them. */
-export function historyMenu(app: App): { element: HTMLElement; update(): void } {
-  const undo = button("", "Undo  (Ctrl Z)", () => app.undo(), "undo");
-  const redo = button("", "Redo  (Ctrl Y)", () => app.redo(), "redo");
+export function historyMenu(store: Store): { element: HTMLElement; update(): void } {
+  const undo = button("", "Undo  (Ctrl Z)", () => store.goBack(), "undo");
+  const redo = button("", "Redo  (Ctrl Y)", () => store.goForth(), "redo");
   const list = h("ol", { class: "vlm-history" });
   const menu = h("details", { class: "vlm-menu" }, h("summary", { title: "History", "aria-label": "History" }, "▾"), list);
   menu.addEventListener("focusout", (event) => {
@@ -120,8 +122,8 @@ export function historyMenu(app: App): { element: HTMLElement; update(): void } 
   return {
     element: h("div", { class: "vlm-undo" }, undo, redo, menu),
     update() {
-      const past = app.store.undo;
-      const future = app.store.redo;
+      const past = store.undo;
+      const future = store.redo;
       undo.disabled = !past.length;
       redo.disabled = !future.length;
       undo.title = past.length ? `Undo: ${past[past.length - 1]}  (Ctrl Z)` : "Nothing to undo";
@@ -130,9 +132,9 @@ export function historyMenu(app: App): { element: HTMLElement; update(): void } 
       shown = key;
       refill(
         list,
-        ...past.map((words, i) => entry(words, "Undo this and what came after", "", () => app.undo(past.length - i))),
+        ...past.map((words, i) => entry(words, "Undo this and what came after", "", () => store.goBack(past.length - i))),
         h("li", { class: "vlm-now" }, past.length || future.length ? "now" : "nothing was changed yet"),
-        ...[...future].reverse().map((words, i) => entry(words, "Do it again", "vlm-undone", () => app.redo(i + 1))),
+        ...[...future].reverse().map((words, i) => entry(words, "Do it again", "vlm-undone", () => store.goForth(i + 1))),
       );
     },
   };

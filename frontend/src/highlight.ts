@@ -1,7 +1,7 @@
 // Where in the picture values are: a tint above it while the pointer is on the histogram. Only at
 // rest: what moves has other things to wait for.
 
-import type { App } from "./app";
+import type { Server } from "./server";
 import { h } from "./ui/dom";
 import { fromBase64, newest } from "./wire";
 
@@ -17,32 +17,40 @@ export class Highlight {
   readonly element = h("canvas", { class: "vlm-highlight", hidden: true, "aria-hidden": "true" });
   private wanted: Values | null = null;
 
-  constructor(private app: App) {}
+  /**
+   * @param rests whether the exact picture of the newest input is there
+   * @param marked is called with the values that are shown; null if none are
+   */
+  constructor(
+    private server: Server,
+    private rests: () => boolean,
+    private marked: (values: string | null) => void,
+  ) {}
 
   /** Show where these values are; nothing if null. */
   readonly ask = (what: Values | null): void => {
     if (JSON.stringify(what) === JSON.stringify(this.wanted)) return;
     this.wanted = what;
-    if (what && this.app.rests) this.load(what);
+    if (what && this.rests()) this.load(what);
     else this.hide();
   };
 
   hide(): void {
     this.element.hidden = true;
-    delete this.app.root.dataset.highlight;
+    this.marked(null);
   }
 
   /** Another picture is there. */
   renew(): void {
     this.hide();
-    if (this.wanted && this.app.rests) this.load(this.wanted);
+    if (this.wanted && this.rests()) this.load(this.wanted);
   }
 
   private load = newest(async (what: Values) => {
     if (what !== this.wanted) return;
     try {
-      const reply = await this.app.ask("highlight", { ...what });
-      if (what === this.wanted && this.app.rests) this.draw(reply.width, reply.height, fromBase64(reply.data));
+      const reply = await this.server.ask("highlight", { ...what });
+      if (what === this.wanted && this.rests()) this.draw(reply.width, reply.height, fromBase64(reply.data));
     } catch {
       this.hide();
     }
@@ -54,6 +62,6 @@ export class Highlight {
     const image = context.createImageData(width, height);
     strength.forEach((alpha, i) => image.data.set([...TINT, alpha], 4 * i));
     context.putImageData(image, 0, 0);
-    this.app.root.dataset.highlight = `${this.wanted!.low} ${this.wanted!.high}`;
+    this.marked(`${this.wanted!.low} ${this.wanted!.high}`);
   }
 }

@@ -1,66 +1,83 @@
 // Every key, in one table that the help shows too.
 
-import type { App } from "./app";
 import { fromSide, orbit, otherType, pan, roll, zoom } from "./camera";
+import type { Parts } from "./parts";
 import { ARROWS } from "./ui/dom";
+import { pretty } from "./ui/format";
+
+/** What keys do beside the parts. */
+interface Actions {
+  views: { go(key: number): void; keep(key: number): void };
+  time: { step(by: number): void };
+  probe: { at(place: [number, number]): Promise<void>; turnAbout(): void };
+  save(): void;
+  help(): void;
+  togglePanels(): void;
+}
 
 /** Keys as `KeyboardEvent.key` (or "ctrl+" and that), as the help shows them (if it does), what they do in words, and that. */
-type Row = [keys: string[], shown: string, words: string, act: (event: KeyboardEvent) => void];
+export type Row = [keys: string[], shown: string, words: string, act: (event: KeyboardEvent) => void];
 
 const STEP = 5;
 const FAST = 1.15;
 const DIGITS = [..."123456789"];
 
-export function keyTable(app: App): Record<string, Row[]> {
+export function keyTable({ stage, store, notices, overlay, navigation, scenes }: Parts, { views, time, probe, ...actions }: Actions): Record<string, Row[]> {
   const names = Object.keys(ARROWS);
   const go = ({ key, shiftKey }: KeyboardEvent) => {
     const [x, y] = ARROWS[key];
-    app.change((view) => (shiftKey ? pan(view, 0.05 * x, 0.05 * y) : orbit(view, STEP * x, STEP * y)));
+    navigation.change((view) => (shiftKey ? pan(view, 0.05 * x, 0.05 * y) : orbit(view, STEP * x, STEP * y)));
   };
   const box = () => {
-    app.overlay.shown = !app.overlay.shown;
-    app.stage.redraw();
+    overlay.shown = !overlay.shown;
+    stage.redraw();
+  };
+  /** Change the exposure by stops, from what is shown now. */
+  const expose = (stops: number) => {
+    const now = Number(store.document.image?.exposure ?? stage.head?.exposure ?? 1);
+    store.set([["image.exposure", now * 2 ** stops]], "exposure");
+    notices.announce(`Exposure ${pretty(now * 2 ** stops)}`);
   };
   return {
     Camera: [
       [names, "← → ↑ ↓", "rotate by 5°; with Shift move", go],
-      [names.map((a) => "ctrl+" + a), "Ctrl ← →", "roll the picture", ({ key }) => app.change((view) => roll(view, -STEP * ARROWS[key][0]))],
-      [[..."+=-_"], "+ −", "zoom", ({ key }) => app.change((view) => zoom(view, "+=".includes(key) ? FAST : 1 / FAST, 0, 0))],
-      [[..."xXyYzZ"], "x X y Y z Z", "look from an axis (capitals: its other end)", ({ key }) => app.change((view) => fromSide(view, key))],
-      [["f"], "f", "fit the whole volume", () => app.fit()],
-      [["r"], "r", "back to the first view", () => app.reset()],
-      [["o"], "o", "parallel rays or perspective", () => app.change(otherType)],
-      [["t", "T"], "t", "turntable or trackball", () => app.switchFreely()],
-      [DIGITS, "1 … 9", "go to a kept view", ({ code }) => app.layout.views.go(Number(code.slice(5)))],
-      [DIGITS.map((d) => "shift+" + d), "Shift 1 … 9", "keep this view", ({ code }) => app.layout.views.keep(Number(code.slice(5)))],
+      [names.map((a) => "ctrl+" + a), "Ctrl ← →", "roll the picture", ({ key }) => navigation.change((view) => roll(view, -STEP * ARROWS[key][0]))],
+      [[..."+=-_"], "+ −", "zoom", ({ key }) => navigation.change((view) => zoom(view, "+=".includes(key) ? FAST : 1 / FAST, 0, 0))],
+      [[..."xXyYzZ"], "x X y Y z Z", "look from an axis (capitals: its other end)", ({ key }) => navigation.change((view) => fromSide(view, key))],
+      [["f"], "f", "fit the whole volume", () => navigation.fit()],
+      [["r"], "r", "back to the first view", () => navigation.reset()],
+      [["o"], "o", "parallel rays or perspective", () => navigation.change(otherType)],
+      [["t", "T"], "t", "turntable or trackball", () => navigation.switchFreely()],
+      [DIGITS, "1 … 9", "go to a kept view", ({ code }) => views.go(Number(code.slice(5)))],
+      [DIGITS.map((d) => "shift+" + d), "Shift 1 … 9", "keep this view", ({ code }) => views.keep(Number(code.slice(5)))],
     ],
     Picture: [
-      [["e"], "e E", "half a stop brighter, darker", () => app.expose(0.5)],
-      [["E"], "", "", () => app.expose(-0.5)],
-      [["n"], "n", "automatic exposure", () => app.store.set([["image.exposure", null]], "automatic exposure")],
-      [["p"], "p", "what the middle ray saw", () => void app.probeAt([0, 0])],
-      [["a"], "a", "rotate about the probed point", () => app.turnAboutProbe()],
+      [["e"], "e E", "half a stop brighter, darker", () => expose(0.5)],
+      [["E"], "", "", () => expose(-0.5)],
+      [["n"], "n", "automatic exposure", () => store.set([["image.exposure", null]], "automatic exposure")],
+      [["p"], "p", "what the middle ray saw", () => void probe.at([0, 0])],
+      [["a"], "a", "rotate about the probed point", () => probe.turnAbout()],
       [["b"], "b", "box of the volume on or off", box],
-      [["[", "]"], "[ ]", "time step back, forward", ({ key }) => app.layout.time.step(key === "]" ? 1 : -1)],
+      [["[", "]"], "[ ]", "time step back, forward", ({ key }) => time.step(key === "]" ? 1 : -1)],
     ],
     Document: [
-      [["ctrl+z", "u"], "Ctrl Z or u", "undo", () => app.undo()],
-      [["ctrl+Z", "ctrl+y", "U"], "Ctrl Y or U", "redo", () => app.redo()],
-      [["c"], "c", "copy as Python", () => void app.copyScene("python")],
-      [["C"], "C", "copy as scene (TOML)", () => void app.copyScene("toml")],
-      [["l"], "l", "copy a link to this scene", () => void app.copyLink()],
-      [["s"], "s", "save a picture or the scene", () => app.layout.save()],
+      [["ctrl+z", "u"], "Ctrl Z or u", "undo", () => store.goBack()],
+      [["ctrl+Z", "ctrl+y", "U"], "Ctrl Y or U", "redo", () => store.goForth()],
+      [["c"], "c", "copy as Python", () => void scenes.copy("python")],
+      [["C"], "C", "copy as scene (TOML)", () => void scenes.copy("toml")],
+      [["l"], "l", "copy a link to this scene", () => void scenes.copyLink()],
+      [["s"], "s", "save a picture or the scene", () => actions.save()],
     ],
     "Everything else": [
-      [["m"], "m", "show or hide the panels", () => app.layout.togglePanels()],
-      [["?", "h"], "?", "this list", () => app.layout.help()],
+      [["m"], "m", "show or hide the panels", () => actions.togglePanels()],
+      [["?", "h"], "?", "this list", () => actions.help()],
     ],
   };
 }
 
 /** Act on keys, until what is returned is called. In a notebook they belong to the explorer only while it has the focus. */
-export function listenToKeys(app: App): () => void {
-  const rows = Object.values(app.keys).flat();
+export function listenToKeys(table: Record<string, Row[]>, root: HTMLElement, canvas: Element): () => void {
+  const rows = Object.values(table).flat();
   const hear = (event: Event) => {
     const { key, code, shiftKey, ctrlKey, metaKey, altKey, defaultPrevented } = event as KeyboardEvent;
     const at = event.target as HTMLInputElement;
@@ -70,14 +87,14 @@ export function listenToKeys(app: App): () => void {
     if (altKey || defaultPrevented || at.closest?.("dialog[open]")) return;
     if (/^(INPUT|TEXTAREA|SELECT)$/.test(at.tagName) && at.type !== "checkbox" && at.type !== "range") return;
     // Arrow keys belong to what has the focus; sliders, tabs and handles have their own.
-    if (key in ARROWS && at !== (app.stage.canvas as Element) && at !== document.body) return;
+    if (key in ARROWS && (at as Element) !== canvas && at !== document.body) return;
     const found = rows.find(([keys]) => keys.includes(name));
     if (!found) return;
     event.preventDefault();
     event.stopPropagation();
     found[3](event as KeyboardEvent);
   };
-  const target = app.root.closest(".vlm-page") ? document : app.root;
+  const target = root.closest(".vlm-page") ? document : root;
   target.addEventListener("keydown", hear);
   return () => target.removeEventListener("keydown", hear);
 }

@@ -1,8 +1,8 @@
 // Where everything is: the bar above, the picture with what lies on it, the panels beside it.
 
-import type { App } from "./app";
 import { otherType, type View } from "./camera";
 import { helpDialog, historyMenu, saveDialog } from "./dialogs";
+import { keyTable } from "./keys";
 import { mediaPanel } from "./panels/media";
 import { probePanel } from "./panels/probe";
 import { scenePanel } from "./panels/scene";
@@ -10,56 +10,51 @@ import { slicePanel } from "./panels/slice";
 import { timeBar } from "./panels/time";
 import { tonePanel } from "./panels/tone";
 import { viewsPanel } from "./panels/views";
+import type { Panel, Parts } from "./parts";
 import { ARROWS, button, h } from "./ui/dom";
 import { newId } from "./ui/fields";
 import { gridName, pretty } from "./ui/format";
 import type { FrameHead } from "./wire";
 
-export interface Panel {
-  element: HTMLElement;
-  /** The document or what belongs to it has changed. */
-  update(): void;
-  /** It is in front now. */
-  shown?(): void;
-}
-
-const NOTICE_MS: Record<string, number> = { info: 4000, warning: 9000, error: 20000 };
-
-export function build(app: App) {
-  const { stage } = app;
-  const live = h("div", { class: "vlm-offscreen", "aria-live": "polite" });
+export function build(parts: Parts, legend: HTMLElement) {
+  const { stage, store, server, notices, overlay, highlight, navigation } = parts;
   const badge = h("div", { class: "vlm-badge" }, "waiting for the first picture");
   const trouble = h("div", { class: "vlm-trouble", role: "status", hidden: true });
-  const notices = h("div", { class: "vlm-notices", role: "log" });
-  const time = timeBar(app);
-  const corner = h("div", { class: "vlm-corner" }, app.overlay.gizmo);
-  const lower = h("div", { class: "vlm-lower" }, app.legend.element, app.overlay.bar);
+  const time = timeBar(server);
+  const corner = h("div", { class: "vlm-corner" }, overlay.gizmo);
+  const lower = h("div", { class: "vlm-lower" }, legend, overlay.bar);
   const stageBox = h(
     "div",
     { class: "vlm-stage", role: "region", "aria-label": "picture" },
-    stage.canvas, app.highlight.element, app.overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices,
+    stage.canvas, highlight.element, overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices.element,
   );
 
-  const views = viewsPanel(app);
-  const probe = probePanel(app);
+  const views = viewsPanel(parts);
+  const probe = probePanel(parts, () => tabs.show("probe"));
   const panels: [string, string, Panel][] = [
-    ["media", "Media", mediaPanel(app)],
-    ["tone", "Tone", tonePanel(app)],
+    ["media", "Media", mediaPanel(parts)],
+    ["tone", "Tone", tonePanel(parts)],
     ["probe", "Ray", probe],
-    ["slice", "Slice", slicePanel(app)],
+    ["slice", "Slice", slicePanel(parts)],
     ["views", "Views", views],
-    ["scene", "Scene", scenePanel(app)],
+    ["scene", "Scene", scenePanel(parts)],
   ];
   const tabs = tabList(panels);
 
   const name = h("h1", {}, "voluminous");
   const facts = h("span", { class: "vlm-facts" });
   const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
-  const help = helpDialog(app);
-  const save = saveDialog(app);
-  const history = historyMenu(app);
-  const type = button("", "Parallel rays or perspective  (o)", () => app.change(otherType), "cube");
-  const freely = button("", "Turntable or trackball  (t)", () => app.switchFreely(), "ball");
+  const save = saveDialog(parts);
+  const keys = keyTable(parts, {
+    views, time, probe,
+    save: save.open,
+    help: () => help.open(),
+    togglePanels: () => root.classList.toggle("vlm-bare"),
+  });
+  const help = helpDialog(keys);
+  const history = historyMenu(store);
+  const type = button("", "Parallel rays or perspective  (o)", () => navigation.change(otherType), "cube");
+  const freely = button("", "Turntable or trackball  (t)", () => navigation.switchFreely(), "ball");
   const bar = h(
     "header",
     { class: "vlm-bar" },
@@ -70,8 +65,8 @@ export function build(app: App) {
     h(
       "div",
       { class: "vlm-group" },
-      button("", "Back to the first view  (r)", () => app.reset(), "home"),
-      button("", "Fit the whole volume  (f)", () => app.fit(), "fit"),
+      button("", "Back to the first view  (r)", () => navigation.reset(), "home"),
+      button("", "Fit the whole volume  (f)", () => navigation.fit(), "fit"),
       type, freely,
     ),
     h(
@@ -86,14 +81,14 @@ export function build(app: App) {
     // JupyterLab's own keys (a, b, x …) must not edit the notebook from here.
     { class: "vlm", "data-lm-suppress-shortcuts": "true" },
     h("div", { class: "vlm-frame" }, bar, stageBox, tabs.element),
-    help.element, save.element, live,
+    help.element, save.element, notices.live,
   );
 
-  let told = "";
+  let announced = "";
   return {
-    root, stage: stageBox, live, views, time,
+    root, keys, probe, stage: stageBox,
     welcomed() {
-      const info = app.info!;
+      const info = server.info!;
       name.textContent = info.name || "voluminous";
       facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, gridName(info.grid)].filter(Boolean).join(" · ");
       time.update();
@@ -104,17 +99,13 @@ export function build(app: App) {
       history.update();
       tabs.current().update();
     },
-    probed() {
-      tabs.show("probe");
-      probe.update();
-    },
     badge(head: FrameHead) {
       const { words, state } = badgeOf(head);
       badge.textContent = words;
       badge.dataset.state = state;
       badge.title = `drawn in ${pretty(head.ms)} ms, ${head.width} × ${head.height} pixels`;
-      if (head.exact && told !== words) app.announce(words);
-      told = words;
+      if (head.exact && announced !== words) notices.announce(words);
+      announced = words;
       this.camera(stage.view);
     },
     camera(view: View | null) {
@@ -122,7 +113,7 @@ export function build(app: App) {
       const degrees = (v: number) => `${(Math.round(v * 10) / 10).toFixed(1).replace("-", "−")}°`;
       angles.textContent = `incl ${degrees(view.incl)}  phi ${degrees(view.phi)}${view.posang ? `  posang ${degrees(view.posang)}` : ""}`;
       type.setAttribute("aria-pressed", String(view.type === "perspective"));
-      freely.setAttribute("aria-pressed", String(app.freely));
+      freely.setAttribute("aria-pressed", String(navigation.freely));
     },
     busy(on: boolean) {
       if (trouble.dataset.state === "lost") return;
@@ -136,17 +127,6 @@ export function build(app: App) {
       trouble.textContent = "connection lost – trying again; what you change is kept";
       root.dataset.connection = state;
     },
-    notice(text: string, level: string) {
-      if ([...notices.children].some((box) => box.firstChild!.textContent === text)) return;
-      const box = h("div", { class: `vlm-notice vlm-${level}` }, h("span", {}, text));
-      const close = () => box.remove();
-      box.append(button("×", "Close", close));
-      notices.append(box);
-      setTimeout(close, NOTICE_MS[level] ?? 6000);
-    },
-    help: () => help.open(),
-    save: () => save.open(),
-    togglePanels: () => root.classList.toggle("vlm-bare"),
   };
 }
 

@@ -1,11 +1,12 @@
 // Colour bars in the picture: of the colormap if one is shown, else of each expression that media
 // show, with their colours where they are.
 
-import type { App } from "./app";
 import { given, isShell, shareAt, strengthOf, widthName } from "./media";
-import { gradient } from "./panels/media";
+import type { Server } from "./server";
+import type { Stage } from "./stage";
+import type { Store } from "./store";
 import { valueAt } from "./tone";
-import { colorOf } from "./ui/color";
+import { colorOf, gradient } from "./ui/color";
 import { h, refill } from "./ui/dom";
 import { pretty, prettyUnit } from "./ui/format";
 import type { Table } from "./wire";
@@ -17,18 +18,22 @@ export class Legend {
   readonly element = h("div", { class: "vlm-legend", "aria-label": "colour bars" });
   private key = "";
 
-  constructor(private app: App) {}
+  constructor(
+    private stage: Stage,
+    private store: Store,
+    private server: Server,
+  ) {}
 
   /** After each drawing: the limits of a colormap may come with the frame. */
   draw(): void {
-    const { tone } = this.app.stage;
-    const media: Table[] = this.app.store.document.medium ?? [];
-    const key = JSON.stringify([tone?.colormap && tone, tone?.colormap ? 0 : media, this.app.store.open]);
+    const { tone } = this.stage;
+    const media: Table[] = this.store.document.medium ?? [];
+    const key = JSON.stringify([tone?.colormap && tone, tone?.colormap ? 0 : media, this.store.open]);
     if (key === this.key) return;
     this.key = key;
     if (tone?.colormap) {
       const bar = h("span", { class: "vlm-colorbar" });
-      bar.style.background = gradient(this.app, tone.colormap);
+      bar.style.background = gradient(this.stage.tables.get(tone.colormap));
       const marks = [0, 0.5, 1].map((w) => h("span", {}, pretty(valueAt(w, tone))));
       return refill(this.element, h("figure", {}, h("figcaption", {}, "intensity"), bar, h("div", { class: "vlm-marks" }, ...marks)));
     }
@@ -38,7 +43,7 @@ export class Legend {
   }
 
   private bar(expr: string, media: { medium: Table; i: number }[]): HTMLElement {
-    const { open } = this.app.store;
+    const { open } = this.store;
     const ends = media.flatMap(({ medium, i }) => {
       const center = given(medium, "center", open, i);
       const width = given(medium, widthName(medium), open, i);
@@ -56,7 +61,7 @@ export class Legend {
       context.fillStyle = `rgb(${rgb.map((v) => Math.round(255 * Math.min(1, v))).join(",")})`;
       context.fillRect(x, 0, 1, 1);
     }
-    const unit = prettyUnit(this.app.info?.fields.find((f) => f.name === expr)?.unit);
+    const unit = prettyUnit(this.server.info?.fields.find((f) => f.name === expr)?.unit);
     return h(
       "figure", {},
       h("figcaption", {}, unit ? `${expr} (${unit})` : expr), canvas,
@@ -66,11 +71,11 @@ export class Legend {
 
   /** Each medium at its full colour where it is: a bar says where hues are, not how bright. */
   private colorAt(x: number, media: { medium: Table; i: number }[], step: number): number[] {
-    const { open } = this.app.store;
+    const { open } = this.store;
     const sum = [0, 0, 0];
     for (const { medium, i } of media) {
       const surface = medium.type === "isosurface";
-      const { tau, light } = shareAt(medium, x, open, i, this.app.stage.tables);
+      const { tau, light } = shareAt(medium, x, open, i, this.stage.tables);
       const near = Math.abs(x - (given(medium, "level", open, i) ?? NaN)) < 1.5 * step ? 1 : 0;
       const weight = surface ? near : Math.min(1, tau / (strengthOf(medium) || 1));
       const color = colorOf(surface ? medium.color ?? 1 : light.length ? light : 1);

@@ -136,6 +136,20 @@ export class Store {
     this.sendChange(this.pending[0]);
   }
 
+  /** Undo changes. */
+  goBack(times = 1): void {
+    this.flush();
+    if (this.undo.length || this.isAhead) this.sendTimes("undo", times);
+  }
+
+  goForth(times = 1): void {
+    if (this.redo.length) this.sendTimes("redo", times);
+  }
+
+  private sendTimes(kind: string, times: number): void {
+    for (let i = 0; i < times; i++) this.send({ kind, n: this.next() });
+  }
+
   /** Whether the server has yet to confirm something. */
   get isAhead(): boolean {
     return this.pending.length > 0 || this.unsent !== null;

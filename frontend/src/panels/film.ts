@@ -1,8 +1,8 @@
 // A film of the kept views, around the object, towards it, or through the files of a series: the server
 // makes it, and this page gets the file.
 
-import type { App } from "../app";
 import { fileMaker } from "../dialogs";
+import type { Parts } from "../parts";
 import { button, h } from "../ui/dom";
 import { Form } from "../ui/fields";
 import type { Table } from "../wire";
@@ -10,8 +10,8 @@ import type { Table } from "../wire";
 const KINDS: Record<string, string> = { MP4: "mp4", GIF: "gif", WebP: "webp", "PNG pictures (zip)": "png" };
 const DOES = "The server draws it, and this page downloads it";
 
-export function filmMaker(app: App, cameras: () => Table[]) {
-  const maker = fileMaker(app);
+export function filmMaker(parts: Pick<Parts, "server" | "notices">, cameras: () => Table[]) {
+  const maker = fileMaker(parts);
   const wish = { of: "orbit", frames: 120, fps: 24, width: 800, turns: 1, factor: 4, ease: "smooth", file: "MP4", series: false };
   type Wish = typeof wish;
   const paths: Record<string, () => Table> = {
@@ -20,7 +20,7 @@ export function filmMaker(app: App, cameras: () => Table[]) {
     "kept views": () => ({ kind: "keyframes", cameras: cameras(), ease: wish.ease }),
     "time series": () => ({ kind: "still" }),
   };
-  const isSeries = () => (app.welcome?.series?.count ?? 1) > 1;
+  const isSeries = () => (parts.server.welcome?.series?.count ?? 1) > 1;
   const form = new Form<Wish>();
   const put = <K extends keyof Wish>(name: K) => (value: Wish[K]) => {
     wish[name] = value;

@@ -2,8 +2,8 @@
 // sideways (centre) and up and down (strength), its shoulders sideways (width). Up is the logarithm
 // of the optical depth, as eyes need it; counts are logarithmic too, since halos are faint.
 
-import type { App } from "../app";
 import { another, colorFor, given, isShell, shareAt, strengthened, strengthOf, STRONGEST, WEAKEST, widthName } from "../media";
+import type { Parts } from "../parts";
 import type { Patch } from "../store";
 import { vivid } from "../ui/color";
 import { ARROWS, refill, svg } from "../ui/dom";
@@ -44,7 +44,7 @@ export class Histogram {
   private front = svg("g");
 
   constructor(
-    private app: App,
+    private parts: Pick<Parts, "store" | "stage" | "highlight">,
     private choose: (index: number) => void,
     private hovered: (value: number | null) => void,
     private drawn: () => void,
@@ -64,7 +64,7 @@ export class Histogram {
     this.hovered(x === null ? null : this.fromX(x));
     const few = 4;
     const [low, high] = [this.fromX((x ?? 0) - few), this.fromX((x ?? 0) + few)];
-    this.app.highlight.ask(x === null || !this.data ? null : { expr: this.data.expr, low, high });
+    this.parts.highlight.ask(x === null || !this.data ? null : { expr: this.data.expr, low, high });
   }
 
   show(data: Message | null): void {
@@ -131,7 +131,7 @@ export class Histogram {
   }
 
   draw(): void {
-    const media: Table[] = this.app.store.document.medium ?? [];
+    const media: Table[] = this.parts.store.document.medium ?? [];
     const expr = this.data?.expr;
     const shapes = media.flatMap((medium, i) => (medium.expr === expr && i !== this.chosen ? [this.shape(medium, i)] : []));
     const own = media[this.chosen];
@@ -188,7 +188,7 @@ export class Histogram {
   }
 
   private shape(medium: Table, i: number): SVGElement {
-    const open = this.app.store.open;
+    const open = this.parts.store.open;
     const color = medium.type === "colormap" ? "#9aa7b5" : vivid(colorFor(medium));
     const props = {
       class: `vlm-shape${i === this.chosen ? " vlm-chosen" : ""}${medium.hidden ? " vlm-off" : ""}`,
@@ -201,7 +201,7 @@ export class Histogram {
     // Only where it is above the lowest strength of the axis: no line along the bottom.
     const points: string[] = [];
     for (let x = SIDE; x <= WIDTH - SIDE; x += 1) {
-      const { tau } = shareAt(medium, this.fromX(x), open, i, this.app.stage.tables);
+      const { tau } = shareAt(medium, this.fromX(x), open, i, this.parts.stage.tables);
       if (tau > 10 ** WEAKEST) points.push(`${x} ${this.toY(tau).toFixed(1)}`);
     }
     if (!points.length) return svg("g");
@@ -212,7 +212,7 @@ export class Histogram {
   private handles(medium: Table, i: number): Handle[] {
     const path = `medium.${i}.`;
     const tau = strengthOf(medium);
-    const number = (name: string) => given(medium, name, this.app.store.open, i);
+    const number = (name: string) => given(medium, name, this.parts.store.open, i);
     const text = (value: number) => withUnit(value, this.data?.unit);
     const made: Handle[] = [];
     const point = (label: string, name: string, old: any, value: number | null, y = tau, up = (logTau: number) => strengthened(medium, i, 10 ** logTau, this.locked)) => {
@@ -253,7 +253,7 @@ export class Histogram {
   private handle(i: number, made: Handle): SVGElement {
     const dot = svg("circle", { r: made.round ? 6.5 : 5 });
     const element = svg("g", { class: "vlm-handle", tabindex: "0", role: "slider" }, svg("circle", { r: 11, class: "vlm-grip" }), dot);
-    const drag = (x: number, logTau: number, moving: boolean) => this.app.store.set(this.current[i].put(x, logTau), this.current[i].change, moving);
+    const drag = (x: number, logTau: number, moving: boolean) => this.parts.store.set(this.current[i].put(x, logTau), this.current[i].change, moving);
     const tell = () => this.current[i] && this.hover(this.toX(this.current[i].at));
     let start = { x: 0, y: 0, dx: 0, dy: 0 };
     let moved = false;

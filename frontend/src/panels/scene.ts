@@ -1,17 +1,16 @@
 // The scene as text: Python and TOML that make this picture, always of what is on the screen.
 
-import type { App } from "../app";
-import type { Panel } from "../layout";
+import type { Panel, Parts } from "../parts";
 import { button, h } from "../ui/dom";
 
 const QUIET_MS = 300;
 
-export function scenePanel(app: App): Panel {
+export function scenePanel({ store, server, scenes }: Pick<Parts, "store" | "server" | "scenes">): Panel {
   const box = (what: "python" | "toml", label: string, key: string) => {
     const text = h("pre", { tabindex: "0", "aria-label": label });
     const element = h(
       "section", { class: "vlm-code" },
-      h("header", {}, h("h2", {}, label), button("Copy", `Copy  (${key})`, () => void app.copyScene(what), "copy")),
+      h("header", {}, h("h2", {}, label), button("Copy", `Copy  (${key})`, () => void scenes.copy(what), "copy")),
       text,
     );
     return { what, text, element };
@@ -22,7 +21,7 @@ export function scenePanel(app: App): Panel {
   const wrong = h("p", { class: "vlm-wrong", role: "alert" });
   const take = (text: string) => {
     wrong.textContent = "";
-    app.load(text.trim()).then(() => (given.value = ""), (error) => (wrong.textContent = error.message));
+    scenes.load(text.trim()).then(() => (given.value = ""), (error) => (wrong.textContent = error.message));
   };
   const takeFile = (list?: FileList | null) => void list?.[0]?.text().then(take);
   const file = h("input", { type: "file", accept: ".toml", hidden: true, onchange: () => takeFile(file.files) });
@@ -41,7 +40,7 @@ export function scenePanel(app: App): Panel {
       "div", { class: "vlm-actions" },
       button("Load", "Take media, camera and picture of this scene; the volume stays", () => take(given.value)),
       button("Open a file", "A scene file (TOML)", () => file.click()), file,
-      button("Copy link", "A link to this scene, for others who look at this volume  (l)", () => void app.copyLink(), "copy"),
+      button("Copy link", "A link to this scene, for others who look at this volume  (l)", () => void scenes.copyLink(), "copy"),
     ),
     ...boxes.map((b) => b.element),
     h("p", { class: "vlm-hint" }, "Either makes this picture again, in a script or with: voluminous scene.toml"),
@@ -51,13 +50,13 @@ export function scenePanel(app: App): Panel {
 
   async function load(): Promise<void> {
     for (const { what, text } of boxes) {
-      text.textContent = await app.ask("export", { what }).then((reply) => reply.text, (error) => error.message);
+      text.textContent = await server.ask("export", { what }).then((reply) => reply.text, (error) => error.message);
     }
   }
 
   function update(): void {
-    const now = JSON.stringify(app.store.document);
-    if (now === revision || !app.welcome) return;
+    const now = JSON.stringify(store.document);
+    if (now === revision || !server.welcome) return;
     revision = now;
     clearTimeout(timer);
     timer = window.setTimeout(() => void load(), QUIET_MS);

@@ -1,7 +1,6 @@
 // A cut through the volume along one of its axes, drawn with a colormap; a click gives the value.
 
-import type { App } from "../app";
-import type { Panel } from "../layout";
+import type { Panel, Parts } from "../parts";
 import { ARROWS, h } from "../ui/dom";
 import { Form, toggle } from "../ui/fields";
 import { pretty, prettyLength, prettyPoint, withUnit } from "../ui/format";
@@ -10,7 +9,7 @@ import { fromBase64, type Message, newest, type Vec3 } from "../wire";
 const SIZE = 256;
 const SIDES = ["x", "y", "z"];
 
-export function slicePanel(app: App): Panel {
+export function slicePanel({ stage, server, notices, overlay, navigation }: Pick<Parts, "stage" | "server" | "notices" | "overlay" | "navigation">): Panel {
   const wish = { expr: "", axis: 2, at: 0.5 };
   const form = new Form<typeof wish>();
   let log: boolean | null = null;
@@ -18,7 +17,7 @@ export function slicePanel(app: App): Panel {
   let data: Float32Array = new Float32Array();
   const canvas = h("canvas", { class: "vlm-slice", width: SIZE, height: SIZE, tabindex: "0", role: "application", "aria-label": "Slice. Arrow keys read values, Enter rotates about the point." });
   const told = h("p", { class: "vlm-hint vlm-readout" }, "Move over the slice to read values.");
-  const fields = () => app.info?.fields.map((f) => f.name) ?? [];
+  const fields = () => server.info?.fields.map((f) => f.name) ?? [];
   const change = (what: Partial<typeof wish>) => {
     Object.assign(wish, what);
     form.update(wish);
@@ -30,13 +29,13 @@ export function slicePanel(app: App): Panel {
   });
 
   function where(v: number): string {
-    const bounds = app.info?.bounds[wish.axis];
-    return bounds ? prettyLength(bounds[0] + v * (bounds[1] - bounds[0]), app.info!.unit) : pretty(v);
+    const bounds = server.info?.bounds[wish.axis];
+    return bounds ? prettyLength(bounds[0] + v * (bounds[1] - bounds[0]), server.info!.unit) : pretty(v);
   }
 
   const load = newest(async () => {
     if (!wish.expr) return;
-    const found = await app.tried("slice", { ...wish, size: SIZE });
+    const found = await server.tried("slice", { ...wish, size: SIZE });
     if (!found) return;
     reply = found;
     data = new Float32Array(fromBase64(found.data).buffer, 0, found.width * found.height);
@@ -51,7 +50,7 @@ export function slicePanel(app: App): Panel {
     const least = logarithmic ? Math.max(low, high * 1e-8) : low;
     const f = logarithmic ? (v: number) => Math.log(Math.max(v, least)) : (v: number) => v;
     const [a, b] = [f(least), f(high)];
-    const table = app.stage.tables.get("inferno")!;
+    const table = stage.tables.get("inferno")!;
     Object.assign(canvas, { width, height });
     const context = canvas.getContext("2d")!;
     const image = context.createImageData(width, height);
@@ -66,13 +65,13 @@ export function slicePanel(app: App): Panel {
   /** Part of the sides at which values are read; moved by the pointer, or by the arrow keys. */
   let spot = [0.5, 0.5];
   function read(): Vec3 | null {
-    if (!reply || !app.info) return null;
+    if (!reply || !server.info) return null;
     const [i, j] = [reply.width, reply.height].map((n, k) => Math.min(n - 1, Math.floor(spot[k] * n)));
     const parts = [...spot];
-    const point = app.info.bounds.map(([a, b], k) => a + (k === wish.axis ? wish.at : parts.shift()!) * (b - a)) as Vec3;
-    told.textContent = `${wish.expr} = ${withUnit(data[j * reply.width + i], reply.unit)} at ${prettyPoint(point, app.info.unit)}`;
-    app.overlay.probed = point;
-    app.stage.redraw();
+    const point = server.info.bounds.map(([a, b], k) => a + (k === wish.axis ? wish.at : parts.shift()!) * (b - a)) as Vec3;
+    told.textContent = `${wish.expr} = ${withUnit(data[j * reply.width + i], reply.unit)} at ${prettyPoint(point, server.info.unit)}`;
+    overlay.probed = point;
+    stage.redraw();
     return point;
   }
   const move = (u: number, v: number) => {
@@ -82,8 +81,8 @@ export function slicePanel(app: App): Panel {
   const take = () => {
     const pivot = read();
     if (!pivot) return;
-    app.change((view) => ({ ...view, pivot }));
-    app.notice("The picture now rotates about that point.", "info");
+    navigation.change((view) => ({ ...view, pivot }));
+    notices.add("The picture now rotates about that point.", "info");
   };
   canvas.addEventListener("pointermove", (event) => {
     const box = canvas.getBoundingClientRect();
@@ -96,7 +95,7 @@ export function slicePanel(app: App): Panel {
     event.preventDefault();
     if (way) move(spot[0] + 0.02 * way[0], spot[1] + 0.02 * way[1]);
     else take();
-    app.announce(told.textContent!);
+    notices.announce(told.textContent!);
   });
 
   return {

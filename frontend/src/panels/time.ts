@@ -1,11 +1,11 @@
 // A slider through the files of a series, with a button that plays them.
 
-import type { App } from "../app";
+import type { Server } from "../server";
 import { button, h, refill, icon } from "../ui/dom";
 
 const PACE_MS = 150;
 
-export function timeBar(app: App): { element: HTMLElement; update(): void; step(by: number): void } {
+export function timeBar(server: Server): { element: HTMLElement; update(): void; step(by: number): void } {
   let count = 1;
   let index = 0;
   let timer = 0;
@@ -24,11 +24,11 @@ export function timeBar(app: App): { element: HTMLElement; update(): void; step(
     if (next === index) return;
     index = next;
     show();
-    app.time(index);
+    server.input("time", { index });
   }
   function switchPlay(): void {
     clearInterval(timer);
-    timer = timer ? 0 : window.setInterval(() => app.isBehind || go(index + 1), PACE_MS);
+    timer = timer ? 0 : window.setInterval(() => server.isBehind || go(index + 1), PACE_MS);
     refill(play, icon(timer ? "pause" : "play"));
     play.title = timer ? "Stop" : "Play";
     play.setAttribute("aria-label", play.title);
@@ -38,7 +38,7 @@ export function timeBar(app: App): { element: HTMLElement; update(): void; step(
   return {
     element,
     update() {
-      const series = app.welcome?.series;
+      const series = server.welcome?.series;
       count = series?.count ?? 1;
       index = series?.index ?? 0;
       input.max = String(count - 1);

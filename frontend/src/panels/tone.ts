@@ -1,8 +1,7 @@
 // From intensities to colours. All of it happens in the browser: nothing is sent while a slider
 // moves, and it works while the server is busy or gone. The document learns of it at the end.
 
-import type { App } from "../app";
-import type { Panel } from "../layout";
+import type { Panel, Parts } from "../parts";
 import type { Patch } from "../store";
 import { bend, STRETCHES, type Tone } from "../tone";
 import { colorOf, toHex } from "../ui/color";
@@ -15,8 +14,7 @@ const STOPS = 10;
 const PLOT = 100;
 const DEFAULT_MIX: Record<number, string[]> = { 1: ["#ffffff"], 2: ["#ff9933", "#1a66ff"], 3: ["#ff0000", "#00ff00", "#0000ff"] };
 
-export function tonePanel(app: App): Panel {
-  const { store, stage } = app;
+export function tonePanel({ store, stage }: Pick<Parts, "store" | "stage">): Panel {
   const form = new Form<Table>();
   const image = (): Table => store.document.image ?? {};
   const automatic = () => stage.head?.exposure ?? 1;

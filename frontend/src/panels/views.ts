@@ -1,8 +1,7 @@
 // Views that were kept: bookmarks under the keys 1 to 9, in an order that can be a film's keyframes.
 
-import type { App } from "../app";
 import { tableOf, viewFrom, type View } from "../camera";
-import type { Panel } from "../layout";
+import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
 import { pretty } from "../ui/format";
 import { add, sub, times } from "../vec";
@@ -22,47 +21,47 @@ interface Kept {
   camera: Table;
 }
 
-export function viewsPanel(app: App): Views {
+export function viewsPanel({ stage, store, server, notices, navigation }: Pick<Parts, "stage" | "store" | "server" | "notices" | "navigation">): Views {
   // Pictures stay here: the document has cameras only.
   const pictures = new Map<string, string>();
   let shown = "";
   const list = h("ol", { class: "vlm-views" });
-  const film = filmMaker(app, () => kept().map((one) => one.camera));
+  const film = filmMaker({ server, notices }, () => kept().map((one) => one.camera));
 
-  const kept = (): Kept[] => app.store.document.bookmarks ?? [];
-  const put = (list: Kept[], label: string) => app.store.set([["bookmarks", list]], label);
+  const kept = (): Kept[] => store.document.bookmarks ?? [];
+  const put = (list: Kept[], label: string) => store.set([["bookmarks", list]], label);
 
   function keep(key: number): void {
-    const { view } = app.stage;
+    const { view } = stage;
     if (!view) return;
     const one = { key, camera: tableOf(view) };
     pictures.set(JSON.stringify(one), thumbnail());
     put([...kept().filter((k) => k.key !== key), one].sort((a, b) => a.key - b.key), "keep a view");
-    app.notice(`View kept as ${key}: press ${key} to come back`, "info");
+    notices.add(`View kept as ${key}: press ${key} to come back`, "info");
     draw();
   }
 
   function thumbnail(): string {
-    const { canvas } = app.stage;
-    const small = h("canvas", { width: 96, height: Math.round(96 / app.stage.aspect) });
+    const { canvas } = stage;
+    const small = h("canvas", { width: 96, height: Math.round(96 / stage.aspect) });
     small.getContext("2d")!.drawImage(canvas, 0, 0, small.width, small.height);
     return small.toDataURL("image/jpeg", 0.8);
   }
 
   function go(key: number): void {
     const found = kept().find((k) => k.key === key);
-    if (!found) return app.notice(`No view is kept as ${key}; Shift ${key} keeps one`, "info");
+    if (!found) return notices.add(`No view is kept as ${key}; Shift ${key} keeps one`, "info");
     fly(viewFrom(found.camera));
   }
 
   /** Turn and move there smoothly, so that it is seen where "there" is. */
   function fly(to: View): void {
-    const from = app.stage.view;
-    if (!from || from.type !== to.type || matchMedia("(prefers-reduced-motion: reduce)").matches) return app.look(to, false);
+    const from = stage.view;
+    if (!from || from.type !== to.type || matchMedia("(prefers-reduced-motion: reduce)").matches) return navigation.look(to, false);
     const start = performance.now();
     const step = () => {
       const t = Math.min(1, (performance.now() - start) / FLIGHT_MS);
-      app.look(t < 1 ? between_(from, to, t * t * (3 - 2 * t)) : to, t < 1);
+      navigation.look(t < 1 ? between_(from, to, t * t * (3 - 2 * t)) : to, t < 1);
       if (t < 1) requestAnimationFrame(step);
     };
     step();
@@ -107,7 +106,7 @@ export function viewsPanel(app: App): Views {
       h("h2", {}, "Kept views"), list,
       h("div", { class: "vlm-actions" }, button("Keep this view", "Under the next free digit", () => keep(next()), "plus")),
       h("h2", {}, "Film"), film.element,
-      h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void app.copy(python(), "Keyframes"), "copy")),
+      h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void notices.copy(python(), "Keyframes"), "copy")),
     ),
     update: draw,
     go,

@@ -37,3 +37,13 @@ export function vivid(color: any): string {
   const most = Math.max(...rgb);
   return toHex(most > 0 ? (rgb.map((v) => v / most) as Rgb) : [0.5, 0.5, 0.5]);
 }
+
+/** A colormap as a background of CSS. */
+export function gradient(table: Uint8Array | undefined): string {
+  if (!table) return "linear-gradient(90deg, #222, #eee)";
+  const stops = [...Array(13).keys()].map((k) => {
+    const i = 3 * Math.round((k / 12) * 255);
+    return `rgb(${table[i]},${table[i + 1]},${table[i + 2]})`;
+  });
+  return `linear-gradient(90deg, ${stops.join(",")})`;
+}

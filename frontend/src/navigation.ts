@@ -1,0 +1,80 @@
+// The camera of the page: shown at once by moving the last frame, and rightly when the server has
+// drawn it.
+
+import { fit, tableOf, type View } from "./camera";
+import type { Highlight } from "./highlight";
+import type { Notices } from "./notices";
+import type { Overlay } from "./overlay";
+import type { Server } from "./server";
+import type { Stage } from "./stage";
+import type { FrameHead } from "./wire";
+
+export type Navigation = ReturnType<typeof navigate>;
+
+/**
+ * @param follows only watches the cameras of others
+ * @param changed is called for another view, or another kind of turning
+ */
+export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, server: Server, notices: Notices, follows: boolean, changed: (view: View | null) => void) {
+  let home: View | null = null;
+  let wanted: { view: View; moving: boolean } | null = null;
+  let looked = 0;
+  let lost = false;
+
+  function send(): void {
+    if (!wanted) return;
+    const { view, moving } = wanted;
+    wanted = null;
+    looked = server.input("look", { camera: tableOf(view), moving });
+    changed(view);
+  }
+
+  const self = {
+    /** A trackball, or else a turntable. */
+    freely: false,
+    moving: false,
+    look(view: View, moving: boolean): void {
+      if (follows) return;
+      stage.view = view;
+      self.moving = moving;
+      highlight.hide();
+      overlay.pivot = view.pivot;
+      stage.redraw();
+      const waiting = wanted !== null;
+      wanted = { view, moving };
+      // One input for each frame of the screen at most: the newest.
+      if (!waiting) requestAnimationFrame(send);
+    },
+    change(how: (view: View) => View): void {
+      if (stage.view) self.look(how(stage.view), false);
+    },
+    fit(): void {
+      const { info } = server;
+      if (info) self.change((view) => fit(view, info.bounds, stage.aspect));
+    },
+    reset(): void {
+      if (home) self.look({ ...home, pivot: null }, false);
+    },
+    switchFreely(): void {
+      self.freely = !self.freely;
+      notices.announce(self.freely ? "Trackball" : "Turntable");
+      changed(stage.view);
+    },
+    /** A frame is shown; the first is the view to come back to. */
+    shown(head: FrameHead): void {
+      const { frameView, view } = stage;
+      home ??= frameView;
+      // Others may have moved the camera; what was asked for here is not overruled by older frames.
+      if (!self.moving && !wanted && head.n >= looked && frameView) stage.view = { ...frameView, pivot: view?.pivot ?? null };
+    },
+    /** The connection is back: whether it took a view along, before the server forgets what it owes. */
+    reconnected(): void {
+      lost = server.owes(looked);
+    },
+    /** Ask for that view once more. */
+    resume(): void {
+      if (lost && stage.view) self.look(stage.view, false);
+    },
+  };
+  return self;
+}

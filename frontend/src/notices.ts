@@ -1,0 +1,39 @@
+// What is said to the user: notices that go away, and words for those who do not see the picture.
+
+import { button, h } from "./ui/dom";
+
+const SHOWN_MS: Record<string, number> = { info: 4000, warning: 9000, error: 20000 };
+
+export class Notices {
+  readonly element = h("div", { class: "vlm-notices", role: "log" });
+  readonly live = h("div", { class: "vlm-offscreen", "aria-live": "polite" });
+
+  add(text: string, level = "info"): void {
+    if ([...this.element.children].some((box) => box.firstChild!.textContent === text)) return;
+    const box = h("div", { class: `vlm-notice vlm-${level}` }, h("span", {}, text));
+    const close = () => box.remove();
+    box.append(button("×", "Close", close));
+    this.element.append(box);
+    setTimeout(close, SHOWN_MS[level] ?? 6000);
+  }
+
+  /** Tell those who do not see the picture. */
+  announce(text: string): void {
+    this.live.textContent = text;
+  }
+
+  /** Put text where it can be pasted. */
+  async copy(text: string, what: string): Promise<void> {
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch {
+      // Without a secure context there is only the old way.
+      const area = h("textarea", { class: "vlm-offscreen" }, text);
+      this.live.after(area);
+      area.select();
+      document.execCommand("copy");
+      area.remove();
+    }
+    this.add(`${what} copied`);
+  }
+}

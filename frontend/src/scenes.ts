@@ -1,0 +1,32 @@
+// Scenes that come from elsewhere or go there: links, files, Python.
+
+import type { Notices } from "./notices";
+import type { Server } from "./server";
+import { linkOf, sceneOf, SECTIONS } from "./share";
+import type { Store } from "./store";
+import type { Table } from "./wire";
+
+export type Scenes = ReturnType<typeof exchange>;
+
+/** @param page the address of the page; empty in a notebook */
+export function exchange(store: Store, server: Server, notices: Notices, page: () => string) {
+  /** Take media, camera, render and image of a scene: one step of the history. */
+  const put = (scene: Table, label: string) =>
+    store.set(SECTIONS.filter((name) => scene[name] !== undefined).map((name) => [name, scene[name]]), label);
+  return {
+    put,
+    /** Show the scene of a link, or of the text of a scene file. */
+    async load(text: string): Promise<void> {
+      const scene = await sceneOf(text);
+      if (scene) put(scene, "shared scene");
+      else await server.ask("load", { text });
+    },
+    async copyLink(): Promise<void> {
+      await notices.copy(await linkOf(store.document, page()), "Link");
+    },
+    async copy(what: "python" | "toml"): Promise<void> {
+      const reply = await server.tried("export", { what }, "error");
+      if (reply) await notices.copy(reply.text, what === "python" ? "Python" : "Scene (TOML)");
+    },
+  };
+}
