@@ -48,6 +48,22 @@ MEDIA = {
 }
 
 
+def test_a_large_volume_is_tabulated_only_when_that_pays():
+    """The first picture takes each cell that rays visit as it is; the bits are the same."""
+    x, y, z = np.ogrid[:168, :168, :168]
+    field = (0.5 + 0.5 * np.sin(x / 9.0) * np.sin(y / 11.0) * np.sin(z / 13.0)).astype(np.float32)
+    volume = vm.Volume(vm.CartesianGrid.uniform(field.shape, (-1, 1)), f=field)
+    camera = OBLIQUE.replace(resolution=200)
+
+    def drawn():
+        image = picture(volume, shell(), camera, scheme="first-order")
+        return image, sum(isinstance(made, CoefficientTable) for made, _ in volume.tables.values())
+
+    (first, before), (second, after) = drawn(), drawn()
+    assert (before, after) == (0, 1)
+    np.testing.assert_array_equal(first, second)
+
+
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", sorted(MEDIA))
 def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch):

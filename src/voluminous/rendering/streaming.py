@@ -30,6 +30,7 @@ from .missing import HiddenCells
 from .pieces import TreePieces
 from .pixels import Lanes, between_walls
 from .sources.cells import CellEvaluator
+from .sources.table import CELLS_PER_STEP
 from .tracer import MARGIN, Batches, Paths, RayBatch, RayTracer, write_paths
 
 if TYPE_CHECKING:
@@ -47,9 +48,6 @@ _MARGIN = 1e-3
 _SENT = 16 << 20
 # Optical depth of a chunk in which rays come to their end, at its densest place.
 _OPAQUE = 10.0
-# With fewer cells than this for each that a ray crosses a table is made first (three Gaussians,
-# 512³ and 800² rays: of 0.3 cells for each it saves nothing).
-_CELLS_PER_STEP = 0.25
 
 
 class StreamingTracer(RayTracer):
@@ -295,13 +293,13 @@ class StreamingTracer(RayTracer):
         sides = [b - a for a, b in zip(box.low, box.high, strict=True)]
         cells = math.prod(sides)
         across = sum(sides) if pieces.grid.is_structured else 3.0 * cells ** (1 / 3)
-        steps = rays * across / 2
+        steps = rays * across
         if pieces.dual:
             within = source.within(values)
         else:
             hidden = pieces.hidden(box, values)
             volume = pieces.outline.volume(box, values)
-            pays = pieces.tabulates and cells < _CELLS_PER_STEP * steps
+            pays = pieces.tabulates and cells < CELLS_PER_STEP * steps
             if pays and source.real is self.backend.Wide:
 
                 def table(group: slice) -> Any:
