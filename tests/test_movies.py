@@ -20,7 +20,6 @@ from matplotlib.colors import FuncNorm, ListedColormap, Normalize, PowerNorm, Sy
 import voluminous as vm
 from voluminous.movies import dolly, fade, film, fly, keyframes, orbit, zoom
 from voluminous.movies.encode import encode
-from voluminous.movies.fade import scaled
 from voluminous.rotation import image_axes
 
 GRID = vm.CartesianGrid.uniform(8, (-1, 1))
@@ -160,7 +159,7 @@ def test_rotations_take_the_shortest_way():
 )
 def test_fading_scales_emission_and_extinction(medium):
     """A thin medium at a quarter of its strength has a quarter of everything, to first order."""
-    weak, weaker = scaled(medium, 1e-3), scaled(medium, 2.5e-4)
+    weak, weaker = medium.scaled(1e-3), medium.scaled(2.5e-4)
     pictures = [vm.render(VOLUME, m, VIEW, precision="double") for m in (weak, weaker)]
     ratio = pictures[1].intensity.sum() / pictures[0].intensity.sum()
     assert ratio == pytest.approx(0.25, rel=1e-2)  # self-absorption is of second order

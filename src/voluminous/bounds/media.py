@@ -293,7 +293,7 @@ def _modulated(
         )
     if modulation.color is not None:
         color = modulation.color
-        nodes, rgb = color.nodes(context), color.range.rgb
+        nodes, rgb = color.nodes(context), color.range.rows
         paint = color.colors(courses.fields, context)
         table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))
         mean_paint = table_bounds(courses.course(color.expr), nodes, rgb, context, table)

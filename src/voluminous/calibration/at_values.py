@@ -12,11 +12,11 @@ from ..errors import InputError, UnitsError, unknown_name
 from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..fields import split_unit, unit_quantity
-from ..media import Coefficients, Context, Isosurface, Medium
-from ..media.function import Function
+from ..media import Context, Medium
+from ..media.context import Feature
 from ..media.sum import with_each
-from ..units import Unit, is_quantity, parse_unit, unit_name
-from .plain import in_plain_numbers
+from ..units import Unit, parse_unit, unit_name
+from .open_numbers import in_plain_numbers
 
 
 class GivenValues(Evaluation):
@@ -78,8 +78,7 @@ class _Given(Context):
 
 def evaluate(medium: Medium, values: Any) -> tuple[Any, ...]:
     """Return j and α at values; see `Medium.__call__`."""
-    parts = [p for p in medium.components() if not isinstance(p, Isosurface)]
-    is_open = [isinstance(part.path_length, str) for part in parts]
+    is_open = [isinstance(c.path_length, str) for c in medium.components() if not surfaces(c)]
     if any(is_open):
         if not all(is_open):
             raise InputError(
@@ -122,7 +121,7 @@ def coefficients(
 
 
 def _only_scalar(medium: Medium) -> Expression:
-    scalars = {scalar_of(part) for part in medium.components()}
+    scalars = {scalar_of(component) for component in medium.components()}
     expr = scalars.pop() if len(scalars) == 1 else None
     if expr is None:
         raise InputError(
@@ -132,26 +131,28 @@ def _only_scalar(medium: Medium) -> Expression:
     return expr
 
 
-def scalar_of(part: Medium) -> Expression | None:
-    """Return the only expression of which a part is a function; None of several fields, or none."""
-    if part.scalars():
-        return part.scalars()[0]
-    return Expression(part.names[0]) if len(part.names) == 1 else None
+def scalar_of(component: Medium) -> Expression | None:
+    """Return the only expression of which it is a function; None of several fields, or none."""
+    if component.scalars():
+        return component.scalars()[0]
+    return Expression(component.names[0]) if len(component.names) == 1 else None
+
+
+def surfaces(component: Medium) -> list[Feature]:
+    """Return the features of a component that are surfaces, with an opacity for a crossing."""
+    return [f for f in component.features() if f.colors and f.colors.opacities is not None]
 
 
 def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
+    """Refuse a medium of which neither an expression nor its fields are given."""
     needed: dict[str, None] = {}
-    for part in medium.components():
-        used = [feature.expr for feature in part.features()] or list(map(Expression, part.names))
-        if isinstance(part, Isosurface):
-            used.append(part.slope)
-            if not part.thick:
-                raise InputError(
-                    "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
-                    "opacity; medium.plot(volume) draws where it is"
-                )
-        for expr in used:
-            needed.update(dict.fromkeys((expr.text,) if expr.text in given else expr.names))
+    for component in medium.components():
+        rest = dict.fromkeys(component.names)
+        for feature in component.features():
+            expr = feature.expr
+            needed |= dict.fromkeys((expr.text,) if expr.text in given else expr.names)
+            rest = {name: None for name in rest if name not in expr.names}
+        needed |= rest
     missing = [name for name in needed if name not in given]
     if missing:
         listed = ", ".join(f"{name!r}: …" for name in (*given, *missing))
@@ -162,35 +163,29 @@ def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
 
 
 def _length_unit(medium: Medium, fields: GivenValues) -> Unit:
-    parts = medium.components()
-    units = [part.path_length.unit for part in parts if is_quantity(part.path_length)]
-    for part in parts:
-        declared = isinstance(part, Function) and part.units
-        per_length = [declared[1]] if declared else []
-        own = part.formulas() if isinstance(part, Function) and not declared else part
-        if isinstance(own, Coefficients):
-            per_length += [fields.expression_unit(e) for e in own.extinction]
-        # An extinction in another unit is refused later, where there is a unit of length.
-        lengths = (unit**-1 for unit in per_length if unit is not None)
-        units += [u if u.physical_type == "length" else parse_unit("cm") for u in lengths]
-    plain_lengths = [part.path_length for part in parts if isinstance(part.path_length, float)]
-    if units and plain_lengths:
+    components = medium.components()
+    units = [component.length_unit(fields.expression_unit) for component in components]
+    # An extinction in another unit is refused later, where there is a unit of length.
+    spatial = ("length", "angle")
+    lengths = [u if u.physical_type in spatial else parse_unit("cm") for u in units if u]
+    numbers = [c.path_length for c in components if isinstance(c.path_length, float)]
+    if lengths and numbers:
         raise UnitsError(
-            f"path_length={plain_lengths[0]:g} has no unit, as other lengths of this medium have; "
+            f"path_length={numbers[0]:g} has no unit, as other lengths of this medium have; "
             "give it one, such as '0.1 pc'"
         )
-    return parse_unit(units[0]) if units else None
+    return parse_unit(lengths[0]) if lengths else None
 
 
 def units_of(medium: Medium, fields: Evaluation) -> tuple[Unit, Unit]:
     """Return the units of j and of α."""
     per_length = None if fields.unit is None else parse_unit(fields.unit**-1)
-    own = medium.intensity_unit(Context(float, float, fields.unit, fields.expression_unit))
-    if own is None:
+    light = medium.intensity_unit(Context(float, float, fields.unit, fields.expression_unit))
+    if light is None:
         return per_length, per_length
-    return (own if fields.unit is None else parse_unit(own / fields.unit)), per_length
+    return (light if fields.unit is None else parse_unit(light / fields.unit)), per_length
 
 
-def one_path_length(part: Medium) -> Medium:
-    """Return a part whose colours and opacities are those per unit of length."""
-    return part if part.path_length is None else part.changed(path_length=1.0)
+def one_path_length(component: Medium) -> Medium:
+    """Return a component whose colours and opacities are those per unit of length."""
+    return component if component.path_length is None else component.changed(path_length=1.0)

@@ -7,14 +7,16 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError, how_to_take
+from ..errors import InputError, UnitsError, how_to_take
+from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..media import ColorBy, Colormap, Medium
+from ..media import Medium
+from ..media.context import Feature
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
+from ..units import Unit, parse_unit, unit_name
 from ..volume import Volume
-from .plain import in_plain_numbers
 from .samples import measurable, pieces
 from .thickness import Profile, thicknesses
 
@@ -55,6 +57,38 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     return calibrated(medium, volume, lambda *exprs: {})
 
 
+def in_plain_numbers(medium: Medium, volume: Evaluation) -> Medium:
+    """Return a medium whose expressions are plain numbers of a volume's fields, or refuse it.
+
+    ``exp(-20 K/temperature)`` has a number for 20 K; emissivities that add up are in one unit, and
+    extinctions per unit length of the volume. Components without a unit to convert are returned
+    themselves.
+    """
+    medium = with_each(medium, lambda component: component.plain(volume))
+    context = RangeContext(volume.unit, volume.expression_unit)
+    units = (component.intensity_unit(context) for component in medium.components())
+    wanted = next((unit for unit in units if unit is not None), None)
+    if wanted is None:
+        return medium
+    emission = parse_unit(wanted if volume.unit is None else wanted / volume.unit)
+
+    def convert(component: Medium) -> Medium:
+        if component.emission_range() == (0.0, 0.0):
+            return component
+        if component.intensity_unit(context) != wanted:
+            component = component.plain(volume, emission)
+        unit = component.intensity_unit(context)
+        if unit != wanted:
+            raise UnitsError(
+                f"the parts of this medium emit in {unit_name(wanted)} and in "
+                f"{unit_name(unit) or 'plain numbers'} ({component!r}), which cannot be added; "
+                "draw them apart, or give all of them emissivities of one kind"
+            )
+        return component
+
+    return with_each(medium, convert)
+
+
 def calibrated(medium: Medium, volume: Volume, known: Known) -> Medium:
     """Calibrate with cached measurements of the volume.
 
@@ -62,14 +96,18 @@ def calibrated(medium: Medium, volume: Volume, known: Known) -> Medium:
     colormap in 4 million cells, 120 x 120 pixels.
     """
     plain, volume = in_plain_numbers(medium, volume), measurable(volume)
-    ranged = with_each(plain, lambda part: _with_range(part, volume, known))
+    ranged = with_each(plain, lambda component: _with_range(component, volume, known))
     return _with_lengths(ranged, volume, known)
 
 
 def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
-    parts = [part for part in medium.components() if isinstance(part.path_length, str)]
+    """Return a medium with the median thickness of each shell for lengths that are "auto"."""
+    shells: dict[Expression, list[Medium]] = {}
+    for component in medium.components():
+        if isinstance(component.path_length, str):
+            shells.setdefault(component.scalars()[0], []).append(component)
     lengths: dict[int, float] = {}
-    for expr in dict.fromkeys(part.scalars()[0] for part in parts):
+    for expr, components in shells.items():
         volume.check_names(expr)
         measured, unit = known(expr), volume.expression_unit(expr)
 
@@ -78,20 +116,23 @@ def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
                 measured["extent"] = extent_of(volume, expr)
             return measured["extent"]
 
-        profiles = {
-            id(part): Profile(*part.profile(unit, extent))
-            for part in parts
-            if part.scalars()[0] == expr
-        }
-        missing = {p.key: p for p in profiles.values() if p.key not in measured}
+        profiles = [_profile(component, unit, extent) for component in components]
+        missing = {p.key: p for p in profiles if p.key not in measured}
         if missing:
-            shells = thicknesses(volume, expr, list(missing.values()))
-            measured.update({k: shell.length for k, shell in zip(missing, shells, strict=True)})
-        lengths.update({k: measured[profile.key] for k, profile in profiles.items()})
+            found = thicknesses(volume, expr, list(missing.values()))
+            measured.update({k: shell.length for k, shell in zip(missing, found, strict=True)})
+        lengths |= {id(c): measured[p.key] for c, p in zip(components, profiles, strict=True)}
     return with_each(
         medium,
-        lambda p: p.changed(path_length=lengths[id(p)]) if id(p) in lengths else p,
+        lambda c: c.changed(path_length=lengths[id(c)]) if id(c) in lengths else c,
     )
+
+
+def _profile(component: Medium, unit: Unit, extent: Callable[[], tuple[float, float]]) -> Profile:
+    profile = component.profile(unit, extent)
+    if profile is None:
+        raise InputError(f"{component!r} has no profile, which is measured: give a path_length")
+    return Profile(*profile)
 
 
 def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
@@ -101,36 +142,29 @@ def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
     return (min(ends), max(ends)) if ends else (0.0, 0.0)
 
 
-def _with_range(part: Medium, volume: Volume, known: Known) -> Medium:
-    """Return a part with a measured range of its `ColorBy`, or of its own colours."""
-    colors = part if isinstance(part, Colormap) else part.modulation and part.modulation.color
-    if not colors or not colors.range.is_open:
-        return part
-    gate = part.modulation if colors is part else None
-    visible_in = gate.visible_in if gate else part.visible_in
-    names = [Expression(name) for name in part.names]
-    for name in names:
-        volume.check_names(name)
-    measured = known(colors.expr, *names)
-    key = ("colors", gate.gate_key() if gate else part.visible_key(), colors.range.positive)
-    if key not in measured:
-        measured[key] = _range(volume, colors, names, visible_in)
-    low, high = measured[key]
-    closed = colors.within(low, high, volume.expression_unit(colors.expr))
-    if isinstance(closed, Colormap):
-        return closed
-    return part.replace(**{k: closed for k, given in part.arguments().items() if given is colors})
+def _with_range(medium: Medium, volume: Volume, known: Known) -> Medium:
+    """Return a medium with measured ranges of its colours."""
+    for feature in medium.features():
+        colors = feature.colors
+        if colors is None or not colors.is_open:
+            continue
+        names = list(map(Expression, medium.names))
+        for name in names:
+            volume.check_names(name)
+        measured = known(feature.expr, *names)
+        key = ("colors", medium.visible_key(), colors.positive)
+        if key not in measured:
+            measured[key] = _range(volume, feature, medium)
+        low, high = measured[key]
+        medium = medium.within(low, high, volume.expression_unit(feature.expr))
+    return medium
 
 
-def _range(
-    volume: Volume,
-    colors: ColorBy | Colormap,
-    names: list[Expression],
-    visible_in: Callable[..., Any],
-) -> tuple[float, float]:
+def _range(volume: Volume, feature: Feature, medium: Medium) -> tuple[float, float]:
     """Return the range of nearly all visible values; of all values if none is visible."""
-    positive, expr = colors.range.positive, colors.expr
-    values, sizes, visible = _cells(volume, expr, names, visible_in, positive)
+    assert feature.colors is not None
+    positive, expr = feature.colors.positive, feature.expr
+    values, sizes, visible = _cells(volume, expr, medium, positive)
     if visible.any():
         values, sizes = values[visible], sizes[visible]
     if not len(values):
@@ -141,7 +175,7 @@ def _range(
     kinds = [volume.array(name).dtype for name in expr.names if name in volume]
     kinds = [np.dtype(np.float64), *(kind for kind in kinds if kind.kind == "f")]
     least = _ROUNDINGS * max(float(np.finfo(kind).eps) for kind in kinds)
-    if isinstance(colors, Colormap) and _is_single(values.min(), values.max(), least):
+    if feature.scalar and _is_single(values.min(), values.max(), least):
         where = "wherever it is positive" if positive else "everywhere"
         raise nothing_to_see(expr, float(values[0]), where)
     order = np.argsort(values, kind="stable")
@@ -156,25 +190,23 @@ def _range(
 
 
 def _cells(
-    volume: Volume,
-    expr: Expression,
-    names: list[Expression],
-    visible_in: Callable[..., Any],
-    positive: bool,
+    volume: Volume, expr: Expression, medium: Medium, positive: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
     columns: list[tuple[np.ndarray, ...]] = []
-    for own, *others in zip(*(pieces(volume, e) for e in (expr, *names)), strict=True):
+    samples = (pieces(volume, Expression(one)) for one in (expr.text, *medium.names))
+    for shown, *others in zip(*samples, strict=True):
         fields = {
-            name.text: Interval(one.x - one.reach, one.x + one.reach)
-            for name, one in zip(names, others, strict=True)
+            name: Interval(one.x - one.reach, one.x + one.reach)
+            for name, one in zip(medium.names, others, strict=True)
         }
-        good = np.isfinite(own.x) & ((own.x > 0.0) | (not positive))
+        good = np.isfinite(shown.x) & ((shown.x > 0.0) | (not positive))
         with np.errstate(all="ignore"):
-            visible = np.broadcast_to(visible_in(fields, context), good.shape)
+            visible = np.broadcast_to(medium.visible_in(fields, context), good.shape)
         for one in others:
             visible = visible & np.isfinite(one.x)
-        columns.append((own.x[good], np.broadcast_to(own.volume, good.shape)[good], visible[good]))
+        sizes = np.broadcast_to(shown.volume, good.shape)
+        columns.append((shown.x[good], sizes[good], visible[good]))
     values, sizes, visible = (np.concatenate(column) for column in zip(*columns, strict=True))
     return values, sizes, visible
 

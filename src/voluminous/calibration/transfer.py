@@ -11,14 +11,14 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
 from ..image.lengths import pretty_unit
-from ..media import ColorBy, Colormap, Isosurface, Medium, Table
+from ..media import ColorBy, Medium
+from ..media.context import Colors
 from ..media.modulation import Modulation
-from ..media.profiles import Shaped
 from ..media.sum import with_each
 from ..notebook import png
-from ..units import Unit, is_quantity, parse_unit, plain, unit_name
+from ..units import Unit, plain, unit_name
 from ..volume import Volume
-from .at_values import coefficients, one_path_length, scalar_of, units_of
+from .at_values import coefficients, one_path_length, scalar_of, surfaces, units_of
 from .histogram import is_constant, sampled_values
 from .open_numbers import calibrate, check_volume
 from .samples import measurable, pieces
@@ -39,17 +39,17 @@ _STRIP, _GAP = (48, 360), 6
 
 
 class _Panel:
-    """The range of an expression in which some parts of a medium are drawn."""
+    """The range of an expression in which some components of a medium are drawn."""
 
-    def __init__(self, expr: Expression, parts: list[Medium], volume: Volume | None) -> None:
-        self.expr, self.parts, self.volume = expr, parts, volume
+    def __init__(self, expr: Expression, components: list[Medium], volume: Volume | None) -> None:
+        self.expr, self.components, self.volume = expr, components, volume
+        shown = [colors for component in components if (colors := _colors(component)) is not None]
         if volume is not None:
             self.unit: Unit = volume.expression_unit(expr)
         else:
-            units = (_unit_of(part) for part in parts)
-            self.unit = next((unit for unit in units if unit is not None), None)
+            self.unit = next((c.unit for c in shown if c.unit is not None), None)
         self.values = np.empty(0) if volume is None else sampled_values(volume, expr)
-        spans = [span for part in parts for span in _spans(part, self.unit)]
+        spans = [self._span(component) for component in components if _colors(component)]
         if len(self.values):
             first, last = self.values[[0, -1]]
             # The tail of a shell below all values must not prevent a logarithmic axis.
@@ -59,11 +59,11 @@ class _Panel:
             raise InputError(f"{expr.text} has no finite value in this volume")
         low, high = (float(end) for end in (min(s[0] for s in spans), max(s[1] for s in spans)))
         self.log = not expr.text.startswith("log") and low > 0.0 and high > _WIDE * low
-        if any(isinstance(part, Colormap) and part.range.positive for part in parts):
+        if any(colors.positive for colors in shown):
             positive = [*(s[0] for s in spans if s[0] > 0), *self.values[self.values > 0][:1]]
             low = float(min(positive, default=low))
             self.log = low > 0
-        elif volume is None and not self.log and any(isinstance(p, Isosurface) for p in parts):
+        elif volume is None and not self.log and any(map(surfaces, components)):
             aside = 0.05 * (high - low)  # no line on the edge
             low, high = low - aside, high + aside
         if is_constant(low, high):
@@ -71,16 +71,32 @@ class _Panel:
             low, high = low - aside, high + aside
         self.low, self.high = low, high
 
+    def _span(self, component: Medium) -> tuple[float, float]:
+        """Return the range of values in which a component shows something."""
+        colors = _colors(component)
+        assert colors is not None
+        values = colors.values_in(self.unit)
+        low, high = float(values.min()), float(values.max())
+        if colors.half_width is None:
+            return low, high
+        aside = float(plain(colors.half_width, self.unit, "width"))
+        if surfaces(component):
+            aside = 2.0 * aside or 0.05 * (high - low)
+        else:
+            profile = component.profile(self.unit, lambda: (low, high))
+            end = float(profile[0][-1]) - high if profile else np.inf
+            aside = min(_AROUND * aside, 1.2 * end)
+        return low - aside, high + aside
+
     @property
     def surfaces(self) -> Iterator[tuple[float, Any, float, float]]:
         """Level, colour, opacity and width of each surface."""
-        for part in self.parts:
-            if isinstance(part, Isosurface):
-                width = float(plain(part.width, self.unit, "width"))
-                rows = zip(part.levels, part.colors, part.opacities, strict=True)
-                for level, color, opacity in rows:
-                    shown = np.clip(color, 0.0, 1.0) if len(color) == 3 else None
-                    yield float(plain(level, self.unit, "level")), shown, max(opacity), width
+        for feature in (found for component in self.components for found in surfaces(component)):
+            colors: Any = feature.colors
+            width = 2.0 * float(plain(colors.half_width, self.unit, "width"))
+            levels = colors.values_in(self.unit).tolist()
+            for level, row, opacity in zip(levels, colors.rows, colors.opacities, strict=True):
+                yield level, np.clip(row, 0.0, 1.0) if len(row) == 3 else None, opacity, width
 
     @property
     def label(self) -> str:
@@ -96,37 +112,35 @@ class _Panel:
         return None if self.volume is None else self.volume.expression_unit(expr)
 
     def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Return values, with all at which a part has a corner or a jump, j and α there.
+        """Return values, with all at which a component has a corner or a jump, j and α there.
 
         Gates and colours by other expressions are left out. None for surfaces alone.
         """
-        parts = [part for part in self.parts if not isinstance(part, Isosurface)]
-        if not parts:
+        components = [component for component in self.components if not surfaces(component)]
+        if not components:
             return None
         places = [self.spread(_POINTS)]
-        for part in parts:
-            if isinstance(part, (Shaped, Table)):
-                nodes, _ = part.profile(self.unit, lambda: (self.low, self.high))
+        for component in components:
+            profile = component.profile(self.unit, lambda: (self.low, self.high))
+            if profile is not None:
+                nodes, _ = profile
                 places += [nodes, np.nextafter(nodes, -np.inf), np.nextafter(nodes, np.inf)]
         x = np.unique(np.concatenate(places))
         x = x[(x >= self.low) & (x <= self.high)]
         unit = None if self.volume is None else self.volume.unit
         j, alpha = np.zeros((1, 1)), np.zeros((1, 1))
-        for part in parts:
-            if isinstance(part, (Shaped, Table)) and not part.modulation.fixed:
-                none = Modulation(None, None, part.channels)
-                part = part.changed(modulation=none, names=part.expr.names)
-            own = coefficients(part, {self.expr.text: x}, unit, self.unit_of)
-            j, alpha = j + own[0], alpha + own[1]
+        for component in components:
+            if component.modulation is not None and not component.modulation.fixed:
+                none = Modulation(None, None, component.channels)
+                component = component.changed(modulation=none, names=self.expr.names)
+            more = coefficients(component, {self.expr.text: x}, unit, self.unit_of)
+            j, alpha = j + more[0], alpha + more[1]
         return x, j, alpha
 
     def draw(self, axes: Axes, medium: Medium) -> None:
-        gates = {
-            f"where {part.modulation.where.text}": None
-            for part in self.parts
-            if part.modulation and part.modulation.where
-        }
-        paints = [paint for part in self.parts if (paint := _paint(part))]
+        modulations = [c.modulation for c in self.components if c.modulation]
+        gates = {f"where {one.where.text}": None for one in modulations if one.where}
+        paints = [one.color for one in modulations if one.color]
         titles = (*gates, *dict.fromkeys(f"color by {paint.expr.text}" for paint in paints))
         self.draw_axis(axes, "; ".join(titles))
         names, units = ("emission of one path length", "its optical depth α"), (None, None)
@@ -187,11 +201,11 @@ def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
         axes = list(figure.subplots(count, 1, squeeze=False)[:, 0])
     else:
         axes = list(divided(ax, count, share=False))
-    for panel, own in zip(panels, axes, strict=False):
-        panel.draw(own, medium)
-    for (part, name), own in zip(several, axes[len(panels) :], strict=True):
+    for panel, place in zip(panels, axes, strict=False):
+        panel.draw(place, medium)
+    for (component, name), place in zip(several, axes[len(panels) :], strict=True):
         assert volume is not None  # else `_panels` refuses
-        _draw_medians(own, part, name, volume)
+        _draw_medians(place, component, name, volume)
     return axes[0] if count == 1 else np.array(axes, dtype=object)
 
 
@@ -207,21 +221,20 @@ def swatch(medium: Medium) -> bytes | None:
     except Exception:  # anybody's medium may raise anything
         return None
     gap = np.ones((_GAP, _STRIP[1], 3))
-    rows = [part for strip in strips for part in (strip, gap)][:-1]
+    rows = [row for strip in strips for row in (strip, gap)][:-1]
     return png(np.concatenate(rows[::-1]))
 
 
 def swatch_title(medium: Medium) -> str:
     """Return the expressions and ranges of the strips of a swatch."""
     panels, _ = _panels(with_each(medium, _closed), None)
+    is_open = {
+        f.expr for f in medium.known_features() if f.scalar and f.colors and f.colors.is_open
+    }
     titles = []
     for panel in panels:
         span = f"{panel.low:.4g} … {panel.high:.4g}{' (logarithmic)' * panel.log}"
-        is_open = any(
-            isinstance(part, Colormap) and part.range.is_open and part.expr == panel.expr
-            for part in medium.components()
-        )
-        titles.append(f"{panel.label}: {'as in a volume' if is_open else span}")
+        titles.append(f"{panel.label}: {'as in a volume' if panel.expr in is_open else span}")
     return "; ".join(titles)
 
 
@@ -251,51 +264,36 @@ def _strip(panel: _Panel) -> np.ndarray:
 
 
 def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[tuple[Medium, str]]]:
-    """Return a panel for each expression; parts of several fields, with each of these."""
+    """Return a panel for each expression; components of several fields, with each of these."""
     groups: dict[str, list[Medium]] = {}
     several: list[tuple[Medium, str]] = []
-    for part in medium.components():
-        scalar = scalar_of(part)
-        known = isinstance(part, (Shaped, Table, Isosurface))
-        if scalar is not None and (known or (volume is not None and len(part.names) == 1)):
-            groups.setdefault(scalar.text, []).append(part)
+    for component in medium.components():
+        scalar, names = scalar_of(component), component.names
+        if scalar is not None and (
+            _colors(component) is not None or (volume is not None and len(names) == 1)
+        ):
+            groups.setdefault(scalar.text, []).append(component)
         elif volume is None:
-            raise InputError(f"how {part!r} looks depends on a volume: medium.plot(volume)")
-        elif not part.names:
-            raise InputError(f"{part!r} looks at no field: it is the same everywhere")
+            raise InputError(f"how {component!r} looks depends on a volume: medium.plot(volume)")
+        elif not names:
+            raise InputError(f"{component!r} looks at no field: it is the same everywhere")
         else:
-            fields = [name for name in part.names if name not in volume.coordinates]
-            several += [(part, name) for name in fields or part.names]
-    return [_Panel(Expression(text), parts, volume) for text, parts in groups.items()], several
+            fields = [name for name in names if name not in volume.coordinates]
+            several += [(component, name) for name in fields or names]
+    panels = [_Panel(Expression(text), group, volume) for text, group in groups.items()]
+    return panels, several
 
 
-def _closed(part: Medium) -> Medium:
-    if isinstance(part, Colormap) and part.range.is_open:
-        part = part.within(*((1.0, 10.0) if part.range.positive else (0.0, 1.0)), None)
-    return one_path_length(part)
+def _colors(component: Medium) -> Colors | None:
+    """Return the colours at values of the scalar of a component."""
+    found = (f.colors for f in component.features() if f.scalar and f.colors is not None)
+    return next(found, None)
 
 
-def _unit_of(part: Medium) -> Unit:
-    if isinstance(part, Table):
-        return part.unit
-    given: Any = part.levels[0] if isinstance(part, Isosurface) else None
-    given = part.center if isinstance(part, Shaped) else given
-    return parse_unit(given.unit) if is_quantity(given) else None
-
-
-def _spans(part: Medium, unit: Unit) -> list[tuple[float, float]]:
-    if isinstance(part, Shaped):
-        center, width = (float(plain(value, unit, "center")) for value in (part.center, part.width))
-        aside = width * min(_AROUND, 1.2 * float(part.profile_places[-1]))
-        return [(center - aside, center + aside)]
-    if isinstance(part, Table):
-        values = part.values if part.unit is None else plain(part.values * part.unit, unit, "x")
-        return [(float(values[0]), float(values[-1]))]
-    if isinstance(part, Isosurface):
-        levels = [float(plain(level, unit, "level")) for level in part.levels]
-        aside = float(plain(part.width, unit, "width")) or 0.05 * float(np.ptp(levels))
-        return [(min(levels) - aside, max(levels) + aside)]
-    return []
+def _closed(component: Medium) -> Medium:
+    for colors in [f.colors for f in component.features() if f.colors and f.colors.is_open]:
+        component = component.within(*((1.0, 10.0) if colors.positive else (0.0, 1.0)), None)
+    return one_path_length(component)
 
 
 def _draw_lines(
@@ -344,33 +342,28 @@ def _fill(axes: Axes, x: np.ndarray, j: np.ndarray) -> None:
         mesh.set_clip_path(area.get_paths()[0], axes.transData)
 
 
-def _draw_medians(axes: Axes, part: Medium, name: str, volume: Volume) -> None:
+def _draw_medians(axes: Axes, component: Medium, name: str, volume: Volume) -> None:
     """Draw medians of j and α in bins of a field, for a medium that depends on others, too."""
-    names = list(dict.fromkeys((*part.names, name)))
+    names = list(dict.fromkeys((*component.names, name)))
     step = max(1, volume.grid.size // _CELLS)
-    table = np.array(
-        [
-            np.concatenate([piece.x.ravel()[::step] for piece in pieces(volume, Expression(own))])
-            for own in names
-        ]
-    )
+    columns = [
+        np.concatenate([cells.x.ravel()[::step] for cells in pieces(volume, Expression(one))])
+        for one in names
+    ]
+    table = np.array(columns)
     fields = dict(zip(names, table[:, np.all(np.isfinite(table), axis=0)], strict=True))
     panel = _Panel(Expression(name), [], volume)
-    j, alpha = coefficients(part, fields, volume.unit, volume.expression_unit)
+    j, alpha = coefficients(component, fields, volume.unit, volume.expression_unit)
     rows = np.concatenate([fields[name][None], j, np.atleast_2d(alpha)])
     place = np.digitize(fields[name], panel.spread(_COARSE + 1)[1:-1])
     bins = [rows[:, place == k] for k in range(_COARSE)]
-    medians = np.stack([np.median(own, axis=1) for own in bins if own.size], axis=1)
-    others = ", ".join(own for own in names if own != name)
+    medians = np.stack([np.median(values, axis=1) for values in bins if values.size], axis=1)
+    others = ", ".join(other for other in names if other != name)
     panel.draw_axis(axes, f"median of cells, which differ in {others}")
-    labels = [*map(_labelled, ("emissivity j", "extinction α"), units_of(part, volume))]
-    split = part.channels + 1
+    labels = [*map(_labelled, ("emissivity j", "extinction α"), units_of(component, volume))]
+    split = component.channels + 1
     _draw_lines(axes, medians[0], medians[1:split], medians[split:], labels)
     axes.legend(fontsize="small", framealpha=0.7)
-
-
-def _paint(part: Medium) -> ColorBy | None:
-    return part.modulation.color if part.modulation else None
 
 
 def _labelled(name: str, unit: Unit) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,12 +27,6 @@ Spans = Callable[[str, str], "Span | None"]
 
 # Far beyond white: full brightness with the hue unchanged.
 _BRIGHT = 1e6
-# Kind of shell → key of its centre, key of its width, half width in units of that width.
-_SHELLS = {
-    "gaussian": ("center", "sigma", 1.0),
-    "rectangle": ("center", "half_width", 1.0),
-    "isosurface": ("level", "width", 0.5),
-}
 _ENTRIES = 512
 # Minimum half width of a shell, as a fraction of the bar.
 _THIN = 0.006
@@ -73,27 +67,25 @@ class Scale:
 def scales_of(
     image: Image,
     options: dict[str, Any],
-    described: dict[str, Any] | None = None,
+    colors: Sequence[dict[str, Any]] | None = None,
     fields: FieldValues | None = None,
 ) -> list[Scale]:
     """Return the colour bar of the single channel shown, or else those of the medium.
 
-    `described` is ``medium.describe()``, by default that in the image's provenance.
+    `colors` are ``medium.color_bars()``, by default those in the image's provenance.
     """
     how = image.provenance or {}
     if shows_one_channel(image, options):
         shown = one_channel(image, **options)
         label = labelled(quantity_name(image), pretty_unit(image.intensity_unit))
         return [Scale(label, shown["norm"], shown["cmap"], unit=image.intensity_unit)]
-    described = how.get("medium") if described is None else described
-    if not isinstance(described, dict):
-        return []
+    colors = how.get("color_bars", ()) if colors is None else colors
     if fields is None:
         known = (how.get("volume") or {}).get("fields", {})
         units: Mapping[str, str] = {n: str(field.get("unit", "")) for n, field in known.items()}
     else:
         units = fields.volume.units
-    scales = of_medium(described, options, None if fields is None else fields.span)
+    scales = of_medium(colors, options, None if fields is None else fields.span)
     for scale in scales:
         scale.label = _with_units(scale, units)
     return scales
@@ -126,26 +118,25 @@ def _with_units(scale: Scale, units: Mapping[str, str]) -> str:
 
 
 def of_medium(
-    described: dict[str, Any], options: dict[str, Any], spans: Spans | None = None
+    colors: Sequence[dict[str, Any]], options: dict[str, Any], spans: Spans | None = None
 ) -> list[Scale]:
-    """Return the colour bars of a described medium; none unless it is a function of a scalar.
+    """Return the colour bars of a medium, from its `Medium.color_bars`: shells first.
 
     ``spans(expr, unit)`` gives the range of an expression's values, or None.
     """
-    parts = described.get("parts", [described])
     shells: dict[str, list[dict[str, Any]]] = {}
-    for part in parts:
-        if part.get("type") in _SHELLS:
-            shells.setdefault(part["expr"], []).append(part)
-    scales = [_of_shells(expr, own, options, spans) for expr, own in shells.items()]
-    for part in parts:
-        kind, colors = part.get("type"), part.get("color", part.get("colors"))
-        if kind == "table" and "expr" in part and isinstance(part["colors"], list):
-            scales.append(_of_table(part, options))
-        for own in (part if kind == "colormap" else None, colors):
-            if isinstance(own, dict) and (scale := _of_colormap(own, options)) is not None:
-                scales.append(scale)
-    return list({scale.label: scale for scale in scales}.values())
+    for bar in colors:
+        if "half_width" in bar:
+            shells.setdefault(bar["expr"], []).append(bar)
+    scales: list[Scale | None] = [
+        _of_shells(expr, bars, options, spans) for expr, bars in shells.items()
+    ]
+    scales += [
+        (_of_colormap if "cmap" in bar else _of_table)(bar, options)
+        for bar in colors
+        if "half_width" not in bar
+    ]
+    return list({scale.label: scale for scale in scales if scale is not None}.values())
 
 
 def _number(given: float | str, expr: str = "") -> tuple[float, str]:
@@ -182,31 +173,25 @@ def _displayed(rows: Any, options: dict[str, Any], exposure: float) -> np.ndarra
 
 
 def _of_shells(
-    expr: str, parts: list[dict[str, Any]], options: dict[str, Any], spans: Spans | None
+    expr: str, bars: list[dict[str, Any]], options: dict[str, Any], spans: Spans | None
 ) -> Scale:
     from matplotlib.colors import ListedColormap
 
     shells: list[tuple[float, float, Any]] = []
     unit = None
-    for part in parts:
-        place, extent, half = _SHELLS[part["type"]]
-        width, width_unit = _number(part[extent])
+    for bar in bars:
+        width, width_unit = _number(bar["half_width"])
         width_unit = "" if "dex" in width_unit else width_unit  # a difference of logarithms
-        several = isinstance(part[place], list)
-        centers = part[place] if several else [part[place]]
-        colors = part["color"]
-        rows = colors if several and isinstance(colors, list) else [colors] * len(centers)
-        for given, color in zip(centers, rows, strict=True):
-            center, own = _number(given, expr)
-            unit = own if unit is None else unit
-            halved = _converted(half * width, width_unit, unit)
-            color = np.atleast_1d(np.ones(3) if isinstance(color, dict) else color)
-            shells.append((_converted(center, own, unit), halved, color))
+        for given, color in zip(bar["values"], bar["colors"], strict=True):
+            center, given_unit = _number(given, expr)
+            unit = given_unit if unit is None else unit
+            half_width = _converted(width, width_unit, unit)
+            shells.append((_converted(center, given_unit, unit), half_width, color))
     center, width = np.array([shell[:2] for shell in shells]).T
     # Each colour at full brightness: only the hue distinguishes them.
-    own_colors = np.array([shell[2] for shell in shells], dtype=float)
-    most = np.abs(own_colors).max(axis=1, keepdims=True)
-    shown = _displayed(own_colors / np.where(most > 0, most, 1.0), options, _BRIGHT)
+    rows = np.array([shell[2] for shell in shells], dtype=float)
+    most = np.abs(rows).max(axis=1, keepdims=True)
+    shown = _displayed(rows / np.where(most > 0, most, 1.0), options, _BRIGHT)
     norm = _shell_norm(center, width, None if spans is None else spans(expr, unit or ""))
     # Bands around the centres, transparent between them.
     along = (np.arange(_ENTRIES) + 0.5) / _ENTRIES
@@ -216,8 +201,8 @@ def _of_shells(
     strength = np.exp(-0.5 * np.ma.filled(offset, np.inf) ** 2)
     total = strength.sum(axis=1, keepdims=True)
     mixed = strength @ shown / np.maximum(total, np.finfo(float).tiny)
-    bar = ListedColormap(np.concatenate([mixed, np.minimum(total, 1.0)], axis=1))
-    return Scale(labelled(expr, pretty_unit(unit or "")), norm, bar, expr, unit or "")
+    bands = ListedColormap(np.concatenate([mixed, np.minimum(total, 1.0)], axis=1))
+    return Scale(labelled(expr, pretty_unit(unit or "")), norm, bands, expr, unit or "")
 
 
 def _shell_norm(center: np.ndarray, width: np.ndarray, span: Span | None) -> Normalize:
@@ -240,32 +225,35 @@ def _shell_norm(center: np.ndarray, width: np.ndarray, span: Span | None) -> Nor
     return _norm_of(float(low), float(high), logarithmic)
 
 
-def _of_table(part: dict[str, Any], options: dict[str, Any]) -> Scale:
+def _of_table(bar: dict[str, Any], options: dict[str, Any]) -> Scale:
     from matplotlib.colors import ListedColormap
 
-    values, rows = np.array(part["values"], dtype=float), np.array(part["colors"], dtype=float)
+    expr, rows = bar["expr"], np.array(bar["colors"], dtype=float)
+    numbers, units = zip(*(_number(value, expr) for value in bar["values"]), strict=True)
+    values = np.array(numbers)
     logarithmic = bool(values[0] > 0 and values[-1] > _DECADES**2 * values[0])
     norm = _norm_of(values[0], values[-1], logarithmic)
     # Exposed so that the brightest entry is white.
     colors = _displayed(rows / (float(np.abs(rows).max()) or 1.0), options, 1.0)
     places, grid = np.asarray(norm(values), dtype=float), np.linspace(0.0, 1.0, _ENTRIES)
-    bar = np.stack([np.interp(grid, places, channel) for channel in colors.T], axis=1)
-    return Scale(part["expr"], norm, ListedColormap(bar), part["expr"])
+    table = np.stack([np.interp(grid, places, channel) for channel in colors.T], axis=1)
+    label = labelled(expr, pretty_unit(units[0]))
+    return Scale(label, norm, ListedColormap(table), expr, units[0])
 
 
-def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
-    """Return a colormap over its range; None if its norm or its name is unknown."""
+def _of_colormap(bar: dict[str, Any], options: dict[str, Any]) -> Scale | None:
+    """Return a colormap over its range; None if its norm, name or range is unknown."""
     from matplotlib.colors import ListedColormap
 
     try:
-        colormap, logarithmic = get_colormap(part["cmap"]), _NORMS[part.get("norm")]
+        colormap, logarithmic = get_colormap(bar["cmap"]), _NORMS[bar.get("norm")]
+        (low, unit), (high, other) = (_number(bar[end], bar["expr"]) for end in ("vmin", "vmax"))
     except (KeyError, UnknownNameError):
         return None
-    (low, unit), (high, other) = (_number(part[v], part["expr"]) for v in ("vmin", "vmax"))
     norm = _norm_of(low, _converted(high, other, unit), logarithmic)
     rows = colormap(np.linspace(0.0, 1.0, _ENTRIES))[:, :3]
-    bar = ListedColormap(_displayed(rows, options, 1.0))
-    return Scale(labelled(part["expr"], pretty_unit(unit)), norm, bar, part["expr"], unit)
+    table = ListedColormap(_displayed(rows, options, 1.0))
+    return Scale(labelled(bar["expr"], pretty_unit(unit)), norm, table, bar["expr"], unit)
 
 
 class FieldValues:

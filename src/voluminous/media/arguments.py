@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,11 @@ from ..errors import InputError, UnknownNameError
 from ..expressions import Expression
 from ..units import as_given, is_quantity, parse_unit, plain, split_text, unit_name, unit_of
 from ..value import Value
+
+if TYPE_CHECKING:
+    from ..evaluation import Evaluation
+
+V = TypeVar("V", bound=Value)
 
 
 def described(thing: Value) -> dict[str, Any]:
@@ -43,6 +48,21 @@ def described(thing: Value) -> dict[str, Any]:
             value = value[0]
         result[name] = _described(float(value) if isinstance(default, float) else value)
     return result
+
+
+def with_plain_expressions(thing: V, volume: Evaluation) -> V:
+    """Return a value whose expressions are plain numbers of a volume's fields; those in it, too."""
+    changes: dict[str, Any] = {}
+    for name, given in thing.arguments().items():
+        new = given
+        if isinstance(given, Value):
+            new = with_plain_expressions(given, volume)
+        elif name in ("expr", "where") and given is not None:
+            given = Expression(given)
+            new = volume.without_units(given)
+        if new is not given:
+            changes[name] = new
+    return thing.replace(**changes) if changes else thing
 
 
 def _described(value: Any) -> Any:

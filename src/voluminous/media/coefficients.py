@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float, Mask
 from ..errors import InputError, UnitsError
-from ..expressions import Expression
+from ..expressions import Expression, times
 from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
 from ..units import Unit, parse_unit, unit_name
@@ -22,6 +22,7 @@ from .jumps import SENSITIVITY, Jump
 from .panel import extremes, in_box, kept
 
 if TYPE_CHECKING:
+    from ..evaluation import Evaluation
     from .panel import Panel
 
 
@@ -164,6 +165,28 @@ class Coefficients(Medium):
         extinction = self.extinction if self.grey else self.extinction[part]
         return self.replace(emissivity=self.emissivity[part], extinction=extinction)
 
+    def plain(self, volume: Evaluation, emission: Unit = None) -> Coefficients:
+        resolved = [volume.resolved(e) for e in self.emissivity]
+        units = (emission, *(unit for _, unit in resolved))
+        wanted = next((unit for unit in units if unit is not None), None)
+        j = [_emission_in(e, unit, wanted) for e, unit in resolved]
+        alpha = [_extinction_in(*volume.resolved(e), volume.unit) for e in self.extinction]
+        before = (*self.emissivity, *self.extinction)
+        same = all(new is old for new, old in zip((*j, *alpha), before, strict=True))
+        return self if same else self.replace(emissivity=j, extinction=alpha)
+
+    def length_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        units = (unit_of(e) for e in self.extinction)
+        unit = next((unit for unit in units if unit is not None), None)
+        return None if unit is None else unit**-1
+
+    def scaled(self, factor: float) -> Coefficients:
+        j, alpha = ([f"{factor!r} * ({e.text})" for e in every] for every in self._expressions())
+        return Coefficients(j, alpha)
+
+    def _expressions(self) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
+        return self.emissivity, self.extinction
+
     def intensity_unit(self, context: Context) -> Any:
         units = (context.unit_of(e) for e in self.emissivity)
         unit = next((unit for unit in units if unit is not None), None)
@@ -202,6 +225,35 @@ def _on_one_side(
     pieces, sides = on_one_side(expressions)
     count = sum(len(side.condition.margins()) for side in sides)
     return (pieces, sides) if count <= _MOST_EDGES else (expressions, ())
+
+
+def _times(expression: Expression, factor: float, own: Unit, unit: Unit) -> Expression:
+    change = parse_unit((unit or 1) / (own or 1))
+    return expression if change is None else times(expression, factor, change)
+
+
+def _emission_in(expression: Expression, own: Unit, unit: Unit) -> Expression:
+    if own == unit or expression == Expression(0):
+        return expression
+    from astropy import units as u
+
+    plain = u.dimensionless_unscaled
+    try:
+        return _times(expression, float((own or plain).to(unit or plain)), own, unit)
+    except (u.UnitsError, TypeError) as error:
+        raise UnitsError(
+            f"emissivity {expression.text!r} is in {unit_name(own) or 'plain numbers'}, expected "
+            f"{unit_name(unit) or 'a plain number'}; emissivities of all channels need units of "
+            "one kind"
+        ) from error
+
+
+def _extinction_in(expression: Expression, own: Unit, length: Unit) -> Expression:
+    unit = None if length is None else parse_unit(length**-1)
+    if own is None or own == unit or expression == Expression(0):
+        return expression
+    factor = per_length(own, length, f"extinction {expression.text!r}")
+    return _times(expression, factor, own, unit)
 
 
 def per_length(unit: Unit, length: Unit, subject: str) -> float:

@@ -18,7 +18,7 @@ from ..expressions.traced_interval import TracedInterval
 from ..units import Unit, plain, unit_of
 from ..value import Value
 from .arguments import channel_values, described, named, scalar, whole_number
-from .context import Context
+from .context import Colors, Context, Feature
 from .piecewise_linear import PiecewiseLinear
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ SAMPLES = 256
 _MOST_SAMPLES = 1 << 16
 
 
-class ColorScale:
+class ColorScale(Colors):
     """Colours of a matplotlib colormap at increasing values; constant beyond both ends.
 
     Ends of the range that are not given are open, to be measured later (`closed`). Before, `values`
@@ -40,7 +40,7 @@ class ColorScale:
     ----------
     position, values : array, shape (samples,)
         Places in the map from 0 to 1, and the values that map there, in `unit`.
-    rgb : array, shape (samples, 3)
+    rows : array, shape (samples, 3)
         Red, green and blue there, from 0 to 1.
     """
 
@@ -52,14 +52,15 @@ class ColorScale:
             for what, given in (("vmin", vmin), ("vmax", vmax))
         )
         self.position = self.values = np.linspace(0.0, 1.0, self.samples)
-        self.rgb = mapped_colors(get_colormap(cmap), self.position)
+        self.rows = mapped_colors(get_colormap(cmap), self.position)
         self.is_open = self.vmin is None or self.vmax is None
-        self.unit: Unit = None
+        self.positive = norm == "log" or type(norm).__name__ == "LogNorm"
+        self._unit: Unit = None
         if self.is_open:
             named_only = norm is None or isinstance(norm, str)
             _norm(norm, *((1.0, 2.0) if named_only else (self.vmin, self.vmax)))
             return
-        self.unit = unit_of(self.vmin) or unit_of(self.vmax)
+        self._unit = unit_of(self.vmin) or unit_of(self.vmax)
         low, high = plain(self.vmin, self.unit, "vmin"), plain(self.vmax, self.unit, "vmax")
         if not low < high:
             raise InputError(f"vmin must be below vmax, got {self.vmin} and {self.vmax}")
@@ -74,17 +75,13 @@ class ColorScale:
         self.values[0], self.values[-1] = low, high
 
     @property
-    def positive(self) -> bool:
-        """Whether only positive values have colours."""
-        return self.norm == "log" or type(self.norm).__name__ == "LogNorm"
+    def unit(self) -> Unit:
+        return self._unit
 
-    def nodes(self, context: Context, expr: Expression) -> np.ndarray:
-        """Return the values of the entries in the unit of an expression."""
+    def values_in(self, unit: Unit) -> np.ndarray:
         self.measured()
-        if self.unit is None:
-            return self.values
-        values = plain(self.values * self.unit, context.unit_of(expr), "vmin")
-        return np.ascontiguousarray(values)
+        values = self.values if self.unit is None else self.values * self.unit
+        return np.ascontiguousarray(plain(values, unit, "vmin"))
 
     def measured(self) -> ColorScale:
         """Return it; raise InputError if an end of the range is open."""
@@ -105,7 +102,7 @@ class ColorScale:
     def key(self) -> tuple[Any, ...]:
         """Return all numbers."""
         self.measured()
-        return (self.values.tobytes(), self.rgb.tobytes(), str(self.unit))
+        return (self.values.tobytes(), self.rows.tobytes(), str(self.unit))
 
     def describe(self) -> dict[str, Any]:
         """Return colormap, range and norm as plain values, without open ends."""
@@ -216,6 +213,11 @@ class ColorBy(Value):
         self.names = self.expr.names
 
     @property
+    def feature(self) -> Feature:
+        """The expression, with its colours."""
+        return Feature(self.expr, colors=self.range)
+
+    @property
     def scale(self) -> ColorScale:
         """The colours over their range; an InputError if that has not been measured."""
         return self.range.measured()
@@ -227,14 +229,14 @@ class ColorBy(Value):
     def colors(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
         x = context.evaluate(self.expr, fields)
-        return [*map(_or_black, context.interpolate(x, self.nodes(context), [*self.range.rgb.T]))]
+        return [*map(_or_black, context.interpolate(x, self.nodes(context), [*self.range.rows.T]))]
 
     def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue on a ray, in the type that integrals are computed with."""
         x = context.narrow(context.evaluate(self.expr, fields))
         table = context.keep(
             (id(self), "table"),
-            lambda: PiecewiseLinear(type(x), self.nodes(context), self.range.rgb),
+            lambda: PiecewiseLinear(type(x), self.nodes(context), self.range.rows),
         )
         return [_or_black(value) for value in table.values(x)]
 
@@ -255,7 +257,7 @@ class ColorBy(Value):
 
     def nodes(self, context: Context) -> np.ndarray:
         """Return the values of the colormap's entries in the unit of the expression."""
-        return self.range.nodes(context, self.expr)
+        return self.range.values_in(context.unit_of(self.expr))
 
     def __repr__(self) -> str:
         return f"ColorBy({', '.join(f'{k}={v!r}' for k, v in self.describe().items())})"

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ..backend.types import Mask
 from ..errors import InputError
+from ..expressions.interval import Interval
 from ..units import Unit
 from .arguments import check_plain
 from .color_by import SAMPLES, ColorScale
@@ -70,7 +72,7 @@ class Colormap(Table):
         super().__init__(
             expr,
             scale.values if scale.unit is None else scale.values * scale.unit,
-            scale.rgb * alpha[:, None],
+            scale.rows * alpha[:, None],
             alpha,
             path_length,
             where=where,
@@ -81,6 +83,18 @@ class Colormap(Table):
     def within(self, low: float, high: float, unit: Unit) -> Colormap:
         """Return it with numbers for the open ends of the range, in the unit of the expression."""
         return self.replace(**self.range.closed(low, high, unit))
+
+    def _scale(self) -> ColorScale:
+        return self.range
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
+        """Return where it may be noticeable; where the gate may be open, before it has a range."""
+        if self.range.is_open:
+            return self.modulation.visible_in(fields, context)
+        return super().visible_in(fields, context)
+
+    def visible_key(self) -> Any:
+        return self.modulation.gate_key() if self.range.is_open else super().visible_key()
 
     def nodes(self, context: Context) -> np.ndarray:
         self.range.measured()

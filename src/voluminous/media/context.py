@@ -12,7 +12,7 @@ from ..backend import dr
 from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.drjit_ops import interpolate
-from ..units import Unit
+from ..units import Unit, described, plain, unit_of
 
 T = TypeVar("T")
 
@@ -54,18 +54,61 @@ class Halves:
     error: MediumSample
 
 
+@dataclass(eq=False)
+class Colors:
+    """The colours of a medium at values of an expression, for plots and colour bars.
+
+    Attributes
+    ----------
+    values : array_like or Quantity, shape (n,)
+        Values of the expression.
+    rows : array_like, shape (n, channel)
+        Emission there.
+    half_width : float or Quantity, optional
+        Half the width of a shell around each value. None: the colours in between are interpolated.
+    opacities : sequence of float, optional
+        What a crossing of each value takes away, of a surface; None for other media.
+    is_open : bool
+        The range of values is measured in a volume (`Medium.within`).
+    positive : bool
+        Only positive values have colours.
+    """
+
+    values: Any
+    rows: Any
+    half_width: Any = None
+    opacities: Sequence[float] | None = None
+    is_open: bool = False
+    positive: bool = False
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of the values, if they have one."""
+        return unit_of(self.values)
+
+    def values_in(self, unit: Unit) -> np.ndarray:
+        """Return the values as numbers in a unit."""
+        return np.asarray(plain(self.values, unit, "values"))
+
+    def describe(self) -> dict[str, Any]:
+        """Return what a colour bar shows, as plain values."""
+        shell = {} if self.half_width is None else {"half_width": described(self.half_width)}
+        return {"values": described(self.values), "colors": described(self.rows), **shell}
+
+
 @dataclass(frozen=True)
 class Feature:
     """An expression that a medium evaluates.
 
     `width` is the smallest difference of its values that matters, for example a shell's width; 0 if
     unknown. It decides whether single precision is sufficient along rays. `scalar`: `Medium.means`
-    interpolates it linearly and needs no fields inside a panel.
+    interpolates it linearly and needs no fields inside a panel. `colors`: what shows at its values.
     """
 
     expr: Expression
     width: Any = 0.0
     scalar: bool = False
+    colors: Colors | None = None
 
 
 def no_unit(expression: Expression) -> None:

@@ -12,13 +12,15 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.types import Float, Mask
+from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import picture
 from ..packages import room
 from ..units import Unit
+from ..units import unit_of as unit_of_value
 from ..value import Value
-from .arguments import described
+from .arguments import described, with_plain_expressions
 from .context import Context, Feature, Halves, MediumSample, no_unit
 from .panel import NODES, PLACES, kept
 from .quadrature import doubled, simpson, with_values
@@ -27,6 +29,7 @@ from .ranges import Bounds, RangeContext, intervals
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from ..evaluation import Evaluation
     from ..volume import Volume
     from .jumps import Jump
     from .modulation import Modulation
@@ -308,13 +311,53 @@ class Medium(Value):
 
     def profile(
         self, unit: Unit, extent: Callable[[], tuple[float, float]]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the medium as a function of its only scalar, in `unit`: nodes and heights.
 
         Linear in between, zero outside, in any unit; two equal nodes make a jump. `extent` returns
-        the scalar's least and greatest value in the volume, for profiles without an end.
+        the scalar's least and greatest value in the volume, for profiles without an end. Default:
+        None, which is for media without a path length.
         """
-        raise NotImplementedError
+        return None
+
+    def plain(self, volume: Evaluation, emission: Unit = None) -> Medium:
+        """Return it with expressions that are plain numbers of a volume's fields.
+
+        `emission` is the unit of its emissivity, where that can be converted; default: as it is.
+        """
+        return with_plain_expressions(self, volume)
+
+    def length_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        """Return the unit of length in which it is given, if any: that of its path length."""
+        return unit_of_value(self.path_length)
+
+    def scaled(self, factor: float) -> Medium:
+        """Return it with emission and extinction multiplied by a factor, from 0 to 1.
+
+        Default: a path length over that factor.
+        """
+        if self.path_length is None:
+            raise InputError(f"{type(self).__name__} cannot fade; write it with expressions")
+        if isinstance(self.path_length, str):
+            raise InputError(
+                "a medium that fades needs a path length; write medium.calibrated(volume)"
+            )
+        return self.replace(path_length=self.path_length / factor)
+
+    def within(self, low: float, high: float, unit: Unit) -> Medium:
+        """Return it with a measured range of its colours: numbers in a unit for the open ends."""
+        color = self.modulation and self.modulation.color
+        given = self.arguments().items()
+        changes = {k: color.within(low, high, unit) for k, value in given if value is color}
+        return self.replace(**changes)
+
+    def color_bars(self) -> list[dict[str, Any]]:
+        """Return what its colour bars show, as plain values: one for each expression with colours.
+
+        Values, and the colours of all channels there or the name of a colormap.
+        """
+        shown = ((f.expr.text, f.colors) for f in self.known_features())
+        return [{"expr": text, **colors.describe()} for text, colors in shown if colors]
 
     def components(self) -> tuple[Medium, ...]:
         """Return the media this one is the sum of."""

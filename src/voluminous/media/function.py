@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..expressions import Expression
+from ..errors import InputError, UnitsError
+from ..expressions import Expression, without_unit
 from ..expressions.symbols import read
-from ..units import parse_unit, unit_name
+from ..units import Unit, parse_unit, unit_name
 from .arguments import whole_number
-from .coefficients import Coefficients
+from .coefficients import Coefficients, per_length
 from .context import Context, MediumSample
 from .contract import Medium
 from .sum import with_each
+
+if TYPE_CHECKING:
+    from ..evaluation import Evaluation
 
 
 class Formulas(Coefficients):
@@ -53,9 +56,6 @@ class Formulas(Coefficients):
     def describe(self) -> dict[str, Any]:
         return self.function.describe()
 
-    def _expressions(self) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
-        return self.emissivity, self.extinction
-
 
 def with_formulas(medium: Medium) -> Medium:
     """Return a medium with its functions replaced by formulas, where these can be read.
@@ -66,6 +66,10 @@ def with_formulas(medium: Medium) -> Medium:
 
 
 _MOST_CHANNELS = 4096
+_DECLARE = (
+    "{} gets plain numbers in the units of its fields; say what it returns: "
+    "from_function(..., units=('erg/(s cm3)', '1/cm')), the units of emissivity and extinction"
+)
 
 
 class Function(Medium):
@@ -174,6 +178,41 @@ class Function(Medium):
         """Its name in messages."""
         return f"the function {getattr(self.function, '__name__', 'given')!r} of the medium"
 
+    def plain(self, volume: Evaluation, emission: Unit = None) -> Medium:
+        inputs, units = zip(*(volume.resolved(e) for e in self.inputs), strict=True)
+        function = self
+        if any(new is not old for new, old in zip(inputs, self.inputs, strict=True)):
+            function = self.replace(fields=inputs)
+        if self.units is not None:
+            return function._in_declared_units(units, volume)
+        if all(unit is None for unit in units):
+            return function
+        formulas = function.formulas()
+        try:
+            if formulas is not None:
+                return formulas.plain(volume)
+        except UnitsError as error:
+            raise UnitsError(f"{error}; {_DECLARE.format(self.title)}") from error
+        raise UnitsError(
+            f"{self.title} cannot be read, so the units of what it returns are not known; "
+            + _DECLARE.format("it")
+        )
+
+    def _in_declared_units(self, units: Sequence[Unit], volume: Evaluation) -> Function:
+        emission, extinction = self.units or (None, None)
+        factor = per_length(extinction, volume.unit, f"the extinction of {self.title}")
+        return self.replace(
+            fields=[without_unit(e, u, e.text) for e, u in zip(self.inputs, units, strict=True)],
+            function=_Scaled(self.function, factor),
+            units=(emission, None),
+        )
+
+    def length_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        if self.units is not None:
+            return None if self.units[1] is None else self.units[1] ** -1
+        formulas = self.formulas()
+        return None if formulas is None else formulas.length_unit(unit_of)
+
     def intensity_unit(self, context: Context) -> Any:
         unit = None if self.units is None else self.units[0]
         return unit if unit is None or context.unit is None else unit * context.unit
@@ -185,6 +224,24 @@ class Function(Medium):
         name = getattr(self.function, "__qualname__", repr(self.function))
         units = {} if self.units is None else {"units": [unit_name(unit) for unit in self.units]}
         return {**super().describe(), "function": name, **units}
+
+
+class _Scaled:
+    """A function whose extinction is multiplied by a number."""
+
+    def __init__(self, function: Any, factor: float) -> None:
+        self.function, self.factor = function, factor
+        self.__name__ = getattr(function, "__name__", "given")
+        self.__qualname__ = getattr(function, "__qualname__", repr(function))
+
+    def __call__(self, *values: Any, **parameters: Any) -> Any:
+        result = self.function(*values, **parameters)
+        if not isinstance(result, tuple) or len(result) != 2:
+            return result  # which is refused
+        j, alpha = result
+        if isinstance(alpha, (list, tuple)):
+            return j, [a * self.factor for a in alpha]
+        return j, alpha * self.factor
 
 
 def _listed(fields: Any) -> tuple[Any, ...]:

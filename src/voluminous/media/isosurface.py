@@ -35,7 +35,7 @@ from .arguments import (
     plain_opacities,
     scalar,
 )
-from .context import Context, Feature, Halves, MediumSample
+from .context import Colors, Context, Feature, Halves, MediumSample
 from .contract import Medium
 from .jumps import SENSITIVITY, Jump, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
@@ -169,7 +169,9 @@ class Isosurface(Medium):
 
     def features(self) -> tuple[Feature, ...]:
         others = map(Feature, self._directions)
-        own = Feature(self.expr, self.width, scalar=True)
+        opacities = tuple(map(max, self.opacities))
+        surfaces = Colors(self.levels, self.colors, 0.5 * self.width, opacities)
+        own = Feature(self.expr, self.width, scalar=True, colors=surfaces)
         return (own, *others, *self.modulation.features())
 
     def strongest(self) -> tuple[float, float]:
@@ -260,8 +262,9 @@ class Isosurface(Medium):
         """Return j and α per unit length with |∇x| instead of the unknown slope along the ray."""
         if not self.thick:  # no cell's centre is likely to lie on a surface
             raise InputError(
-                "an Isosurface of width 0 is drawn with scheme='post-classified'; other schemes "
-                "need a width (in the units of its expression)"
+                "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
+                "opacity. Draw it with scheme='post-classified'; other schemes need a width (in "
+                "the units of its expression); medium.plot(volume) draws where it is"
             )
         levels, width = self.plain_numbers(context)
         x, slope = context.evaluate(self.expr, fields), context.evaluate(self.slope, fields)
@@ -286,6 +289,10 @@ class Isosurface(Medium):
 
     def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.everywhere(np.where(self.visible_in(fields, context), np.inf, 0.0))
+
+    def scaled(self, factor: float) -> Isosurface:
+        """Return it with a multiple of the optical depth of a crossing, -ln(1 - opacity)."""
+        return self.replace(opacity=(1.0 - (1.0 - np.asarray(self.opacity)) ** factor).tolist())
 
     def key(self) -> Any:
         look = (self.colors, self.opacities, self.density, self.shading, self.lights)

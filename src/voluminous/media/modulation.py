@@ -125,9 +125,9 @@ class Modulation:
 
     def features(self) -> tuple[Feature, ...]:
         """Return the expressions of gate, colour and shading."""
-        color, shade = self.color, self.shade.expressions() if self.shade else ()
-        every = (self.where, color.expr if color else None, *shade)
-        return tuple(Feature(expr) for expr in every if expr is not None)
+        gate = [Feature(self.where)] if self.where else []
+        paint = [self.color.feature] if self.color else []
+        return (*gate, *paint, *map(Feature, self.shade.expressions() if self.shade else ()))
 
     def coefficients(
         self, sample: MediumSample, fields: dict[str, Any], context: Context

@@ -30,7 +30,7 @@ from .arguments import (
     named,
     scalar,
 )
-from .context import Context, Feature, Halves, MediumSample
+from .context import Colors, Context, Feature, Halves, MediumSample
 from .contract import Medium
 from .modulation import Modulation, modulated
 from .panel import Middle, Panel, extremes, kept, middle_of, third_differences
@@ -167,7 +167,9 @@ class Shaped(Medium):
         return context.keep(id(self), make)
 
     def features(self) -> tuple[Feature, ...]:
-        return (Feature(self.expr, self.width, scalar=True), *self.modulation.features())
+        shell = Colors((self.center,), (self.color,), self.width)
+        own = Feature(self.expr, self.width, scalar=True, colors=shell)
+        return (own, *self.modulation.features())
 
     def emission_range(self) -> tuple[float, float]:
         return min(self.color), max(self.color)

@@ -26,7 +26,7 @@ from .arguments import (
     named,
 )
 from .color_by import ColorBy
-from .context import Context, Feature, Halves, MediumSample
+from .context import Colors, Context, Feature, Halves, MediumSample
 from .contract import Medium
 from .jumps import NOISE, passes
 from .modulation import Modulation
@@ -160,7 +160,14 @@ class Table(Medium):
         # Without structures there are only jumps: the width is 0.
         least = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
         width = least if self.unit is None else least * self.unit
-        return (Feature(self.expr, width, scalar=True), *self.modulation.features())
+        own = Feature(self.expr, width, scalar=True, colors=self._scale())
+        return (own, *self.modulation.features())
+
+    def _scale(self) -> Colors | None:
+        if self.modulation.color is not None:
+            return None
+        values = self.values if self.unit is None else self.values * self.unit
+        return Colors(values, self.colors)
 
     def emission_range(self) -> tuple[float, float]:
         return float(self.colors.min()), float(self.colors.max())

@@ -151,5 +151,6 @@ class RenderJob:
             "precision": self.backend.precision,
             "device": self.backend.device,
             "medium": self.medium.describe(),
+            "color_bars": self.medium.color_bars(),
             "volume": self.volume.describe(),
         }

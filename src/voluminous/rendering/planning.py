@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..calibration import calibrated
-from ..calibration.plain import in_plain_numbers
+from ..calibration.open_numbers import in_plain_numbers
 from ..cameras.contract import Camera, check_camera
 from ..errors import InputError
 from ..files import url_of

@@ -58,7 +58,10 @@ def annotate(
 ) -> Annotated | Axes:
     """Return the annotated picture, or the axes it was drawn into; see `Image.annotate`."""
     check_options("annotation", display, OPTIONS | DISPLAY)
-    for name, given, has in (("volume", volume, "evaluate_cells"), ("medium", medium, "describe")):
+    for name, given, has in (
+        ("volume", volume, "evaluate_cells"),
+        ("medium", medium, "color_bars"),
+    ):
         if given is not None and not hasattr(given, has):
             raise InputError(f"{name} must be a {name}, got {type(given).__name__}")
     if font_size is not None and not (isinstance(font_size, Real) and 0 < font_size < np.inf):
@@ -68,7 +71,7 @@ def annotate(
     if pixels.shape[-1] == 3:
         pixels = np.concatenate([pixels, np.full_like(pixels[..., :1], 255)], axis=-1)
     fields = None if volume is None else FieldValues(volume)
-    described = None if medium is None else medium.describe()
+    colors = None if medium is None else medium.color_bars()
     # The axes and the scale bar share one unit.
     shown_in = (1.0, image.unit)
     if ax is None and unit is None:
@@ -98,11 +101,11 @@ def annotate(
         if title:
             axes.set_title(str(title))
         if color_bar:
-            known = {"described": described, "fields": fields}
+            known = {"colors": colors, "fields": fields}
             add_bars(axes, image, display, axes.images[-1], own=False, **known)
         draw_inside(AxesSheet(axes, pixels, font_size))
         return axes
-    scales = scales_of(image, display, described, fields) if color_bar else []
+    scales = scales_of(image, display, colors, fields) if color_bar else []
     channel = chosen(display.get("channels"), image.channels)[0]
     bars = [(scale, counts(scale, image, fields, channel)) for scale in scales]
     letters = letter_height(pixels) if font_size is None else float(font_size)
