@@ -27,7 +27,7 @@ LINES = {"src": 78_609, "core": 35_539}
 FILES = {"src": 401, "core": 157}
 # Public members of the contracts.
 MEMBERS = {
-    "media/contract.py:Medium": 53,
+    "media/contract.py:Medium": 58,
     "grids/contract.py:Grid": 39,
     "grids/contract.py:Walk": 12,
     "schemes/base.py:Scheme": 19,
@@ -35,7 +35,7 @@ MEMBERS = {
 }
 # Files entered by the second picture of a uniform grid, and by its ray loop alone.
 ENTERED = {"picture": 81, "loop": 33}
-LOOP_LINES = 9_240
+LOOP_LINES = 9_400
 # What knows units, volumes or files has no place in the ray loop.
 NOT_IN_THE_LOOP: set[str] = set()
 
