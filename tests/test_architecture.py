@@ -48,6 +48,11 @@ def test_importing_and_asking_for_help_load_nothing_heavy(script):
     assert not loaded & {*HEAVY, "drjit"}
 
 
+@pytest.mark.parametrize("name", ["Volume", "Gaussian", "render", "view"])
+def test_any_public_name_may_be_the_first(name):
+    assert "drjit" in loaded_by(f"import voluminous; voluminous.{name}")
+
+
 def test_no_module_loads_anything_heavy_before_it_is_used():
     # Dr.Jit is what kernels are written in: modules with kernels do import it.
     loaded = loaded_by(EVERY_MODULE)

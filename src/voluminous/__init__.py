@@ -12,6 +12,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from .llvm import find_llvm_early
+from .packages import version as _version
 
 # Public name → module that has it.
 _PUBLIC = {
@@ -213,7 +214,7 @@ find_llvm_early()
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return importlib.import_module(".packages", __name__).version()
+        return _version()
     if name in _PUBLIC:
         value = getattr(importlib.import_module(f".{_PUBLIC[name]}", __name__), name)
         globals()[name] = value
