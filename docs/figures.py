@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from convergence import CELLS, VIEWS, convergence
 from drawing import compressed, saved
+from figures_architecture import ARCHITECTURE_FIGURES
 from figures_cubes import CUBE_FIGURES
 from figures_data import DATA_FIGURES
 from figures_explorer import EXPLORER_FIGURES
@@ -197,6 +198,7 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     "convergence": errors,
     "thin_shell": thin_shell,
     "raw_or_derived": raw_or_derived,
+    **ARCHITECTURE_FIGURES,
     **MEDIA_FIGURES,
     **GRID_FIGURES,
     **DATA_FIGURES,
