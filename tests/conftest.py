@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib.metadata
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -31,6 +32,18 @@ def kernels() -> Callable:
         return {entry["hash"] for entry in history if entry["type"] == dr.KernelType.JIT}
 
     return launched
+
+
+@pytest.fixture
+def entry_points(monkeypatch: pytest.MonkeyPatch) -> Iterator[list]:
+    """Let the entry points of other packages be those of a list."""
+    from voluminous.io import registry
+
+    listed: list = []
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: listed)
+    registry._foreign.cache_clear()
+    yield listed
+    registry._foreign.cache_clear()
 
 
 @pytest.fixture

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
+from contextlib import contextmanager
 
 import h5py
 import numpy as np
@@ -108,10 +110,9 @@ WRITERS = {
 @pytest.mark.parametrize("name", WRITERS)
 def test_any_chunks_are_right(tmp_path, monkeypatch, name, chunks, dtype):
     """Chunks of three widths, of whole layers, larger than the volume, and rests of one cell."""
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
     monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
     options = WRITERS[name](tmp_path / name, RHO.astype(dtype), chunks)
-    volume = open_lazily(tmp_path / name, **options)
+    volume = open_lazily(tmp_path / name, **options).unread()
     assert volume.waiting == ("rho",)
     np.testing.assert_array_equal(volume.store.read("rho", (1, 2, 0), (9, 7, 5)), RHO[1:, 2:7])
     # Sizes of cells and units are those of the file.
@@ -177,13 +178,13 @@ def test_a_chunk_of_hdf5_that_was_never_written(tmp_path):
 @pytest.mark.filterwarnings("ignore:Consolidated metadata")
 @pytest.mark.parametrize("name", KEYS)
 @pytest.mark.parametrize("part", [0, 0.2, 0.7, 1])
-def test_a_chunk_that_is_cut_short(tmp_path, monkeypatch, name, part):
+def test_a_chunk_that_is_cut_short(tmp_path, name, part):
     """The error names the store, the field, the level and the chunk."""
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
     options = WRITERS[name](tmp_path / name, RHO, (4, 3, 2))
-    cut(tmp_path / name / KEYS[name], part)
+    volume = open_lazily(tmp_path / name, **options).unread()
+    with unnoticed(tmp_path / name / KEYS[name]) as chunk:
+        cut(chunk, part)
     where = rf"{name}: .*\(field 'rho', level 0, chunk \(0, 1, 0\)\)"
-    volume = open_lazily(tmp_path / name, **options)
     with pytest.raises(vm.FileFormatError, match=where):
         volume.store.read("rho", (0, 0, 0), RHO.shape)
     with pytest.raises(vm.FileFormatError, match=where):
@@ -203,22 +204,29 @@ def test_a_chunk_without_checksum_that_is_cut_short(tmp_path, version, codec, pa
         vm.open(tmp_path / "a.zarr", **options)
 
 
+@contextmanager
+def unnoticed(path):
+    """Let a file look as old as it is."""
+    before = path.stat()
+    yield path
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
 def cut(path, part):
     content = path.read_bytes()
     path.write_bytes(content[: min(int(part * len(content)), len(content) - 1)])
 
 
 @pytest.mark.parametrize("name", ["rho.h5", "rho.nc"])
-def test_a_damaged_chunk_of_hdf5(tmp_path, monkeypatch, name):
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
+def test_a_damaged_chunk_of_hdf5(tmp_path, name):
     packed = {"compression": "gzip"} if name == "rho.h5" else {}
     options = WRITERS[name](tmp_path / name, RHO, (4, 3, 2), **packed)
     with h5py.File(tmp_path / name) as file:
         place = file["rho"].id.get_chunk_info_by_coord((0, 3, 0)).byte_offset
-    with open(tmp_path / name, "r+b") as file:
+    volume = open_lazily(tmp_path / name, **options).unread()
+    with unnoticed(tmp_path / name) as path, open(path, "r+b") as file:
         file.seek(place)
         file.write(bytes(8))
-    volume = open_lazily(tmp_path / name, **options)
     with pytest.raises(vm.FileFormatError, match=rf"{name}: .*level 0, chunk \(0, 1, 0\)"):
         vm.render(volume, MEDIUM, CAMERA, memory="1 GiB")
     cut(tmp_path / name, 0.7)
@@ -228,13 +236,12 @@ def test_a_damaged_chunk_of_hdf5(tmp_path, monkeypatch, name):
 
 @pytest.mark.filterwarnings("ignore:Consolidated metadata")
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_chunk_of_nan(tmp_path, monkeypatch, name):
+def test_a_chunk_of_nan(tmp_path, name):
     """Such cells are hidden, as in memory, or refused where fields are interpolated."""
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
     values = RHO.copy()
     values[4:8, 3:6, 2:4] = np.nan
     options = WRITERS[name](tmp_path / name, values, (4, 3, 2))
-    volume = open_lazily(tmp_path / name, **options)
+    volume = open_lazily(tmp_path / name, **options).unread()
     with pytest.raises(vm.InputError, match="'rho' has missing values"):
         vm.render(volume, MEDIUM, CAMERA, memory="1 GiB")
     hidden = vm.render(volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB")

@@ -64,13 +64,12 @@ FILES = {
 
 
 @pytest.fixture(params=FILES)
-def large(request, tmp_path, monkeypatch):
+def large(request, tmp_path):
     """Return a file that counts as large, its volume of which nothing is read, and its writer."""
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
     name, write, options = FILES[request.param]
     path = tmp_path / name
     write(path, OLD)
-    volume = open_lazily(path, **options)
+    volume = open_lazily(path, **options).unread()
     assert volume.waiting == volume.fields
     return path, volume, lambda: write(path, NEW)
 

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -268,19 +269,21 @@ class Terminal(io.StringIO):
 def test_a_bar_on_a_terminal_only(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
 
-    def shown(wanted, is_terminal, delay):
+    def shown(wanted, is_terminal, seconds):
         terminal = Terminal()
         terminal.is_terminal = is_terminal
         monkeypatch.setattr(sys, "stderr", terminal)
-        monkeypatch.setattr(progress, "_DELAY", delay)
+        now = [1000.0]
+        monkeypatch.setattr(time, "monotonic", lambda: now[0])
         with progress_bar(wanted, "core") as report:
+            now[0] += seconds
             for done, total in ((0, 1), (50, 200), (20, 100), (100, 100)):
                 report(done, total)
         return "core" in terminal.getvalue()
 
-    assert [shown(w, False, 0.0) for w in (None, True, False)] == [False, True, False]
-    assert [shown(w, True, 0.0) for w in (None, True, False)] == [True, True, False]
-    assert [shown(w, True, 60.0) for w in (None, True, False)] == [False, True, False]
+    assert [shown(w, False, 3.0) for w in (None, True, False)] == [False, True, False]
+    assert [shown(w, True, 3.0) for w in (None, True, False)] == [True, True, False]
+    assert [shown(w, True, 1.0) for w in (None, True, False)] == [False, True, False]
 
 
 # demo

@@ -1,6 +1,5 @@
 """Volume files: what was saved comes back, one field costs one field, damage is named."""
 
-import importlib.metadata
 import pickle
 import zipfile
 
@@ -12,7 +11,7 @@ from astropy import units as u
 import voluminous as vm
 from contracts import ReaderContract
 from voluminous.files import MissingPathError
-from voluminous.io import Reader, readers, registry
+from voluminous.io import Reader, readers
 from voluminous.io.names import field_name
 
 RHO = np.arange(24, dtype=np.float32).reshape(2, 3, 4) + 1
@@ -288,16 +287,6 @@ class Entry:
         if self.target is None:
             raise ImportError("no module lines")
         return self.target
-
-
-@pytest.fixture
-def entry_points(monkeypatch):
-    """Let the entry points be those of a list."""
-    listed = []
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: listed)
-    registry._foreign.cache_clear()
-    yield listed
-    registry._foreign.cache_clear()
 
 
 def test_other_packages_bring_readers(tmp_path, entry_points):

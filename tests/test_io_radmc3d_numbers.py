@@ -10,7 +10,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.io.radmc3d import encodings
 from voluminous.io.radmc3d.encodings import TextFile, fortran_numbers
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -60,19 +59,18 @@ def test_other_texts_are_no_numbers(token):
         fortran_numbers(b"1 2\n3\n4 " + token.encode(), 1)
 
 
-@pytest.mark.parametrize("block", [7, 64, 1 << 22])
-def test_blocks(tmp_path, monkeypatch, block):
-    monkeypatch.setattr(encodings, "_BLOCK", block)
-    values = np.random.default_rng(1).normal(size=200)
+@pytest.mark.parametrize("size", [200, 500_000], ids=["one block", "three"])
+def test_blocks(tmp_path, size):
+    values = np.random.default_rng(1).normal(size=size)
     lines = "".join(f"{x!r}{' ' if k % 3 else chr(10)}" for k, x in enumerate(values.tolist()))
-    np.testing.assert_array_equal(read(tmp_path / "a", lines.encode(), 200), values)
-    with pytest.raises(vm.FileFormatError, match="expected 201 numbers, found 200"):
-        read(tmp_path / "a", lines.encode(), 201)
-    with pytest.raises(vm.FileFormatError, match="expected 199 numbers, found 200"):
-        read(tmp_path / "a", lines.encode(), 199)
+    np.testing.assert_array_equal(read(tmp_path / "a", lines.encode(), size), values)
+    for wrong in (size + 1, size - 1):
+        message = f"expected {wrong} numbers, found {size}"
+        with pytest.raises(vm.FileFormatError, match=message):
+            read(tmp_path / "a", lines.encode(), wrong)
     wrong = lines.replace("\n", "\nxy ", 20).encode()
     with pytest.raises(vm.FileFormatError, match="line 2: expected a number, got 'xy'"):
-        read(tmp_path / "a", wrong, 220)
+        read(tmp_path / "a", wrong, size + 20)
 
 
 @pytest.mark.parametrize(

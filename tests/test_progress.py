@@ -7,7 +7,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.rendering import options as slow
+from voluminous.rendering import api, options
 
 GRID = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
 VOLUME = vm.Volume(GRID, density=np.random.default_rng(1).uniform(1, 2, GRID.shape) / u.cm**3)
@@ -79,14 +79,16 @@ def test_a_function_may_cancel():
     ],
 )
 def test_slow_choices_are_named_once(option, words, monkeypatch, caplog):
-    monkeypatch.setattr(slow, "_named", set())
-    vm.render(VOLUME, MEDIUM, CAMERA, **option)
-    assert not caplog.records  # it was quick
-    monkeypatch.setattr(slow, "_LONG", 0.0)
+    asked, named = [], set()
+    monkeypatch.setattr(api, "name_slow_choices", lambda seconds, **chosen: asked.append(chosen))
     vm.render(VOLUME, MEDIUM, CAMERA)
+    vm.render(VOLUME, MEDIUM, CAMERA, **option)
+    usual, slow = asked
+    options.name_slow_choices(60.0, named, **usual)
+    options.name_slow_choices(1.0, named, **slow)
     assert not caplog.records
     for _ in range(2):
-        vm.render(VOLUME, MEDIUM, CAMERA, **option)
+        options.name_slow_choices(60.0, named, **slow)
     (record,) = caplog.records
     assert words in record.getMessage()
 

@@ -153,9 +153,8 @@ def test_what_cannot_be_is_refused(arguments, message, cube):
         vm.spectrum(cube, DUST, frequencies=FREQUENCIES, **{"distance": 1 * u.pc, **arguments})
 
 
-def test_a_tolerance_that_is_not_kept_warns(cube, monkeypatch):
-    monkeypatch.setattr("voluminous.observing.spectra._FINEST", 128)
-    far = vm.Orthographic(50, 20, width=6 * RADIUS, resolution=64)
+def test_a_tolerance_that_is_not_kept_warns(cube):
+    far = vm.Orthographic(50, 20, width=6 * RADIUS, resolution=512)
     with pytest.warns(UserWarning, match="fluxes still change"):
         vm.spectrum(cube, DUST, far, frequencies=FREQUENCIES, tolerance=1e-6, distance=1 * u.pc)
 

@@ -159,10 +159,9 @@ FILES = [
 
 
 @pytest.mark.parametrize(("name", "write"), FILES)
-def test_boxes_of_files(tmp_path, monkeypatch, name, write):
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
+def test_boxes_of_files(tmp_path, name, write):
     options = write(tmp_path / name)
-    volume = open_lazily(tmp_path / name, **options)
+    volume = open_lazily(tmp_path / name, **options).unread()
     store = volume.store
     for field in volume.fields:
         assert_boxes(store, field, RHO)
@@ -170,18 +169,17 @@ def test_boxes_of_files(tmp_path, monkeypatch, name, write):
     np.testing.assert_array_equal(volume.array("rho"), RHO)
 
 
-def test_other_processes_read_boxes(tmp_path, monkeypatch):
+def test_other_processes_read_boxes(tmp_path):
     """What is pickled has no values; each process opens the file when it reads."""
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
     volumes = []
     for k, (name, write) in enumerate(FILES):
         (tmp_path / str(k)).mkdir()
         options = write(tmp_path / str(k) / name)
-        volumes.append(open_lazily(tmp_path / str(k) / name, **options))
+        volumes.append(open_lazily(tmp_path / str(k) / name, **options).unread())
     xr, sent = pytest.importorskip("xarray"), tmp_path / "volumes.pickle"
     xr.Dataset({"rho": (tuple("xyz"), RHO)}).to_zarr(tmp_path / "opened.zarr")
-    monkeypatch.setattr("voluminous.io.registry.AT_ONCE", 0)
-    volumes.append(vm.Volume.from_xarray(xr.open_zarr(tmp_path / "opened.zarr", chunks=None)))
+    opened = vm.Volume.from_xarray(xr.open_zarr(tmp_path / "opened.zarr", chunks=None))
+    volumes.append(opened.unread())
     with open(sent, "wb") as file:
         pickle.dump(volumes, file)
     assert volumes[0].waiting

@@ -762,21 +762,6 @@ def test_strange_questions_are_answered_with_an_error(explorer, question):
     assert Page(explorer).ask(**question)["error"]
 
 
-def test_each_input_is_in_the_document_or_refused(explorer, monkeypatch):
-    monkeypatch.setattr("voluminous.viewer.explorer._MOST_INPUTS", 10)
-    page = Page(explorer)
-    for k in range(30):
-        last = page.put("set", patch=[["image.exposure", 1.0 + k]], label="exposure")
-    last = page.put("look", camera={"type": "orthographic", "incl": 12, "phi": 7})
-    document, _ = page.wait(lambda m: m["kind"] == "document" and m["n"] == last)
-    refused = {m["n"] for m, _ in page.messages if m["kind"] == "notice"}
-    assert last in refused
-    made = set(range(1, last)) - refused
-    assert len(made) >= 10
-    assert document["document"]["image"]["exposure"] == float(max(made))
-    assert document["document"]["camera"]["incl"] == 60
-
-
 def test_pages_are_answered_in_turn(explorer, monkeypatch):
     from voluminous.viewer.questions import QUESTIONS
 

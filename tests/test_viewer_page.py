@@ -327,19 +327,20 @@ def test_a_page_is_heard_while_another_sends_more_than_can_be_done(server, monke
     from voluminous.viewer import explorer
 
     go_on, count = threading.Event(), 600
-    measured = explorer._open_numbers
+    made_of = explorer.build_medium
 
-    def slowly(tables, volume):
+    def slowly(tables):
         assert go_on.wait(60)
-        return measured(tables, volume)
+        return made_of(tables)
 
-    monkeypatch.setattr(explorer, "_open_numbers", slowly)
-    monkeypatch.setattr(explorer, "_MOST_INPUTS", 20)
+    monkeypatch.setattr(explorer, "build_medium", slowly)
     question = json.dumps({"kind": "histogram", "id": 7, "expr": "a"})
     with connect(server) as busy, connect(server) as other:
         for n in range(1, count + 1):
             patch = [["image.exposure", 1.0 + n]]
             busy.send(json.dumps({"kind": "set", "n": n, "patch": patch, "label": "exposure"}))
+        camera = {"type": "orthographic", "incl": 12, "phi": 7}
+        busy.send(json.dumps({"kind": "look", "n": count + 1, "camera": camera}))
         busy.send(question)
         other.send(question)
         assert json.loads(other.recv(timeout=60))["id"] == 7
@@ -351,10 +352,12 @@ def test_a_page_is_heard_while_another_sends_more_than_can_be_done(server, monke
         # One document was being made, and another one holds all that has come since.
         told = [json.loads(busy.recv(timeout=60)) for _ in range(2)]
     assert [message["kind"] for message in told] == ["document"] * 2
-    assert told[1]["n"] == count
+    assert told[1]["n"] == count + 1
+    assert count + 1 in refused
+    assert told[1]["document"]["camera"] == told[0]["document"]["camera"]
     # Each input is in the document or refused, and the page was told so.
     made = set(range(1, count + 1)) - refused
-    assert 20 <= len(made) < count
+    assert 240 <= len(made) < count
     assert told[1]["document"]["image"]["exposure"] == 1.0 + max(made)
 
 

@@ -239,10 +239,10 @@ _SLOW = {
 _named: set[str] = set()
 
 
-def name_slow_choices(seconds: float, **chosen: bool) -> None:
+def name_slow_choices(seconds: float, named: set[str] = _named, **chosen: bool) -> None:
     """Log a warning if a picture took long."""
-    slow = [name for name in _SLOW if chosen.get(name) and name not in _named]
+    slow = [name for name in _SLOW if chosen.get(name) and name not in named]
     if seconds > _LONG and slow:
-        _named.update(slow)
+        named.update(slow)
         advice = "; ".join(_SLOW[name] for name in slow)
         logging.getLogger("voluminous").warning("%.0f s for a picture: %s", seconds, advice)
