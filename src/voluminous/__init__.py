@@ -26,15 +26,15 @@ _PUBLIC = {
     "Cube": "image",
     "Curves": "objects",
     "CylindricalGrid": "grids",
-    "Dust": "media",
+    "Dust": "spectral",
     "Expression": "expressions",
     "FileFormatError": "errors",
-    "FreeFree": "media",
+    "FreeFree": "spectral",
     "Gaussian": "media",
     "Image": "image",
     "InputError": "errors",
     "Isosurface": "media",
-    "Lines": "media",
+    "Lines": "spectral",
     "Medium": "media",
     "Molecule": "physics",
     "OctreeGrid": "grids",
@@ -45,7 +45,7 @@ _PUBLIC = {
     "Perspective": "cameras",
     "Rectangle": "media",
     "Scene": "scene",
-    "SpectralMedium": "media",
+    "SpectralMedium": "spectral",
     "Spheres": "objects",
     "Spectrum": "image",
     "SphericalGrid": "grids",
@@ -189,14 +189,10 @@ if TYPE_CHECKING:
         Coefficients,
         ColorBy,
         Colormap,
-        Dust,
-        FreeFree,
         Gaussian,
         Isosurface,
-        Lines,
         Medium,
         Rectangle,
-        SpectralMedium,
         Table,
     )
     from .movies import movie, orbit
@@ -205,6 +201,7 @@ if TYPE_CHECKING:
     from .physics import Blackbody, Molecule, Opacity
     from .rendering import plan, render
     from .scene import Scene
+    from .spectral import Dust, FreeFree, Lines, SpectralMedium
     from .viewer import view
     from .volume import Volume
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import packages
 from .deferred import Deferred, Fields, Pieces
 from .derivatives import Derivatives, LinesOfSight, component
 from .digest import content_key, digest
@@ -34,6 +33,7 @@ from .fields import (
 from .files import stamp
 from .levels import level_of_volume
 from .memory import check_memory
+from .packages import room
 from .progress import Progress, with_progress
 from .regrid.resample import resampled_volume
 from .regrid.slices import Slice, make_plane, slice_of
@@ -125,7 +125,7 @@ class Volume(Evaluation):
         >>> volume.fields
         ('density',)
         """
-        volume: Volume = packages.room("particles").from_particles(positions, masses, **options)
+        volume: Volume = room("particles").from_particles(positions, masses, **options)
         return volume
 
     @classmethod
@@ -134,7 +134,7 @@ class Volume(Evaluation):
 
         For arguments and errors see `voluminous.io.vtk.objects.from_pyvista`.
         """
-        volume: Volume = packages.room("io.vtk.objects").from_pyvista(dataset, fields, **options)
+        volume: Volume = room("io.vtk.objects").from_pyvista(dataset, fields, **options)
         return volume
 
     @classmethod
@@ -144,7 +144,7 @@ class Volume(Evaluation):
         For the arguments (options: ``dims, isel, sel, bounds, spacing, aspect, unit``) and errors
         see `voluminous.io.from_xarray`.
         """
-        volume: Volume = packages.room("io").from_xarray(data, fields, **options)
+        volume: Volume = room("io").from_xarray(data, fields, **options)
         return volume
 
     @classmethod
@@ -153,7 +153,7 @@ class Volume(Evaluation):
 
         For arguments (options: ``unit``, ``units``) and errors see `voluminous.io.yt.from_yt`.
         """
-        volume: Volume = packages.room("io.yt").from_yt(data, fields, **options)
+        volume: Volume = room("io.yt").from_yt(data, fields, **options)
         return volume
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -475,7 +475,7 @@ class Volume(Evaluation):
         >>> vm.open("sphere.h5").grid.shape
         (8, 8, 8)
         """
-        packages.room("io.saving").save(self, path, format=format, **options)
+        room("io.saving").save(self, path, format=format, **options)
 
     @with_progress
     def resample(

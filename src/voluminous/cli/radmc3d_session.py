@@ -289,7 +289,7 @@ class Session:
 
     def medium(self) -> Medium:
         """Return dust, lines and free-free emission, as far as they are on."""
-        from ..media import Dust, FreeFree, Lines
+        from ..spectral import Dust, FreeFree, Lines
 
         parts: list[Medium] = []
         if self.dust:

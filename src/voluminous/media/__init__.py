@@ -5,15 +5,11 @@ from .color_by import ColorBy
 from .colormap import Colormap
 from .context import Context
 from .contract import Medium
-from .dust import Dust
-from .free_free import FreeFree
 from .function import Function
 from .gaussian import Gaussian
 from .isosurface import Isosurface
-from .lines import Lines
 from .profiles import Shaped
 from .rectangle import Rectangle
-from .spectral import SpectralMedium
 from .sum import Sum
 from .table import Table
 
@@ -33,16 +29,12 @@ __all__ = [
     "ColorBy",
     "Colormap",
     "Context",
-    "Dust",
-    "FreeFree",
     "Function",
     "Gaussian",
     "Isosurface",
-    "Lines",
     "Medium",
     "Rectangle",
     "Shaped",
-    "SpectralMedium",
     "Sum",
     "Table",
 ]

@@ -11,10 +11,10 @@ import numpy as np
 from ..backend import dr, from_host, get_backend
 from ..cameras import Orthographic
 from ..geometry import CARTESIAN
-from ..media import Dust
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
 from ..rendering.sources.channel_layout import PerChannel, channel_groups
+from ..spectral import Dust
 from .rings import Rings
 
 if TYPE_CHECKING:

@@ -16,8 +16,6 @@ from ..image import Image
 from ..image.cube import Cube
 from ..image.spectral_axis import SpectralAxis
 from ..media.contract import Medium
-from ..media.lines import Lines
-from ..media.spectral import Bands, SpectralMedium, hottest
 from ..media.sum import with_each
 from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
@@ -28,6 +26,8 @@ from ..rendering.empty_picture import keeping, warn_caller
 from ..rendering.options import check_in_pieces
 from ..rendering.outline import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
+from ..spectral.lines import Lines
+from ..spectral.medium import Bands, SpectralMedium, hottest
 from ..units import unit_of
 from ..volume import Volume
 from .cells import beside_cells, warn_of_scattering

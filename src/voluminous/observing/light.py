@@ -10,15 +10,15 @@ import numpy as np
 
 from ..errors import InputError
 from ..image.spectral_axis import LIGHT_MICRON, SpectralAxis
-from ..media.spectral import SpectralMedium
 from ..objects import SceneObject, Stars
 from ..objects.values import is_spectrum
 from ..packages import room
+from ..spectral.medium import SpectralMedium
 from ..units import is_listed, is_quantity, parse_unit, plain, shown, unit_of
 
 if TYPE_CHECKING:
     from ..media.contract import Medium
-    from ..media.spectral import Bands
+    from ..spectral.medium import Bands
     from ..volume import Volume
 
 # How many times the unit of a channel a light may be. Single precision ends at 2^128.

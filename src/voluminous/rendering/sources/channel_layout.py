@@ -18,11 +18,11 @@ from ...expressions.interval import Interval
 from ...media import Shaped
 from ...media.context import Context, MediumSample, no_unit
 from ...media.contract import Medium, integrated
-from ...media.lines import Lines
 from ...media.panel import Panel
 from ...media.ranges import RangeContext
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, most
+from ...spectral.lines import Lines
 from ..options import MOST_TOGETHER
 
 # A maximum below this fraction of a channel's unit may be due to rounding.

@@ -18,18 +18,18 @@ from ..digest import digest
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..media.arguments import named
+from ..media.context import Context, Feature, MediumSample
+from ..media.contract import Medium
+from ..media.function import Function
+from ..media.panel import extremes
 from ..packages import room
 from ..units import as_given, is_quantity, parse_unit, plain
-from .arguments import named
-from .context import Context, Feature, MediumSample
-from .contract import Medium
-from .function import Function
-from .panel import extremes
 
 if TYPE_CHECKING:
+    from ..media.panel import Panel
     from ..physics.constants import Constants
     from ..volume import Volume
-    from .panel import Panel
 
 # How far temperatures may be beyond those at five places, as a part of their range.
 _OVERSHOOT = 0.1

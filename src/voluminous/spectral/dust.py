@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions.interval import Interval
-from .context import Context, MediumSample
-from .spectral import Bands, InCgs, Planck, SpectralMedium, field_in, given_field, model_of
+from ..media.context import Context, MediumSample
+from .medium import Bands, InCgs, Planck, SpectralMedium, field_in, given_field, model_of
 
 if TYPE_CHECKING:
     from ..physics.opacity import Opacity

@@ -16,11 +16,11 @@ from ..backend.types import Float, Mask
 from ..errors import InputError, unknown_name
 from ..expressions.interval import Interval
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
-from .context import Context, Feature, Halves, MediumSample
-from .gaussian import Gaussian, gaussian_mean
-from .panel import Panel, extremes, kept, third_differences
-from .quadrature import boole, midway, parabola, simpson
-from .spectral import Bands, InCgs, SpectralMedium, given_field, model_of
+from ..media.context import Context, Feature, Halves, MediumSample
+from ..media.gaussian import Gaussian, gaussian_mean
+from ..media.panel import Panel, extremes, kept, third_differences
+from ..media.quadrature import boole, midway, parabola, simpson
+from .medium import Bands, InCgs, SpectralMedium, given_field, model_of
 
 if TYPE_CHECKING:
     from ..physics.molecule import Molecule

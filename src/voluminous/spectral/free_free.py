@@ -13,10 +13,10 @@ from ..backend.functions import any_attenuation
 from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..media.context import Context, MediumSample
+from ..media.contract import Medium
 from ..units import plain
-from .context import Context, MediumSample
-from .contract import Medium
-from .spectral import Bands, InCgs, Planck, SpectralMedium, given_field
+from .medium import Bands, InCgs, Planck, SpectralMedium, given_field
 
 if TYPE_CHECKING:
     from ..volume import Volume
