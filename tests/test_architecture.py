@@ -63,7 +63,7 @@ def test_no_module_loads_anything_heavy_before_it_is_used():
 def test_branches_of_schemes_and_media_can_be_differentiated():
     """In loops Dr.Jit loses derivatives of what its own branches use besides their arguments."""
     source = ROOT / "src/voluminous"
-    rooms = ("schemes", "media", "spectral")
+    rooms = ("schemes", "media", "spectral", "radmc3d")
     files = [path for room in rooms for path in (source / room).glob("*.py")]
     assert files
     assert not [path.name for path in files if "if_else" in path.read_text(encoding="utf-8")]

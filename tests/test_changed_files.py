@@ -178,7 +178,7 @@ def test_chunks_of_a_store_that_were_changed_are_refused(tmp_path, kind):
 
 
 def test_the_numbers_that_a_header_names(tmp_path):
-    vm.io.radmc3d.write(
+    vm.radmc3d.write(
         vm.Volume(vm.CartesianGrid.uniform(4, (0, 1), unit="cm"), a=np.ones((4, 4, 4))),
         tmp_path,
         {"dust_density": "a"},

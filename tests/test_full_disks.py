@@ -185,11 +185,11 @@ def test_many_writers_of_one_directory(volume, tmp_path):
 
 def test_a_model_of_radmc3d_is_replaced_as_a_whole_or_not_at_all(volume, tmp_path):
     place = tmp_path / "model"
-    vm.io.radmc3d.write(vm.models.sphere(2), place, {"gas_density": "inside"})
+    vm.radmc3d.write(vm.models.sphere(2), place, {"gas_density": "inside"})
     fields = vm.Volume(volume.grid, rho=volume.array("density"))
     options = {"fields": {"gas_density": "rho"}, "overwrite": True}
-    refused(lambda: vm.io.radmc3d.write(fields, place, **options), tmp_path)
-    vm.io.radmc3d.write(fields, place, **options)
+    refused(lambda: vm.radmc3d.write(fields, place, **options), tmp_path)
+    vm.radmc3d.write(fields, place, **options)
     assert vm.open(place).grid.shape == (24, 24, 24)
     assert sorted(path.name for path in place.iterdir()) == ["amr_grid.inp", "gas_density.inp"]
 

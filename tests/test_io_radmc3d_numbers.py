@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.io.radmc3d.encodings import TextFile, fortran_numbers
+from voluminous.io.fortran import TextFile, fortran_numbers
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 

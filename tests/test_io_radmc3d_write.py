@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from radmc3d_models import LAYERS, same
-from voluminous.io.radmc3d import write
+from voluminous.radmc3d import write
 
 PI = np.pi
 CUBES = [np.arange(3.0), np.arange(4.0), np.arange(3.0)]

@@ -11,8 +11,7 @@ from scipy.integrate import trapezoid
 
 from voluminous import Blackbody, Molecule, Opacity
 from voluminous.errors import InputError, UnitsError, UnknownNameError
-from voluminous.io import molecules
-from voluminous.physics import CODATA, RADMC3D, TabulatedSpectrum, constants_named
+from voluminous.physics import CODATA, RADMC3D, TabulatedSpectrum, constants_named, molecule_files
 
 # Constants and Planck's function
 
@@ -329,7 +328,7 @@ def test_catalogues_have_the_rates_of_the_leiden_database(tmp_path):
 
 
 def test_large_weights_of_catalogues_begin_with_a_letter():
-    assert [molecules._weight(text) for text in (" 21", "999", "A05", "B10")] == [
+    assert [molecule_files._weight(text) for text in (" 21", "999", "A05", "B10")] == [
         21,
         999,
         1005,

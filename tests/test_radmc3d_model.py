@@ -13,8 +13,8 @@ from radmc3d_cases import MODELS, stored_model, write_model
 from radmc3d_models import regular
 from voluminous.errors import FileFormatError
 from voluminous.files import MissingPathError
-from voluminous.io.radmc3d.model import read_model
 from voluminous.physics import RADMC3D
+from voluminous.radmc3d.model import read_model
 
 WAVES = "3\n1.0\n10.0\n100.0\n"
 CO = """\

@@ -19,13 +19,13 @@ from radmc3d_cases import case_of, reference_of, stored_model, write_model, writ
 from reference import data_directory
 from voluminous.backend import dr
 from voluminous.cli import main
-from voluminous.cli.radmc3d_session import Session, drawn
-from voluminous.cli.radmc3d_words import request_of
 from voluminous.observing.cubes import at_frequencies, bands_of
 from voluminous.physics.constants import CODATA, RADMC3D
+from voluminous.radmc3d.olson_kunasz import OlsonKunasz
+from voluminous.radmc3d.session import Session, drawn
+from voluminous.radmc3d.words import request_of
 from voluminous.schemes.base import Solution
 from voluminous.schemes.first_order import FirstOrder
-from voluminous.schemes.olson_kunasz import OlsonKunasz
 
 # Cases that are drawn whenever the tests run, one or two of each kind; all others are exhaustive.
 QUICK = {

@@ -9,8 +9,8 @@ import pytest
 
 import voluminous as vm
 from radmc3d_cases import MODELS, stored_model
-from voluminous.cli.radmc3d_words import AU, PARSEC, request_of
 from voluminous.errors import UnknownNameError
+from voluminous.radmc3d.words import AU, PARSEC, request_of
 
 
 def asked(text):

@@ -250,7 +250,7 @@ def test_leaves_of_a_tree(tmp_path, monkeypatch, kind):
     volume = as_leaves(tmp_path)
     if kind == "radmc3d":
         del volume["unit_"]
-        vm.io.radmc3d.write(volume, tmp_path, {"dust_density": "rho"})
+        vm.radmc3d.write(volume, tmp_path, {"dust_density": "rho"})
         opened, name = vm.open(tmp_path), "dust_density"
     elif kind == "memory":
         opened, name = volume, "rho"

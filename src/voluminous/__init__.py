@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from . import radmc3d  # its scheme and reader have names here
 from .llvm import find_llvm_early
 from .packages import version as _version
 
@@ -91,7 +92,7 @@ _ELSEWHERE = {
     "slice": "volume.slice('density', 'z') is a slice",
     "transfer_function": "a medium is one: vm.Gaussian, vm.Table, vm.Colormap …",
 }
-_MODULES = ("errors", "io", "math", "measuring", "models", "movies", "regions")
+_MODULES = ("errors", "io", "math", "measuring", "models", "movies", "radmc3d", "regions")
 
 __all__ = [
     "Axes",
@@ -153,6 +154,7 @@ __all__ = [
     "presets",
     "probe",
     "project",
+    "radmc3d",
     "regions",
     "render",
     "spectrum",

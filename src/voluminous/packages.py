@@ -6,9 +6,14 @@ import functools
 import importlib
 import importlib.metadata
 import importlib.util
+from collections.abc import Callable
 from typing import Any
 
 from .errors import MissingPackageError
+
+# What rooms above add for lower ones to find by name, such as {"scheme": {"olson-kunasz": make}}:
+# functions that make it when it is used (`radmc3d`).
+REGISTERED: dict[str, dict[str, Callable[[], Any]]] = {"scheme": {}, "reader": {}, "tracer": {}}
 
 
 @functools.cache

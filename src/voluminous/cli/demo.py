@@ -98,13 +98,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render the panels, save them, and draw them side by side."""
-    from ..schemes import SCHEMES
+    from ..schemes import get_scheme
 
     start = time.perf_counter()
     output = _output(args.output)
     options = given_options(args)
     scheme = options.get("scheme")
-    if args.all and scheme is not None and SCHEMES[scheme].coefficients_at != "field":
+    if args.all and scheme is not None and get_scheme(scheme).coefficients_at != "field":
         raise InputError(
             f"--all shows surfaces without thickness, which {scheme} cannot draw; leave out "
             "--scheme or --all"

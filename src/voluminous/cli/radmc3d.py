@@ -6,8 +6,8 @@ import argparse
 import time
 from pathlib import Path
 
+from ..radmc3d.words import request_of
 from .common import add_quiet, check_directory, say
-from .radmc3d_words import request_of
 
 _FILES = {"image": "image.out", "tausurf": "image.out", "spectrum": "spectrum.out"}
 
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Draw what the words ask for, and write RADMC-3D's file."""
     from ..progress import progress_bar
-    from .radmc3d_session import Session
+    from ..radmc3d.session import Session
 
     request = request_of(args.words)
     session = Session.of(request, args.model)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
 from ..files import as_path, check_readable, missing, opening, url_of
+from ..packages import REGISTERED
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
@@ -30,7 +31,6 @@ from .openpmd import OpenPMDReader
 from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
 from .particles.phantom import PhantomReader
-from .radmc3d import RADMC3DReader
 from .raw import RawReader
 from .remote import head_of
 from .scanners.dicom import DICOMReader
@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 # General formats come last, because codes store specific layouts in them.
 READERS: tuple[Reader, ...] = (
     NativeReader(),
-    RADMC3DReader(),
     VTIReader(),
     VTRReader(),
     VTKXMLReader(),
@@ -199,7 +198,7 @@ class _OpenedAgain:
 
 def readers() -> tuple[Reader, ...]:
     """Return all readers, in the order in which they are tried."""
-    return (*_foreign(), *READERS)
+    return (*_foreign(), *_registered(), *READERS)
 
 
 def find_reader(path: Path, format: str | None = None) -> Reader:
@@ -228,6 +227,12 @@ def check_options(reader: Reader, options: Iterable[str]) -> None:
     for option in options:
         if option not in reader.options:
             raise unknown_name(f"{reader.name} option", option, reader.options)
+
+
+@functools.cache
+def _registered() -> tuple[Reader, ...]:
+    """Return the readers of other rooms of this package."""
+    return tuple(make() for make in REGISTERED["reader"].values())
 
 
 @functools.cache

@@ -303,7 +303,7 @@ class _Surface(Scanner):
     def __init__(self, scheme: Scheme, tau: float) -> None:
         self.scheme, self.tau = scheme, tau
         self.name = f"{scheme.name} surface"
-        self.coefficients_at, self.states = scheme.coefficients_at, scheme.states
+        self.coefficients_at, self.layout = scheme.coefficients_at, scheme.layout
 
     def results(self, extinctions: int) -> list[float]:
         return [np.nan] * extinctions + [0.0] * extinctions

@@ -12,8 +12,7 @@ from ..errors import InputError
 from ..image.spectral_axis import LIGHT_MICRON, SpectralAxis
 from ..objects import SceneObject, Stars
 from ..objects.values import is_spectrum
-from ..packages import room
-from ..spectral.medium import SpectralMedium
+from ..spectral.medium import SpectralMedium, model_of
 from ..units import is_listed, is_quantity, parse_unit, plain, shown, unit_of
 
 if TYPE_CHECKING:
@@ -33,8 +32,7 @@ INTENSITY = "erg / (s cm2 Hz sr)"
 
 def model_stars(volume: Volume) -> list[SceneObject]:
     """Return the stars of a model of RADMC-3D, as points; none of other volumes."""
-    folder = volume.meta.get("radmc3d")
-    stars = () if folder is None else room("io.radmc3d.model").read_model(folder).stars
+    stars = model_of(volume, "model_stars").stars if "radmc3d" in volume.meta else ()
     if not stars:
         return []
     cm = 1.0 if volume.unit is None else float(parse_unit("cm").to(volume.unit))
@@ -60,9 +58,10 @@ def scene_objects(objects: Any, volume: Volume) -> list[SceneObject]:
 
 def model_background(volume: Volume) -> Any:
     """Return the external field of a model of RADMC-3D; zero for other volumes."""
-    folder = volume.meta.get("radmc3d")
-    found = None if folder is None else room("io.radmc3d.model").read_model(folder).external
-    return 0.0 if found is None else found
+    if "radmc3d" not in volume.meta:
+        return 0.0
+    field = model_of(volume, "model_background").external
+    return 0.0 if field is None else field
 
 
 def with_room_for(lights: list[Any], bands: Bands) -> Bands:

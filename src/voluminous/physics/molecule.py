@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..packages import room
 from ..units import as_given, is_listed, is_quantity, shown
 from ..value import Value
 from .constants import CODATA, Constants, Reals, constants_named, in_unit
@@ -141,8 +140,9 @@ class Molecule(Value):
         InputError
             If a catalogue comes without a partition function.
         """
-        molecule: Molecule = room("io.molecules").read(path, name, partition)
-        return molecule
+        from .molecule_files import read
+
+        return read(path, name, partition)
 
     def partition_function(self, temperature: Any, constants: str | Constants = CODATA) -> Reals:
         """Return Z(T) at temperatures in K, of any shape.

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, check_name
-from ..packages import room
 from ..units import shown
 from ..value import Value
 from .constants import CODATA, Constants, Reals, constants_named, in_unit
@@ -161,8 +160,9 @@ class Opacity(Value):
         FileFormatError
             If it is another file, or a damaged one.
         """
-        opacity: Opacity = room("io.opacities").read(path, name)
-        return opacity
+        from .opacity_files import read
+
+        return read(path, name)
 
     @classmethod
     def from_table(cls, table: Any, name: str = "") -> Opacity:

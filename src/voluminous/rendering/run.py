@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..backend import dr
+from ..packages import REGISTERED
 from .antialias import refine
-from .flux_conserving import FluxConserving
 from .job import RenderJob
 from .sources.channel_layout import channels_last, in_units_of
 from .streaming import StreamingTracer
@@ -133,7 +133,7 @@ def make_tracer(
     faintest: bool = False,
 ) -> RayTracer:
     """Return the tracer of a job's pixels."""
-    kind = FluxConserving if job.recursive else RayTracer
+    kind = REGISTERED["tracer"]["radmc3d"]() if job.recursive else RayTracer
     if job.pieces is not None:
         return StreamingTracer(job, job.source(faintest), background, faintest)
     tracer = kind(job, job.source(faintest), background)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from ..errors import check_name
+from ..packages import REGISTERED
 from .base import Scheme
 from .first_order import FirstOrder
-from .olson_kunasz import OlsonKunasz
 from .post_classified import PostClassified
 from .pre_integrated import PreIntegrated
 from .second_order import SecondOrder
 
-SCHEMES: dict[str, type[Scheme]] = {
-    scheme.name: scheme
-    for scheme in (PostClassified, PreIntegrated, SecondOrder, FirstOrder, OlsonKunasz)
+SCHEMES: dict[str, Callable[[], Scheme]] = {
+    **{s.name: s for s in (PostClassified, PreIntegrated, SecondOrder, FirstOrder)},
+    **REGISTERED["scheme"],
 }
 
 

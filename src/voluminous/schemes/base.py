@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -67,8 +67,9 @@ class Scheme:
         Faint places are not skipped.
     everywhere : bool
         Empty cells are visited, too.
-    states : bool
-        Of lines the state of the gas is tabulated, in place of coefficients.
+    layout : callable, optional
+        Called with a medium, the backend and the grid's scale: which numbers are tabulated, in
+        place of coefficients (`sources.channel_layout`).
     """
 
     name: str
@@ -80,7 +81,7 @@ class Scheme:
     radmc3d_steps: bool = False
     complete: bool = False
     everywhere: bool = False
-    states: bool = False
+    layout: Callable[..., Any] | None = None
 
     def start(self, position: Position, source: Source) -> list[Float]:
         """Return the carried state of rays where they enter."""
@@ -143,7 +144,7 @@ class Scheme:
 
         None disables sharing, for classes outside this package: their state may change unnoticed.
         """
-        own = type(self).__module__.rpartition(".")[0] == __package__
+        own = type(self).__module__.startswith("voluminous.")
         return (type(self).__name__, *sorted(vars(self).items())) if own else None
 
 

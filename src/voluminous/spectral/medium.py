@@ -23,7 +23,6 @@ from ..media.context import Context, Feature, MediumSample
 from ..media.contract import Medium
 from ..media.function import Function
 from ..media.panel import extremes
-from ..packages import room
 from ..units import as_given, is_quantity, parse_unit, plain
 
 if TYPE_CHECKING:
@@ -437,7 +436,9 @@ def model_of(volume: Any, what: str) -> Any:
             f"{what} needs a volume that was opened from a folder of RADMC-3D, or fields by their "
             "names; see the docstring"
         )
-    return room("io.radmc3d.model").read_model(folder)
+    from ..radmc3d.model import read_model
+
+    return read_model(folder)
 
 
 def field_in(volume: Volume, stem: str, number: int, count: int) -> str:

@@ -13,10 +13,10 @@ from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..geometry import CYLINDRICAL, SPHERICAL
 from ..grids.contract import Cursor, Grid, Ray, Segment
-from .tracer import Batches, Paths, RayTracer, reverse
+from ..rendering.tracer import Batches, Paths, RayTracer, reverse
 
 if TYPE_CHECKING:
-    from .job import RenderJob
+    from ..rendering.job import RenderJob
 
 # Maximum number of parts of pixels processed at once, approximately.
 _TOGETHER = 1 << 18

@@ -13,10 +13,10 @@ import numpy as np
 
 from ..errors import FileFormatError, InputError
 from ..files import as_path, missing
-from ..physics.constants import CODATA
-from ..physics.molecule import Molecule
-from .guard import reading
-from .radmc3d.encodings import TextFile, before_comment, fortran_numbers
+from ..io.fortran import TextFile, before_comment, fortran_numbers
+from ..io.guard import reading
+from .constants import CODATA
+from .molecule import Molecule
 
 # FREQ, ERR, LGINT, DR, ELO, GUP, TAG, QNFMT, QN', QN" (Pickett et al. 1998, JQSRT 60, 883).
 _ENDS = np.cumsum([0, 13, 8, 8, 2, 10, 3, 7, 4, 12, 12])

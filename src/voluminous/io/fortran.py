@@ -1,4 +1,4 @@
-"""Readers and writers for RADMC-3D's three file encodings: text, binary and Fortran records.
+"""Readers and writers of Fortran's three encodings, as RADMC-3D has them: text, binary, records.
 
 Integers and reals come in the same order in all three. A file is read sequentially; `data` then
 returns the cell values, which are read on first use.
@@ -19,9 +19,9 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import FileFormatError
-from ...files import check_age
-from ..payload import stored
+from ..errors import FileFormatError
+from ..files import check_age
+from .payload import stored
 
 if TYPE_CHECKING:
     from typing_extensions import Self

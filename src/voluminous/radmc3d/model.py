@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import FileFormatError
-from ...files import MissingPathError, as_path, missing
-from ...physics.constants import RADMC3D, Reals
-from ...physics.molecule import Molecule
-from ...physics.opacity import MICRON, Opacity
-from ...physics.spectra import Blackbody, TabulatedSpectrum
-from ..guard import reading
-from .encodings import TextFile, before_comment, fortran_numbers
+from ..errors import FileFormatError
+from ..files import MissingPathError, as_path, missing
+from ..io.fortran import TextFile, before_comment, fortran_numbers
+from ..io.guard import reading
+from ..physics.constants import RADMC3D, Reals
+from ..physics.molecule import Molecule
+from ..physics.opacity import MICRON, Opacity
+from ..physics.spectra import Blackbody, TabulatedSpectrum
 
 Spectrum = Blackbody | TabulatedSpectrum
 # pc²/π in cm²: from the flux at 1 pc to the intensity on a star of that radius, with its parsec.

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import FileFormatError
 from ..files import as_path, missing
-from ..physics.opacity import Opacity
-from .guard import reading
-from .radmc3d.encodings import TextFile, before_comment, fortran_numbers
+from ..io.fortran import TextFile, before_comment, fortran_numbers
+from ..io.guard import reading
+from .opacity import Opacity
 
 _WHAT = "a table of opacities"
 _REAL = re.compile(rb"[-+]?[\d.].*")

@@ -12,10 +12,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ...errors import FileFormatError, VoluminousError
-from ..guard import placed
-from ..names import field_name
-from .encodings import BinaryFile, CellData, RecordFile, TextFile
+from ..errors import FileFormatError, VoluminousError
+from ..io.fortran import BinaryFile, CellData, RecordFile, TextFile
+from ..io.guard import placed
+from ..io.names import field_name
 from .grid_file import GridFile
 
 GRID = "amr_grid"

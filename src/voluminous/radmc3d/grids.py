@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError
-from ...units import parse_unit, plain
-from ..contract import UnitLike
-from ..leaves import grid_of_blocks
-from .encodings import Reals
+from ..errors import FileFormatError, InputError
+from ..io.contract import UnitLike
+from ..io.fortran import Reals
+from ..io.leaves import grid_of_blocks
+from ..units import parse_unit, plain
 from .grid_file import DEEPEST, SPHERICAL, GridFile, Ints
 
 if TYPE_CHECKING:
-    from ...grids.contract import Grid
+    from ..grids.contract import Grid
 
 # Walls of infinite slabs are at this distance or beyond.
 _ENDLESS = 1e89
@@ -42,7 +42,7 @@ def grid_from(file: GridFile, unit: UnitLike = None) -> ArrangedGrid:
 
     A spherical grid that ends at the midplane is mirrored.
     """
-    from ...grids import CartesianGrid, OctreeGrid, PatchGrid, SphericalGrid
+    from ..grids import CartesianGrid, OctreeGrid, PatchGrid, SphericalGrid
 
     kind: Callable[..., Any] = CartesianGrid
     grid: Grid
@@ -86,7 +86,7 @@ def _first_index_last(values: np.ndarray, shape: list[int]) -> np.ndarray:
 
 
 def _leaves(file: GridFile, flags: np.ndarray) -> tuple[Ints, Ints]:
-    from ...grids.trees.octree_order import Places, levels_from_flags
+    from ..grids.trees.octree_order import Places, levels_from_flags
 
     axes = tuple(np.flatnonzero(file.active).tolist())
     levels = levels_from_flags(flags, int(np.prod(file.shape)), 1 << len(axes))
@@ -206,7 +206,7 @@ def _octree(file: GridFile, grid: Any, flags: np.ndarray) -> GridFile:
 
 
 def _patches(file: GridFile, grid: Any) -> GridOut:
-    from ...grids import OctreeGrid
+    from ..grids import OctreeGrid
 
     if (layered := _layers(grid)) is not None:
         order, rows = layered
@@ -270,7 +270,7 @@ def _layers(grid: Any) -> tuple[Ints, Ints] | None:
 
 
 def _spherical(file: GridFile, grid: Any) -> GridFile:
-    from ...grids.trees.octree_order import flags_from_levels
+    from ..grids.trees.octree_order import flags_from_levels
 
     _, theta, phi = grid.edges
     if theta[-1] == _HALF and not grid.mirror:

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError, UnitsError
-from ...expressions import Expression
-from ...files import MissingPathError, make_directory, replacing
-from ...units import is_quantity, parse_unit, plain
-from ..contract import FieldChoice
-from .encodings import BinaryOut, TextOut
+from ..errors import FileFormatError, InputError, UnitsError
+from ..expressions import Expression
+from ..files import MissingPathError, make_directory, replacing
+from ..io.contract import FieldChoice
+from ..io.fortran import BinaryOut, TextOut
+from ..units import is_quantity, parse_unit, plain
 from .fields import FORMATS, GRID, INPUT, KINDS, FieldKind, find, known_kind
 from .grid_file import GridFile, read_grid, write_grid
 from .grids import GridOut, grid_out
 
 if TYPE_CHECKING:
-    from ...volume import Volume
+    from ..volume import Volume
 
 # Other codes' names of gas quantities.
 _USUAL = {"density": "gas_density", "temperature": "gas_temperature", "velocity": "gas_velocity"}
@@ -71,7 +71,7 @@ def write(
     Examples
     --------
     >>> sphere = vm.models.sphere(8)
-    >>> paths = vm.io.radmc3d.write(sphere, "model", {"dust_density": "1e-18 * inside"})
+    >>> paths = vm.radmc3d.write(sphere, "model", {"dust_density": "1e-18 * inside"})
     >>> [path.name for path in paths]
     ['amr_grid.inp', 'dust_density.inp']
     """

@@ -21,8 +21,9 @@ from ..backend.functions import attenuation, horner, loop, precision_of
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
-from .base import Coefficients, Solution, Source, VertexScheme
-from .path import Path, empty_path, over
+from ..schemes.base import Coefficients, Solution, Source, VertexScheme
+from ..schemes.path import Path, empty_path, over
+from .gas_states import GasStates
 
 # Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
 _SERIES_BELOW = 1e-6
@@ -59,7 +60,9 @@ class OlsonKunasz(VertexScheme):
                 f"catch_doppler_resolution must be a part of a line's width, from 0 to 1, got "
                 f"{resolution!r}"
             )
-        self.resolution, self.states = resolution, resolution is not None
+        self.resolution = resolution
+        if resolution is not None:
+            self.layout = GasStates.on
 
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]

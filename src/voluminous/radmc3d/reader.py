@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError, UnitsError, VoluminousError
-from ...units import parse_unit
-from ..boxes import boxes
-from ..contents import Contents, ContentsReader, StoredField
-from ..contract import FieldChoice, FieldInfo, UnitLike
-from ..guard import placed
+from ..errors import FileFormatError, InputError, UnitsError, VoluminousError
+from ..io.boxes import boxes
+from ..io.contents import Contents, ContentsReader, StoredField
+from ..io.contract import FieldChoice, FieldInfo, UnitLike
+from ..io.guard import placed
+from ..units import parse_unit
 from .fields import FORMATS, GRID, INPUT, FieldPart, field_files, find, parts_of, preferred
 from .grid_file import GridFile, read_grid
 
 if TYPE_CHECKING:
-    from ...volume import Volume
+    from ..volume import Volume
     from .grids import ArrangedGrid
 
 

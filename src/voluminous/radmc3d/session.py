@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..objects import Stars
 from ..objects.contract import Layers, View
-from .radmc3d_words import DEEP, LIGHT, PARSEC, Request, request_of
+from .words import DEEP, LIGHT, PARSEC, Request, request_of
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -91,7 +91,7 @@ class Session:
             If the model needs what is not here (Monte Carlo, …), or lacks what the words name.
         """
         from ..io import open as open_volume
-        from ..io.radmc3d.model import read_model
+        from .model import read_model
 
         if not any(folder.glob("amr_grid.*")):
             raise InputError(
@@ -319,7 +319,7 @@ class Session:
     def scheme(self) -> Any:
         """Return the scheme: of first or second order, or Doppler catching."""
         from ..schemes.first_order import FirstOrder
-        from ..schemes.olson_kunasz import OlsonKunasz
+        from .olson_kunasz import OlsonKunasz
 
         scheme: Any = FirstOrder()
         if self.request.second:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import FileFormatError
-from .encodings import CUT, BinaryFile, Flags, Reals, TextOut
+from ..errors import FileFormatError
+from ..io.fortran import CUT, BinaryFile, Flags, Reals, TextOut
 
 REGULAR, OCTREE, LAYERS = 0, 1, 10
 SPHERICAL, BEYOND = 100, 200
