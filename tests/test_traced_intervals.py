@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from expression_trees import expressions
 from test_bounds import MEDIA, MONOTONE, ONE, SPECIAL, TWO, assert_inside, points_in
 from voluminous.backend import dr, from_host, get_backend
-from voluminous.bounds.scalars import TracedRangeContext
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
 from voluminous.expressions.traced_interval import TracedInterval, TracedIntervalOps, traced
 from voluminous.media import Context, Table
 from voluminous.media.context import no_unit
+from voluminous.media.enclosure import EnclosureContext
 
 INF, NAN = math.inf, math.nan
 
@@ -147,7 +147,7 @@ def test_an_interval_of_the_host_keeps_all_its_numbers():
 
 
 def ranges(backend, medium, box, unit=None, unit_of=no_unit):
-    context = TracedRangeContext(backend.Float, backend.opaque, unit, unit_of)
+    context = EnclosureContext(backend.Float, backend.opaque, unit, unit_of)
     found = [context.real(v) for v in medium.ranges(intervals(backend, box), context).listed()]
     listed = arrays(found, len(next(iter(box.values()))[0]))
     return listed[: medium.channels], listed[medium.channels :]

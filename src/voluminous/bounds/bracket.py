@@ -8,33 +8,31 @@ of u, and m(τ) = (1 - e^{-τ})/τ, four bounds of b = ∫ j w du are intersecte
   since the depth differs from a straight line by at most Δα/4; the mean of a product differs from
   the product of the means by at most Δj Δw/4 (Grüss 1935). Both are of second order.
 * j/α is in its range: b is that times 1 - e^{-τ}. For one shell it is exact.
-* The parts of a sum are bounded separately, each dimmed by at most all others.
+* The components of a sum are bounded separately, each dimmed by at most all others.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..backend import dr
 from ..backend.functions import any_attenuation, loop
 from ..backend.types import Float, Mask
-from ..expressions.traced_interval import TracedInterval, positive
+from ..expressions.traced_interval import TracedInterval, larger, positive, smaller
 from ..grids.contract import Segment
+from ..media.enclosure import Ends, PanelBounds
 from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import Path, empty_path, most, over
 from ..schemes.post_classified import next_panel
-from .media import PartBounds, total_bounds
-
-Ends = tuple[Any, Any]
 
 
-def solve_parts(parts: list[PartBounds]) -> tuple[list[Ends], list[Ends]]:
+def solve_components(components: list[PanelBounds]) -> tuple[list[Ends], list[Ends]]:
     """Return bounds of the emission per channel, and of the transparency per extinction."""
-    count = max(len(part.extinction) for part in parts)
-    parts = [part.spread(count) for part in parts]
-    whole = total_bounds(parts)
+    count = max(len(one.extinction) for one in components)
+    components = [_with_extinctions(one, count) for one in components]
+    whole = _total(components)
     seen = [
         (any_attenuation(positive(depth.hi))[0], any_attenuation(positive(depth.lo))[0])
         for depth in whole.depth
@@ -42,22 +40,52 @@ def solve_parts(parts: list[PartBounds]) -> tuple[list[Ends], list[Ends]]:
     emission = []
     for c in range(len(whole.emissivity)):
         bounds = _emission(whole, c)
-        if len(parts) > 1:
-            bounds = _met(bounds, _one_by_one(parts, c))
+        if len(components) > 1:
+            bounds = _met(bounds, _one_by_one(components, c))
         emission.append(bounds)
     return emission, seen
 
 
-def _emission(part: PartBounds, channel: int) -> Ends:
-    e = channel if len(part.extinction) > 1 else 0
-    j, total = part.emissivity[channel], part.emitted[channel]
-    least, most = (positive(v) for v in (part.extinction[e].lo, part.extinction[e].hi))
-    thin, thick = (positive(v) for v in (part.depth[e].lo, part.depth[e].hi))
+def _with_extinctions(one: PanelBounds, count: int) -> PanelBounds:
+    if len(one.extinction) == count:
+        return one
+    return replace(one, extinction=one.extinction * count, depth=one.depth * count)
+
+
+def _total(components: list[PanelBounds]) -> PanelBounds:
+    """Return the bounds of a sum; its j/α lies in the hull of j/α of the components present."""
+    if len(components) == 1:
+        return components[0]
+    rows = zip(*((c.emissivity, c.extinction, c.emitted, c.depth) for c in components), strict=True)
+    sums = [[sum(values[1:], values[0]) for values in zip(*row, strict=True)] for row in rows]
+    total = PanelBounds(sums[0], sums[1], sums[2], sums[3], [None] * len(sums[0]))
+    sources = [_source(components, total, channel) for channel in range(len(sums[0]))]
+    return replace(total, source=sources)
+
+
+def _source(components: list[PanelBounds], total: PanelBounds, channel: int) -> Ends:
+    """Return the hull of j/α of all that may absorb or emit, intersected with the sum's."""
+    whole = total.source_of(channel)
+    low, high = dr.inf, -dr.inf
+    for one in components:
+        alpha = one.extinction[channel if len(one.extinction) > 1 else 0]
+        there = (alpha.hi > 0.0) | (one.emissivity[channel].size > 0.0)
+        below, above = one.source_of(channel)
+        low = dr.select(there & ~(below >= low), below, low)
+        high = dr.select(there & ~(above <= high), above, high)
+    return larger(whole[0], low), smaller(whole[1], high)
+
+
+def _emission(one: PanelBounds, channel: int) -> Ends:
+    e = channel if len(one.extinction) > 1 else 0
+    j, total = one.emissivity[channel], one.emitted[channel]
+    least, most = (positive(v) for v in (one.extinction[e].lo, one.extinction[e].hi))
+    thin, thick = (positive(v) for v in (one.depth[e].lo, one.depth[e].hi))
     ranged = any_attenuation(most)[1], any_attenuation(least)[1]
     dimmed = _dimmed(j, (total.lo, total.hi), any_attenuation(thick)[0])
     bounds = _met(_scaled((j.lo, j.hi), ranged), dimmed)
     bounds = _met(bounds, _by_means(j, total, (thin, thick), most - least))
-    return _met(bounds, _scaled(part.source_of(channel), (_absorbed(thin), _absorbed(thick))))
+    return _met(bounds, _scaled(one.source_of(channel), (_absorbed(thin), _absorbed(thick))))
 
 
 def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any) -> Ends:
@@ -70,13 +98,13 @@ def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any
     return low - apart, high + apart
 
 
-def _one_by_one(parts: list[PartBounds], channel: int) -> Ends:
-    e = channel if len(parts[0].extinction) > 1 else 0
+def _one_by_one(components: list[PanelBounds], channel: int) -> Ends:
+    e = channel if len(components[0].extinction) > 1 else 0
     low, high = 0.0, 0.0
-    for k, part in enumerate(parts):
-        others = sum(positive(p.depth[e].hi) for n, p in enumerate(parts) if n != k)
+    for one in components:
+        others = sum(positive(other.depth[e].hi) for other in components if other is not one)
         dimmest = any_attenuation(others)[0]
-        ends = _dimmed(part.emissivity[channel], _emission(part, channel), dimmest)
+        ends = _dimmed(one.emissivity[channel], _emission(one, channel), dimmest)
         low, high = low + ends[0], high + ends[1]
     return low, high
 
@@ -169,8 +197,8 @@ class Bracket(Scheme):
             return state.begin < 1.0
 
         def step(state: BracketState) -> tuple[BracketState]:
-            courses = source.courses(cubics, segment.length, state.begin, state.width)
-            found, gaps = self._bounded(source.parts(courses))
+            panel = source.panel(cubics, segment.length, state.begin, state.width)
+            found, gaps = self._bounded(source.components(panel))
             wrong, dim = (gap * seen for gap in gaps)
             good = ~(wrong > source.tolerance[0]) & ~(dim > source.tolerance[1])
             tried = state.tried + 1.0
@@ -196,8 +224,8 @@ class Bracket(Scheme):
         ]
         return state.path, [seen * most(state.path.transparency), *after]
 
-    def _bounded(self, parts: Any) -> tuple[Path, tuple[Float, Float]]:
-        emission, transparency = solve_parts(parts)
+    def _bounded(self, components: list[PanelBounds]) -> tuple[Path, tuple[Float, Float]]:
+        emission, transparency = solve_components(components)
         grey = len(transparency) == 1
         through = [transparency[0 if grey else c] for c in range(len(emission))]
         lows, highs = ([ends[k] for ends in emission] for k in (0, 1))

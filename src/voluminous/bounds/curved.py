@@ -95,8 +95,8 @@ class JetArithmetic(Arithmetic):
 
 
 @dataclass
-class CurvedPiece:
-    """A field on a panel; see `media.course.Piece`."""
+class CurvedSegment:
+    """A field on a panel; see `media.enclosure.Segment`."""
 
     ends: list[TracedInterval]
     whole: TracedJet
@@ -109,7 +109,7 @@ class CurvedPiece:
         """Return values and derivatives over the panel."""
         return self.whole
 
-    def after(self, before: TracedInterval, jumps: Any) -> CurvedPiece:
+    def after(self, before: TracedInterval, jumps: Any) -> CurvedSegment:
         """Return, for lanes that jump, how the field comes to this panel's beginning: straight."""
         start, value = self.ends[0], self.whole.value
         zero = TracedInterval.constant(type(value.lo)(0))
@@ -120,7 +120,7 @@ class CurvedPiece:
             _either(jumps, start - before, self.whole.first or zero),
             _either(jumps, zero, self.whole.second or zero),
         )
-        return CurvedPiece(ends, whole)
+        return CurvedSegment(ends, whole)
 
 
 class CurvedField:
@@ -140,12 +140,12 @@ class CurvedField:
         self.before: TracedInterval  # where the previous segment ended: `Bracketed.jumps` sets it
         self.slack = doubt * (high - low) + _LOSS * _EPS * (dr.abs(low) + dr.abs(high))
 
-    def piece(self, begin: Float, width: Float) -> CurvedPiece:
+    def on_panel(self, begin: Float, width: Float) -> CurvedSegment:
         """Return the field on a panel of the segment."""
         first, last = self.chord.point(begin), self.chord.point(begin + width)
         ends = [self._value(point) for point in (first, last)]
         whole = self._field([_line(a, b) for a, b in zip(first, last, strict=True)])
-        return CurvedPiece(ends, whole)
+        return CurvedSegment(ends, whole)
 
     def end(self, s: float) -> TracedInterval:
         """Return the value at the segment's beginning (0) or end (1)."""

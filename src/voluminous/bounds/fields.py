@@ -16,6 +16,8 @@ from ..expressions.traced_interval import TracedInterval, extremes
 from ..geometry import CARTESIAN
 from ..grids.contract import Segment
 from ..media.contract import Medium
+from ..media.enclosure import CubicSegment, EnclosedPanel, EnclosureContext, PanelBounds
+from ..media.enclosure import Segment as EnclosedSegment
 from ..media.ranges import RangeContext
 from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
@@ -23,8 +25,6 @@ from ..rendering.sources.channel_layout import PerChannel
 from ..rendering.sources.corner_layouts import get_lattices
 from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_bricks
 from .curved import CurvedField
-from .media import PartBounds, bounds_on_panel
-from .scalars import CourseContext, Courses, CubicPiece, Piece
 
 if TYPE_CHECKING:
     from ..backend.device import Backend
@@ -62,11 +62,11 @@ class Enclosed:
     low: Float
     high: Float
 
-    def piece(self, begin: Float, width: Float) -> CubicPiece:
+    def on_panel(self, begin: Float, width: Float) -> CubicSegment:
         """Return the field on a panel of the segment."""
         c = shifted(self.cubic, begin, width)
         inner = [control_point(c, k) for k in (1, 2)]
-        return CubicPiece([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
+        return CubicSegment([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
 
 
 Fields: TypeAlias = "dict[str, Enclosed | CurvedField]"
@@ -83,11 +83,11 @@ class Bracketed:
         evaluator, cache = CellEvaluator(volume, medium, PerChannel(medium), backend), Cache(volume)
         self.medium, self.backend, grid = medium, backend, volume.grid
         self.lattices, ranges = get_lattices(evaluator, cache), get_ranges(evaluator, cache, DUAL)
-        self.signed = not all(_not_negative(part, volume, ranges) for part in medium.components())
+        self.signed = not all(_not_negative(one, volume, ranges) for one in medium.components())
         count = medium.channels * (4 if self.signed else 2)
         self.numbers = Numbers(count, count)
         opaque = backend.opaque
-        self.context = CourseContext(backend.Float, opaque, volume.unit, volume.expression_unit)
+        self.context = EnclosureContext(backend.Float, opaque, volume.unit, volume.expression_unit)
         self.scale = opaque(grid.scale)
         self.curved = tuple(grid.coordinates) != CARTESIAN
         cells = 1.0 / grid.resolution
@@ -154,7 +154,7 @@ class Bracketed:
             found |= (field.before.hi < start.lo) | (start.hi < field.before.lo)
         return found
 
-    def courses(self, cubics: Fields, length: Float, begin: Float, width: Float) -> Courses:
+    def panel(self, cubics: Fields, length: Float, begin: Float, width: Float) -> EnclosedPanel:
         """Return the enclosures of all scalars on a panel of a segment.
 
         A panel that begins before the segment is the jump to it, of length zero.
@@ -162,31 +162,31 @@ class Bracketed:
         if self.curved:
             jump = begin < 0.0
             begin, width = dr.select(jump, 0.0, begin), dr.select(jump, 0.0, width)
-        pieces: dict[str, Piece] = {}
+        segments: dict[str, EnclosedSegment] = {}
         for name, field in cubics.items():
             if isinstance(field, CurvedField):
-                pieces[name] = field.piece(begin, width).after(field.before, jump)
+                segments[name] = field.on_panel(begin, width).after(field.before, jump)
             else:
-                pieces[name] = field.piece(begin, width)
-        return Courses(pieces, length * width * self.scale, self.context)
+                segments[name] = field.on_panel(begin, width)
+        return EnclosedPanel(segments, length * width * self.scale, self.context)
 
-    def parts(self, courses: Courses) -> list[PartBounds]:
-        """Return guaranteed bounds of the medium's parts on a panel."""
-        self.context.courses = courses
-        return bounds_on_panel(self.medium, courses, self.context)
+    def components(self, panel: EnclosedPanel) -> list[PanelBounds]:
+        """Return guaranteed bounds of the medium's components on a panel."""
+        self.context.panel = panel
+        return self.medium.panel_bounds(panel, self.context)
 
 
 def _curved(fields: Fields) -> list[CurvedField]:
     return [field for field in fields.values() if isinstance(field, CurvedField)]
 
 
-def _not_negative(part: Medium, volume: Volume, ranges: dict[str, Interval]) -> bool:
-    emission = part.emission_range()
+def _not_negative(component: Medium, volume: Volume, ranges: dict[str, Interval]) -> bool:
+    emission = component.emission_range()
     if emission is not None:
         return emission[0] >= 0.0
     context = RangeContext(volume.unit, volume.expression_unit)
     with np.errstate(all="ignore"):
-        found = part.ranges(ranges, context)
+        found = component.ranges(ranges, context)
     return all(bool(np.all(j.lo >= 0.0)) for j in found.emissivity)
 
 
@@ -210,8 +210,8 @@ def empty_bricks(
     context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)
     emission, depth = np.zeros((medium.channels, *shape)), np.zeros(shape)
     with np.errstate(all="ignore"):
-        for part in medium.components():
-            sample = part.largest(ranges, context)
+        for component in medium.components():
+            sample = component.largest(ranges, context)
             j, alpha = (
                 np.array([np.broadcast_to(most, shape) for most in values])
                 for values in (sample.emissivity, sample.extinction)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..media import Medium
 from ..rendering.job import RenderJob
 from ..rendering.pixels import TILE
 from ..rendering.sources.channel_layout import channel_groups
 from ..rendering.tracer import Paths, RayTracer
 from .bracket import Bracket
 from .fields import Bracketed
-from .media import is_bounded
 
 # Largest bracket width of one panel, relative to that of a pixel; lowered in every round.
 _SHARES = (0.03, 0.004, 0.0005)
@@ -64,7 +64,7 @@ def bracket(
         return None, None
     groups = channel_groups(job.medium.channels, job.scheme)
     media = [job.medium.group(group.start, group.stop) for group in groups]
-    if len(groups) > 1 and all(map(is_bounded, (p for one in media for p in one.components()))):
+    if len(groups) > 1 and all(_is_bounded(c) for one in media for c in one.components()):
         behind = np.broadcast_to(background, intensity.shape)
         lower, upper = np.empty(intensity.shape), np.empty(intensity.shape)
         for group, medium in zip(groups, media, strict=True):
@@ -72,10 +72,10 @@ def bracket(
             ends = bracket(one, budget, intensity, behind[..., group])
             lower[..., group], upper[..., group] = ends
         return lower, upper
-    for part in job.medium.components():
-        if not is_bounded(part):
+    for component in job.medium.components():
+        if not _is_bounded(component):
             raise InputError(
-                f"nothing is known of the range of {part!r}, so that there are no bounds; "
+                f"nothing is known of the range of {component!r}, so that there are no bounds; "
                 "functions have some if they compute with nothing but arithmetic, comparisons and "
                 "NumPy's or vm.math's exp, log10, sqrt, where, ... of single numbers (no erf, no "
                 "if)"
@@ -87,6 +87,10 @@ def bracket(
     brightest = float(np.max(np.abs(intensity)))
     paths = _narrowed(job, source, brightest, float(np.max(np.abs(background))))
     return _intensities(job, paths, source, background)
+
+
+def _is_bounded(medium: Medium) -> bool:
+    return type(medium).ranges is not Medium.ranges
 
 
 def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:

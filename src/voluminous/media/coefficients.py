@@ -18,6 +18,7 @@ from ..expressions.interval import Interval
 from ..units import Unit, parse_unit, unit_name
 from .context import Context, Feature, MediumSample
 from .contract import Medium
+from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 from .jumps import SENSITIVITY, Jump
 from .panel import extremes, in_box, kept
 
@@ -87,12 +88,17 @@ class Coefficients(Medium):
         self.names = self.used_names()
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        return self._evaluated((*self.emissivity, *self.extinction), fields, context)
+        return self._evaluated(
+            (*self.emissivity, *self.extinction), lambda e: context.evaluate(e, fields), context
+        )
 
     def _evaluated(
-        self, expressions: Sequence[Expression], fields: dict[str, Any], context: Context
+        self,
+        expressions: Sequence[Expression],
+        value: Callable[[Expression], Any],
+        context: Context,
     ) -> MediumSample:
-        sample = self.split([context.evaluate(e, fields) for e in expressions])
+        sample = self.split(list(map(value, expressions)))
         sample.extinction = [
             context.number(per_length(context.unit_of(e), context.unit, f"extinction {e.text!r}"))
             * value
@@ -111,7 +117,13 @@ class Coefficients(Medium):
             return {side.name: context.evaluate(side.condition, middle) for side in sides}
 
         fields = panel.fields(s) | kept(panel, (id(self), "sides"), decided)
-        return self.in_units(self._evaluated(pieces, fields, context), context)
+        sample = self._evaluated(pieces, lambda e: context.evaluate(e, fields), context)
+        return self.in_units(sample, context)
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        every = (*self.emissivity, *self.extinction)
+        means = self._evaluated(every, lambda e: panel.enclosure(e).mean, context)
+        return [PanelBounds.of(self.ranges(panel.fields, context), means, panel.length)]
 
     def emission_range(self) -> tuple[float, float] | None:
         return (0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None

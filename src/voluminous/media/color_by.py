@@ -19,9 +19,11 @@ from ..units import Unit, plain, unit_of
 from ..value import Value
 from .arguments import channel_values, described, named, scalar, whole_number
 from .context import Colors, Context, Feature
+from .enclosure import meet, table_bounds
 from .piecewise_linear import PiecewiseLinear
 
 if TYPE_CHECKING:
+    from .enclosure import EnclosedPanel, EnclosureContext
     from .panel import Panel
 
 
@@ -54,7 +56,8 @@ class ColorScale(Colors):
         self.position = self.values = np.linspace(0.0, 1.0, self.samples)
         self.rows = mapped_colors(get_colormap(cmap), self.position)
         self.is_open = self.vmin is None or self.vmax is None
-        self.positive = norm == "log" or type(norm).__name__ == "LogNorm"
+        name = norm if isinstance(norm, str) else type(norm).__name__
+        self.positive = name in ("log", "LogNorm")
         self._unit: Unit = None
         if self.is_open:
             named_only = norm is None or isinstance(norm, str)
@@ -230,6 +233,16 @@ class ColorBy(Value):
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
         x = context.evaluate(self.expr, fields)
         return [*map(_or_black, context.interpolate(x, self.nodes(context), [*self.range.rows.T]))]
+
+    def panel_colors(
+        self, panel: EnclosedPanel, context: EnclosureContext
+    ) -> tuple[list[TracedInterval], list[TracedInterval]]:
+        """Return intervals of the colours on a panel, and of their means."""
+        nodes, rows = self.nodes(context), self.range.rows
+        table = context.keep((id(self), "sums"), lambda: PiecewiseLinear(panel.real, nodes, rows))
+        colors = self.colors(panel.fields, context)
+        means = table_bounds(panel.enclosure(self.expr), nodes, rows, context, table)
+        return colors, [meet(*both) for both in zip(colors, means, strict=True)]
 
     def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue on a ray, in the type that integrals are computed with."""

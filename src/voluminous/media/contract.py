@@ -22,6 +22,7 @@ from ..units import unit_of as unit_of_value
 from ..value import Value
 from .arguments import described, with_plain_expressions
 from .context import Context, Feature, Halves, MediumSample, no_unit
+from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 from .panel import NODES, PLACES, kept
 from .quadrature import doubled, simpson, with_values
 from .ranges import Bounds, RangeContext, intervals
@@ -254,6 +255,15 @@ class Medium(Value):
         values = [unit * j for unit, j in zip(bright, sample.emissivity, strict=True)]
         values += [dense * a for a in usable]
         return [context.narrow(v) for v in values]
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        """Return guaranteed bounds on a panel, of each of its components.
+
+        Default: from the ranges of the coefficients, whose width falls with the length of the
+        panel; the means of most media have narrower bounds, which fall with its square.
+        """
+        values = self.ranges(panel.fields, context)
+        return [PanelBounds.of(values, values, panel.length)]
 
     def jumps(self, context: Context) -> list[Jump]:
         """Return the levels at which the medium jumps or has a surface without width.

@@ -42,9 +42,12 @@ class Formulas(Coefficients):
         self.function, self.names = function, function.names
 
     def _evaluated(
-        self, expressions: Sequence[Expression], fields: dict[str, Any], context: Context
+        self,
+        expressions: Sequence[Expression],
+        value: Callable[[Expression], Any],
+        context: Context,
     ) -> MediumSample:
-        return self.split([context.evaluate(e, fields) for e in expressions])
+        return self.split(list(map(value, expressions)))
 
     def intensity_unit(self, context: Context) -> Any:
         told = self.function.units is not None

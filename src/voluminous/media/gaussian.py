@@ -17,6 +17,8 @@ from ..backend import dr
 from ..backend.functions import branch, decay, horner, polynomial, precision_of
 from ..backend.types import Float
 from ..expressions import Ops
+from ..expressions.traced_interval import TracedInterval
+from .enclosure import SHAPE_LOSS, Enclosure, EnclosureContext, around
 from .panel import Middle, extremes, middle_of
 from .profiles import Shaped
 from .quadrature import boole, midway, simpson
@@ -204,6 +206,20 @@ class Gaussian(Shaped):
         nearest = dr.select(low > 0.0, low, dr.select(high < 0.0, high, 0.0))
         farthest = dr.select(high > -low, high, low)
         return decay(0.5 * (nearest * nearest)) - decay(0.5 * (farthest * farthest))
+
+    def mean_bounds(
+        self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
+    ) -> TracedInterval:
+        """Return the mean on the chord, up to its error times the largest slope.
+
+        The slope z exp(-z²/2) is largest at 1 and falls to both sides.
+        """
+        first, last, off, _ = enclosure.in_widths(context.plain(center), context.plain(width))
+        z = (enclosure.values - context.number(center)) / context.number(width)
+        near, far = z.smallest, z.size
+        steepest = dr.select(far < 1.0, far, dr.select(near > 1.0, near, 1.0))
+        slope = dr.select(steepest < 30.0, steepest * dr.exp(-0.5 * steepest * steepest), 1e-190)
+        return around(gaussian_mean(first, last), slope * off * (1.0 + 1e-12) + SHAPE_LOSS)
 
     def reach(self, faint: float) -> float:
         return math.sqrt(-2.0 * math.log(max(faint, _LEAST)))

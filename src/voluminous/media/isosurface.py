@@ -24,6 +24,7 @@ from ..backend.types import Float, Mask
 from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval
 from ..units import plain
 from .arguments import (
     depth_of,
@@ -37,6 +38,7 @@ from .arguments import (
 )
 from .context import Colors, Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 from .jumps import SENSITIVITY, Jump, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
 from .panel import Panel, extremes, kept, noise_of
@@ -325,6 +327,45 @@ class Isosurface(Medium):
             )
 
         return context.keep(id(self), make)
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        number, plain = context.number, context.plain
+        levels, width = self.plain_numbers(context)
+        enclosure = panel.enclosure(self.expr)
+        light = self.lamp.panel_light(panel, context)
+        lights = [light] * self.channels
+        if self.modulation.color is not None:
+            paint, _ = self.modulation.color.panel_colors(panel, context)
+            lights = [light * c for c in paint]
+        found = []
+        for level, color, row in zip(levels, self.colors, self.opacities, strict=True):
+            place, extent = plain(level), plain(width)
+            crossed, densest = (
+                enclosure.layer(place, extent) if self.thick else enclosure.crossings(place)
+            )
+            if self.density == "gradient":
+                steep = panel.enclosure(self.slope).values * panel.length
+                crossed = enclosure.oblique(steep, crossed)
+                if self.thick:
+                    crossed, densest = enclosure.sheet(place, extent, steep, crossed)
+            if self.modulation.where is not None:  # both are zero where the gate is closed
+                gate = self.modulation.gate(panel.fields, context)
+                most, densest = (dr.select(gate.hi > 0.0, v, 0.0) for v in (crossed.hi, densest))
+                crossed = TracedInterval(gate.lo * crossed.lo, most)
+            anywhere = TracedInterval(type(densest)(0), densest)
+            # An amount may be infinite, times a depth of zero.
+            extinction, depth = (
+                [number(o) * amount if o else number(0.0) for o in map(depth_of, row)]
+                for amount in (anywhere, crossed)
+            )
+            source = [number(h) * shown for h, shown in zip(color, lights, strict=True)]
+            emissivity, emitted = (
+                [h * amounts[c if len(amounts) > 1 else 0] for c, h in enumerate(source)]
+                for amounts in (extinction, depth)
+            )
+            ends = [(h.lo, h.hi) for h in source]
+            found.append(PanelBounds(emissivity, extinction, emitted, depth, ends))
+        return found
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         if self._is_outside(panel):

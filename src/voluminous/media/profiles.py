@@ -20,6 +20,7 @@ from ..backend.functions import branch
 from ..backend.types import Float, Mask
 from ..expressions import Expression, NumpyOps, Ops
 from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval
 from ..units import Unit, plain
 from .arguments import (
     channel_values,
@@ -32,6 +33,7 @@ from .arguments import (
 )
 from .context import Colors, Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .enclosure import EnclosedPanel, Enclosure, EnclosureContext, PanelBounds, unit_range
 from .modulation import Modulation, modulated
 from .panel import Middle, Panel, extremes, kept, middle_of, third_differences
 from .quadrature import doubled, inverse_slope
@@ -330,6 +332,29 @@ class Shaped(Medium):
         """Return where it is not neglected between two distances; where there is NaN, it shows."""
         reach = self.numbers(context).reach
         return ~((low > reach) | (high < -reach))
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        center, width, length = self.plain_numbers(context)
+        number, per_length = context.number, context.number(1.0 / length)
+        shape = self.mean_bounds(panel.enclosure(self.expr), center, width, context)
+        shape = unit_range(shape) * per_length
+        means = self.split([number(h) * shape for h in (*self.color, *self.opacity)])
+        ranged = self.per_length(panel.fields, context)
+        opacities = self.opacity * (self.channels if self.grey else 1)
+        sources = [
+            number(h / o) if o > 0 else None for h, o in zip(self.color, opacities, strict=True)
+        ]
+        emission = [number(h) * ranged for h in self.color]
+        return self.modulation.panel_bounds(self, emission, means, sources, panel, context)
+
+    def mean_bounds(
+        self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
+    ) -> TracedInterval:
+        """Return an interval of the mean of the shape over a panel: by default, of its values."""
+        found: TracedInterval = self.shape(
+            context.ops, enclosure.values - context.number(center), context.number(width)
+        )
+        return found
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         own = self.numbers(context)

@@ -10,7 +10,9 @@ from ..backend import dr
 from ..backend.functions import precision_of
 from ..backend.types import Float, Mask
 from ..expressions import Ops
+from ..expressions.traced_interval import TracedInterval
 from .context import Context
+from .enclosure import SHAPE_LOSS, Enclosure, EnclosureContext
 from .jumps import Jump, passes
 from .panel import Middle, middle_of
 from .profiles import Shaped
@@ -94,6 +96,18 @@ class Rectangle(Shaped):
             possible, shown = passes(panel, self.expr, edge)
             unresolved |= seen & (possible > shown)
         return seen, unresolved
+
+    def mean_bounds(
+        self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
+    ) -> TracedInterval:
+        """Return bounds of the fraction of a panel with |z| < 1, from limits moved in and out."""
+        ends = enclosure.in_widths(context.plain(center), context.plain(width))
+        first, last, _, farthest = ends
+        inner, outer = 1.0 - farthest, 1.0 + farthest
+        some = dr.select(inner > 0.0, inner, 1.0)
+        least = dr.select(inner > 0.0, box_mean(first / some, last / some), 0.0)
+        most = box_mean(first / outer, last / outer)
+        return TracedInterval(least - SHAPE_LOSS, most + SHAPE_LOSS)
 
     def reach(self, faint: float) -> float:
         return 1.0

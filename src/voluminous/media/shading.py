@@ -18,12 +18,13 @@ from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..expressions.traced_interval import TracedInterval
+from ..expressions.traced_interval import TracedInterval, positive
 from .arguments import fraction
 from .panel import NODES, Middle, extremes, kept
 
 if TYPE_CHECKING:
     from .context import Context
+    from .enclosure import EnclosedPanel, EnclosureContext
     from .panel import Panel
 
 
@@ -194,6 +195,25 @@ class Lamp:
             return 1.0
         share = self._share(context)
         return 1.0 - share + share * self._cosine(fields, panel, context)
+
+    def panel_light(self, panel: EnclosedPanel, context: EnclosureContext) -> TracedInterval:
+        """Return an interval of the light factor on a panel."""
+        one: TracedInterval = context.number(1.0)
+        if self.shading == 0:
+            return one
+        if self.lights != ((HEADLIGHT, 1.0),):
+            raise InputError("bounds=True is for a headlight alone; leave lights= out")
+        normal = [panel.enclosure(e).values for e in self.normal]
+        ahead = [panel.enclosure(Expression(axis)).slope for axis in "xyz"]
+        along, across, length = (
+            _dot(a, b) for a, b in ((normal, ahead), (normal, normal), (ahead, ahead))
+        )
+        cosine = abs(along) / context.ops.sqrt(across * length)
+        size = dr.select(cosine.hi < 1.0, cosine.hi, 1.0)
+        # A normal that may vanish counts as facing the camera.
+        limited = TracedInterval(positive(dr.select(cosine.lo > 1.0, 1.0, cosine.lo)), size)
+        share: TracedInterval = context.number(self.shading)
+        return (one - share) + share * limited
 
     def turns(self, panel: Panel, context: Context) -> Mask:
         """Return where the normal turns by so much that a few places do not show its way."""

@@ -14,6 +14,7 @@ from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium, integrated
 
 if TYPE_CHECKING:
+    from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
     from .jumps import Jump
     from .panel import Panel
 
@@ -113,6 +114,9 @@ class Sum(Medium):
 
     def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self._total([part.largest(fields, context) for part in self.parts])
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        return [found for part in self.parts for found in part.panel_bounds(panel, context)]
 
     def _total(self, solved: list[MediumSample]) -> MediumSample:
         n = self.extinction_count  # a grey medium counts in all channels

@@ -28,6 +28,7 @@ from .arguments import (
 from .color_by import ColorBy
 from .context import Colors, Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds, table_bounds
 from .jumps import NOISE, passes
 from .modulation import Modulation
 from .panel import PLACES, Panel, extremes, kept, noise_of
@@ -311,6 +312,22 @@ class Table(Medium):
         numbers: list[float] = self.values.tolist()
         values = numbers if self.unit is None else [named(n * self.unit) for n in numbers]
         return {**super().describe(), "values": values}
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        length = length_in(self.path_length, context.unit)
+        enclosure, nodes = panel.enclosure(self.expr), self.nodes(context)
+        table = context.keep(
+            (id(self), "sums"), lambda: PiecewiseLinear(panel.real, nodes, self.shape)
+        )
+        heights = [context.number(float(h)) for h in self.peaks / length]
+        means = table_bounds(enclosure, nodes, self.shape, context, table)
+        means = [h * mean for h, mean in zip(heights, means, strict=True)]
+        columns = [*(self.rows / length).T]
+        values = self.split(context.interpolate(enclosure.values, nodes, columns))
+        alphas = values.extinction * (self.channels if self.grey else 1)
+        sources = [j / a for j, a in zip(values.emissivity, alphas, strict=True)]
+        modulated = self.modulation.panel_bounds
+        return modulated(self, values.emissivity, self.split(means), sources, panel, context)
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
         """Return where an entry may be noticeable, and where a panel's ends may miss that."""
