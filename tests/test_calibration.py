@@ -137,15 +137,11 @@ def test_a_field_of_two_values_has_shells_between_its_cells(axis, center):
     np.testing.assert_allclose(length(shell, step), 0.02 * 2.0, rtol=1e-10)
 
 
-def test_of_a_large_volume_layers_are_looked_at_and_all_if_those_miss_the_shell(monkeypatch):
-    from voluminous.calibration import samples, thickness
-
-    monkeypatch.setattr(samples, "_PIECE", 32)
-    monkeypatch.setattr(thickness, "BUDGET", 200)
+def test_of_a_large_volume_layers_are_looked_at_and_all_if_those_miss_the_shell():
     volume = ramp()
     assert sum(p.x.size for p in pieces(volume, Expression("a"), 200)) <= 200
     shells = [Profile(np.array([c - 0.1, c + 0.1]), np.ones(2)) for c in np.arange(2.0, 88, 0.5)]
-    found = thicknesses(volume, Expression("a"), shells)
+    found = thicknesses(volume, Expression("a"), shells, budget=200)
     np.testing.assert_allclose([shell.length for shell in found], 0.2 / 3, rtol=1e-9)
 
 

@@ -75,10 +75,10 @@ def test_what_is_given_stays_and_what_is_measured_has_the_unit_of_the_field():
 
 
 def test_a_picture_has_the_measured_range_and_measures_it_once(monkeypatch):
-    from voluminous.calibration import open_numbers as measured
+    from voluminous.calibration import open_numbers
 
-    counted, found = [], measured._range
-    monkeypatch.setattr(measured, "_range", lambda *args: counted.append(1) or found(*args))
+    counted, pieces = [], open_numbers.pieces
+    monkeypatch.setattr(open_numbers, "pieces", lambda *args: counted.append(1) or pieces(*args))
     x, y = (cube(16).evaluate(name).astype("f4") for name in "xy")
     grid = vm.CartesianGrid.uniform(16, (-1, 1))
     volume = vm.Volume(grid, f=x, t=y)

@@ -19,7 +19,6 @@ import pytest
 
 import voluminous as vm
 from test_movies import SHELL, VIEW, VOLUME, left_by_the_dead
-from voluminous import executors
 from voluminous.cli import main
 from voluminous.files import remove_unfinished, replacing
 from voluminous.io.registry import open_lazily
@@ -106,15 +105,21 @@ def test_functions_are_called_by_other_processes(pool, file, tmp_path):
         vm.movie(lambdas, SHELL, CAMERAS, tmp_path / "lambdas", executor=pool)
 
 
-def test_large_arrays_are_refused_and_large_files_are_not(pool, file, tmp_path, monkeypatch):
-    monkeypatch.setattr(film, "_MOST_SENT", 1000)
+def large():
+    """Return a volume of more than 8 MiB."""
+    return VOLUME.resample(vm.CartesianGrid.uniform(132, (-1, 1)))
+
+
+def test_large_arrays_are_refused_and_large_files_are_not(pool, tmp_path):
+    volume, file = large(), tmp_path / "a.npy"
+    np.save(file, volume["a"])
     with pytest.raises(vm.InputError, match=r"volume\.save"):
-        vm.movie(VOLUME, SHELL, CAMERAS, tmp_path / "frames", executor=pool)
+        vm.movie(volume, SHELL, CAMERAS, tmp_path / "frames", executor=pool)
     vm.movie(placed(file), SHELL, CAMERAS[:2], tmp_path / "lazy", executor=pool)
     # What was read is read again there.
     vm.movie(vm.open(file), SHELL, CAMERAS[:2], tmp_path / "read", executor=pool)
     with ThreadPoolExecutor(2) as threads:  # they share memory
-        vm.movie(VOLUME, SHELL, CAMERAS[:2], tmp_path / "threads", executor=threads)
+        vm.movie(volume, SHELL, CAMERAS[:2], tmp_path / "threads", executor=threads)
 
 
 def test_what_is_no_executor_is_refused(tmp_path):
@@ -122,8 +127,7 @@ def test_what_is_no_executor_is_refused(tmp_path):
         vm.movie(VOLUME, SHELL, CAMERAS, tmp_path / "frames", executor=4)
 
 
-def test_errors_of_files_are_tried_again_and_others_name_the_frame(tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "_PAUSE", 0.0)
+def test_errors_of_files_are_tried_again_and_others_name_the_frame(tmp_path):
     tries = []
 
     def finish(image):
@@ -284,9 +288,8 @@ def test_workers_that_are_killed_lose_nothing(file, tmp_path, whole, monkeypatch
         assert sums(paths) == undisturbed
         assert sums((tmp_path / "frames").iterdir()) == undisturbed
         # Arrays in memory are sent once.
-        monkeypatch.setattr(film, "_MOST_SENT", 1000)
-        sent = vm.movie(VOLUME, SHELL, CAMERAS, tmp_path / "sent", executor=client)
-        assert sums(sent) == whole
+        sent = vm.movie(large(), SHELL, CAMERAS[:2], tmp_path / "sent", executor=client)
+    assert sums(sent) == sums(vm.movie(large(), SHELL, CAMERAS[:2], tmp_path / "here"))
 
 
 def test_a_process_that_dies_is_told_in_words(tmp_path):

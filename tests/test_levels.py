@@ -10,6 +10,7 @@ import pytest
 
 import voluminous as vm
 from voluminous.errors import InputError
+from voluminous.levels import level_within
 from voluminous.rendering.outline import Outline
 from voluminous.store import FieldStore, means
 
@@ -172,8 +173,8 @@ def test_the_nearest_cells_are_those_that_may_be_visible(tmp_path):
 
 
 def test_large_volumes_are_measured_in_a_level(stored, reads, monkeypatch):
-    for room in ("samples", "histogram", "thickness"):
-        monkeypatch.setattr(f"voluminous.calibration.{room}.BUDGET", 16**3)
+    samples = "voluminous.calibration.samples"
+    monkeypatch.setattr(f"{samples}.level_within", lambda v, _: level_within(v, 16**3))
     medium = vm.suggest_medium(stored)
     shell = vm.Gaussian("a", 0.5, 0.1, (1, 1, 1), 0.1, path_length="auto")
     colours = vm.Colormap("a", "viridis")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import logging
 import pickle
 import secrets
+import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -67,9 +70,16 @@ class Server:
 
 
 @pytest.fixture
-def server(tmp_path, monkeypatch):
+def at_once(monkeypatch):
+    """Let no time pass before a transfer that failed is tried again."""
+    sleep = asyncio.sleep
+    monkeypatch.setattr(asyncio, "sleep", lambda seconds: sleep(0))
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
+
+
+@pytest.fixture
+def server(tmp_path, at_once):
     pytest.importorskip("aiohttp")
-    monkeypatch.setattr("voluminous.io.remote.WAITS", (0.0, 0.0))
     VOLUME.save(tmp_path / "a.zarr", chunks=4, levels=True, stats=True)
     served = Server(tmp_path)
     yield served
@@ -130,8 +140,9 @@ def test_what_is_not_there(server):
 
 
 def test_a_silent_server(server, monkeypatch):
-    for name in ("CONNECT", "SILENCE"):
-        monkeypatch.setattr(f"voluminous.io.remote.{name}", 0.1)
+    aiohttp = pytest.importorskip("aiohttp")
+    patience = aiohttp.ClientTimeout(None, sock_connect=0.1, sock_read=0.1)
+    monkeypatch.setitem(fsspec.config.conf, "http", {"client_kwargs": {"timeout": patience}})
     silent = ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler)
     # It takes connections, and never answers.
     with pytest.raises(UnreachableError, match="Timeout"):
@@ -201,54 +212,55 @@ def test_without_credentials(bucket, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["plain.h5", "packed.h5", "own.h5", "own_packed.h5", "rho.nc"])
-def test_hdf5_over_http(server, tmp_path, monkeypatch, name):
+def test_hdf5_over_http(server, tmp_path, name):
     """By the bytes that are asked for, from a server that gives parts of files."""
-    monkeypatch.setattr("voluminous.io.labelled.convert.AT_ONCE", 0)
-    monkeypatch.setattr("voluminous.io.remote._BLOCK", 4096)
+    values = np.random.default_rng(3).random((160, 130, 120), np.float32)  # 9.5 MiB
+    large = vm.Volume(vm.CartesianGrid.uniform(values.shape, (-1, 1), unit="pc"), rho=values)
     options = {}
     if name == "rho.nc":
         xr = pytest.importorskip("xarray")
         pytest.importorskip("h5netcdf")
-        lines = {a: np.arange(n) for a, n in zip("xyz", RHO.shape, strict=True)}
-        xr.Dataset({"rho": (tuple("xyz"), RHO)}, lines).to_netcdf(
+        lines = {a: np.arange(n) for a, n in zip("xyz", values.shape, strict=True)}
+        xr.Dataset({"rho": (tuple("xyz"), values)}, lines).to_netcdf(
             tmp_path / name, engine="h5netcdf"
         )
     elif name.startswith("own"):
-        VOLUME.save(tmp_path / name, compress="packed" in name)
+        large.save(tmp_path / name, compress="packed" in name)
     else:
-        packed = {"chunks": (4, 4, 4), "compression": "gzip"} if name == "packed.h5" else {}
+        packed = {"chunks": (40, 40, 40), "compression": "gzip"} if name == "packed.h5" else {}
         with h5py.File(tmp_path / name, "w") as file:
-            file.create_dataset("rho", data=RHO, **packed)
+            file.create_dataset("rho", data=values, **packed)
         options = {"bounds": (-1, 1), "unit": "pc"}
     file_at.cache_clear()
-    volume = open_lazily(f"{server.url}/{name}", **options)
+    volume = open_lazily(f"{server.url}/{name}", **options).unread()
     assert volume.waiting == ("rho",)
-    np.testing.assert_array_equal(volume.store.read("rho", (3, 1, 2), (9, 8, 6)), RHO[3:9, 1:, 2:])
-    np.testing.assert_array_equal(vm.open(f"{server.url}/{name}", **options).array("rho"), RHO)
+    box, part = ((40, 11, 2), (90, 130, 6)), values[40:90, 11:, 2:6]
+    np.testing.assert_array_equal(volume.store.read("rho", *box), part)
+    np.testing.assert_array_equal(vm.open(f"{server.url}/{name}", **options).array("rho"), values)
     if name == "own.h5":
         image = vm.render(volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB")
-        whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
+        whole = vm.render(large, MEDIUM, CAMERA, scheme="first-order")
         np.testing.assert_array_equal(image.intensity, whole.intensity)
     file_at.cache_clear()
     server.failures = 2
-    np.testing.assert_array_equal(volume.store.read("rho", (3, 1, 2), (9, 8, 6)), RHO[3:9, 1:, 2:])
+    np.testing.assert_array_equal(volume.store.read("rho", *box), part)
     file_at.cache_clear()
     server.failures = 1000
     with pytest.raises(UnreachableError, match=rf"{name}: .*cannot be read, tried 3 times"):
-        volume.store.read("rho", (3, 1, 2), (9, 8, 6))
+        volume.store.read("rho", *box)
 
 
-def test_tasks_are_tried_again(server, monkeypatch):
+def test_tasks_are_tried_again(server):
     """Where a server fails longer than a reader waits, the task of an executor comes back."""
-    monkeypatch.setattr("voluminous.io.remote.WAITS", ())
     volume = open_lazily(f"{server.url}/a.zarr")
     volume.store.extremes("rho")
-    server.failures = 2
+    server.failures = 4
     with ThreadPoolExecutor(1) as pool:
         image = vm.render(
             volume, MEDIUM, CAMERA, scheme="first-order", memory="1 GiB", executor=pool
         )
     assert server.failures == 0
+    assert max(Counter(server.asked).values()) == 5  # a reader tries three times
     whole = vm.render(VOLUME, MEDIUM, CAMERA, scheme="first-order")
     np.testing.assert_array_equal(image.intensity, whole.intensity)
 
@@ -271,11 +283,10 @@ class Reticent(Server):
 
 
 @pytest.mark.parametrize("form", [2, 3])
-def test_what_a_server_forbids_may_be_what_is_not_there(tmp_path, monkeypatch, form):
+def test_what_a_server_forbids_may_be_what_is_not_there(tmp_path, at_once, form):
     import zarr
 
     pytest.importorskip("aiohttp")
-    monkeypatch.setattr("voluminous.io.remote.WAITS", (0.0, 0.0))
     VOLUME.save(tmp_path / "own.zarr", chunks=4)
     foreign = zarr.create_array(
         tmp_path / "foreign.zarr",

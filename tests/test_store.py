@@ -236,18 +236,19 @@ def test_what_cannot_be():
         volume.store.shape(1)
 
 
-def as_leaves(path):
-    tree = vm.OctreeGrid(np.arange(5), [0, 1], [0, 1], 4 * [1, *[0] * 8])
-    volume = vm.Volume(tree, rho=np.arange(32.0), unit_=np.ones(32))
+def as_leaves():
+    # More than one chunk of 2^18 leaves.
+    refined = np.tile([1, *8 * [0]], (1 << 15) + 1)
+    tree = vm.OctreeGrid(np.arange((1 << 15) + 2), [0, 1], [0, 1], refined)
+    volume = vm.Volume(tree, rho=np.arange(float(tree.size)), unit_=np.ones(tree.size))
     volume.set_unit("rho", "g/cm3")
     return volume
 
 
 @pytest.mark.parametrize("kind", ["memory", "native", "packed", "radmc3d"])
-def test_leaves_of_a_tree(tmp_path, monkeypatch, kind):
+def test_leaves_of_a_tree(tmp_path, kind):
     """They are counted along one axis."""
-    monkeypatch.setattr("voluminous.store.LEAVES", 8)
-    volume = as_leaves(tmp_path)
+    volume = as_leaves()
     if kind == "radmc3d":
         del volume["unit_"]
         vm.radmc3d.write(volume, tmp_path, {"dust_density": "rho"})
@@ -259,7 +260,7 @@ def test_leaves_of_a_tree(tmp_path, monkeypatch, kind):
         opened, name = open_lazily(tmp_path / "a.h5"), "rho"
     store = opened.store
     assert store.levels == 1
-    assert kind == "packed" or store.chunks == (8,)
+    assert kind == "packed" or store.chunks == (1 << 18,)
     assert_boxes(store, name, volume.array("rho"))
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
+from voluminous.rendering.cache import Cache
 from voluminous.rendering.sources.table import CoefficientTable
 from voluminous.rendering.tolerance import Rounds
 from voluminous.rendering.tracer import KernelCache
@@ -109,18 +110,20 @@ def test_tables_are_used_again_and_never_stale(scheme):
     np.testing.assert_array_equal(changed, fresh(shell()))
 
 
-def test_caches_are_limited_by_bytes(monkeypatch):
+def test_caches_are_limited_by_bytes():
     """A drag through centres drops the oldest tables; those of one picture stay together."""
-    monkeypatch.setattr("voluminous.rendering.cache.LIMIT", 8 << 20)
-    volume = core(shape=(64, 64, 64))  # 1 MiB per channel
+    volume = core(shape=(3, 3, 3))
+    picture(volume, shell(), scheme="first-order")
+    assert any(isinstance(thing, CoefficientTable) for thing, _ in volume.tables.values())
     for k in range(12):
-        picture(volume, shell(center=0.05 * k), scheme="first-order")
-        tables = [
-            size for thing, size in volume.tables.values() if isinstance(thing, CoefficientTable)
-        ]
-        assert 1 << 20 <= tables[-1] < 2 << 20
-        assert sum(size for _, size in volume.tables.values()) <= 10 << 20
-    assert len(tables) > 1
+        cache = Cache(volume)
+        for part in range(12 if k == 11 else 2):
+            cache.put((k, part), np.zeros(64 << 20, np.uint8))  # which takes no memory
+        if k < 11:
+            assert sum(size for _, size in volume.tables.values()) <= 512 << 20
+            latest = [(n, part) for n in range(max(0, k - 3), k + 1) for part in range(2)]
+            assert [*volume.tables][-len(latest) :] == latest
+    assert [*volume.tables] == [(11, part) for part in range(12)]
 
 
 CASES = {

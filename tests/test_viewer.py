@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 import voluminous as vm
+from voluminous.calibration.samples import measurable
+from voluminous.levels import level_within
 from voluminous.store import FieldStore
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
@@ -828,8 +830,11 @@ def large(tmp_path, monkeypatch):
     volume = vm.Volume(grid)
     volume["a"] = "exp(-(x**2 + y**2 + z**2)) + 0.02 * sin(60 * x)"
     volume.save(tmp_path / "large.zarr", levels=True, stats=True, chunks=16)
-    monkeypatch.setattr("voluminous.viewer.painter._AT_HAND", 16**3)
-    monkeypatch.setattr("voluminous.calibration.samples.BUDGET", 16**3)
+    # As if 16³ cells were the most that memory holds.
+    samples = "voluminous.calibration.samples"
+    monkeypatch.setattr(f"{samples}.level_within", lambda v, _: level_within(v, 16**3))
+    for room in ("explorer", "painter", "questions"):
+        monkeypatch.setattr(f"voluminous.viewer.{room}.at_hand", measurable)
     return vm.io.registry.open_lazily(tmp_path / "large.zarr")
 
 

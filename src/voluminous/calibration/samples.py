@@ -19,8 +19,8 @@ from ..volume import Volume
 
 # Cells sampled: enough for any median or histogram, and a second of work at most.
 BUDGET = 1 << 22
-# Cells of a piece: its temporary arrays take some tens of MiB.
-_PIECE = 1 << 19
+# They are taken in so many pieces: their temporary arrays take some tens of MiB.
+_PIECES = 8
 # On trees consecutive cells are neighbours: of large trees many short runs are sampled, and a piece
 # has many of them, since one is too short for more than one thread (four times as fast).
 _RUN, _RUNS = 1 << 12, 64
@@ -182,7 +182,7 @@ def pieces(
     volume.check_names(expr)
     grid = volume.grid
     if grid.is_rectilinear:
-        thick = max(1, _PIECE * grid.shape[0] // grid.size)
+        thick = max(1, int(min(budget, BUDGET)) * grid.shape[0] // grid.size // _PIECES)
         for run in _runs(grid.shape[0], thick, grid.size / budget):
             yield GridLayers(volume, expr, *run)
         return

@@ -115,7 +115,9 @@ class _Shell:
         return Thickness(length * scale, crossings, self.area)
 
 
-def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -> list[Thickness]:
+def thicknesses(
+    volume: Volume, expr: Expression, profiles: Sequence[Profile], budget: int = BUDGET
+) -> list[Thickness]:
     """Return the median thickness of shells of one scalar x in a volume.
 
     Where x has the gradient ∇x, a shell of effective width w (`Profile.width`) in x is w / |∇x|
@@ -133,9 +135,9 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     thickest = float(np.ptp(grid.bounds, axis=1).min() / grid.scale)
     shells = [_Shell(profile, thickest) for profile in profiles]
     visible = [shell for shell in shells if shell.profile.width > 0]
-    _measure(volume, expr, visible, BUDGET)
+    _measure(volume, expr, visible, budget)
     missed = [shell for shell in visible if not shell.area]
-    if missed and grid.size > BUDGET:  # perhaps between the layers that were sampled
+    if missed and grid.size > budget:  # perhaps between the layers that were sampled
         _measure(volume, expr, missed, np.inf)
     missed = [shell for shell in missed if not shell.area]
     for samples in between_centers(volume, expr) if missed else ():
