@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from contracts.grid import RaysFromAnywhere
 from curvilinear_rays import (
     adversarial_rays,
     check_adversarial,
@@ -46,6 +47,12 @@ CAMERAS = {
     "along the axis": Camera(20, 20, (11.0, 11.0), phi=7.0),
     "inside": Camera(20, 20, (0.6, 0.6), observer=(3.0, -1.0, 2.0), point=(0.0, 2.0, 0.5)),
 }
+
+
+class TestRefinedRays(RaysFromAnywhere):
+    @pytest.fixture(params=["open cones", "wedge", "mirrored", "cylinder"])
+    def grid(self, request):
+        return GRIDS[request.param]
 
 
 def unrefined(grid, edges):

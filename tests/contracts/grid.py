@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import dataclass
 
@@ -10,7 +11,11 @@ import pytest
 
 from contracts.bundle import box_limits, on_a_sphere
 from voluminous.backend import dr, from_host, get_backend
+from voluminous.geometry import position
 from voluminous.grids.contract import Ray
+
+MOST_STEPS = 2000  # of one ray: a ray that hangs fails, not the machine
+BESIDE = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
 @dataclass
@@ -51,14 +56,93 @@ def walk_along(grid, backend, ray, visit=None):
     return Steps(cell, np.where(active, length, 0) * grid.scale, end * grid.scale, active)
 
 
-class GridContract:
+class RaysFromAnywhere:
+    """Segments lie in cells, wherever rays begin; a subclass gives the fixture ``grid``."""
+
+    precisions = ("single", "double")
+
+    def pytest_generate_tests(self, metafunc):
+        if "backend" in metafunc.fixturenames:
+            backends = [get_backend("cpu", precision) for precision in self.precisions]
+            metafunc.parametrize("backend", backends, ids=self.precisions)
+
+    def tolerance(self, grid, backend):
+        """Rounding of a distance: one unit in the last place of the diagonal for every step."""
+        diagonal = np.linalg.norm(np.ptp(grid.bounds, axis=1))
+        # Rays begin outside, in double precision, with coordinates of that size.
+        outside = 8 * np.finfo(float).eps * np.abs(grid.bounds).max()
+        return 4 * np.finfo(backend.dtype).eps * diagonal + 8 * outside
+
+    def anywhere(self, grid):
+        """Rays that begin inside, outside, in gaps, on faces of cells and of the bounds."""
+        rng, wide = np.random.default_rng(4), np.ptp(grid.bounds, axis=1)
+        low, high = grid.bounds.T
+        inside = rng.uniform(low, high, size=(48, 3))
+        faces = np.where(np.eye(3, dtype=bool)[np.arange(24) % 3], low, inside[:24])
+        origins = [inside, rng.uniform(low - wide, high + wide, size=(24, 3)), faces]
+        if grid.cells_are_boxes:
+            below, above = (ends[:, :: max(grid.size // 24, 1)] for ends in grid.spans())
+            axis = np.arange(below.shape[1]) % 3 == np.arange(3)[:, None]
+            own = np.where(axis, below, 0.5 * (below + above))
+            origins.append(position(grid.coordinates, own).T)
+        origins = np.concatenate(origins)
+        directions = on_a_sphere(len(origins), seed=5)
+        directions[::5] = np.eye(3)[np.arange(len(directions[::5])) % 3]  # some along the axes
+        return origins, directions
+
+    @pytest.mark.parametrize("kind", ["cells", "dual"])
+    def test_rays_from_anywhere_have_segments_in_cells_alone(self, grid, backend, kind):
+        origins, directions = self.anywhere(grid)
+        walk = grid.walk(backend, kind if kind in grid.walk_kinds else "cells")
+        if not walk.in_cells:
+            pytest.skip("dual cells have numbers of their own")
+        track, cursor = walk.enter(make_ray(backend, origins, directions, 0.0))
+        dr.eval(track, cursor)
+        entry, total = np.asarray(track.entry, float), 0.0
+        rounding = 4 * self.tolerance(grid, backend)
+
+        def check(segment, inside):
+            cell, begin, end = (
+                np.asarray(v) + np.zeros(len(origins), np.asarray(v).dtype)
+                for v in (segment.cell, segment.begin, segment.end)
+            )
+            assert (cell[inside] < grid.size).all()  # in gaps too: it is gathered and scattered to
+            active = np.asarray(segment.active) & np.ones(len(origins), bool)
+            assert not (active & ~inside).any()
+            begin, end = begin.astype(float), end.astype(float)
+            middle = (entry + 0.5 * (begin + end)) * grid.scale
+            assert (middle[active] > -rounding).all()
+            long = active & ((end - begin) * grid.scale > rounding)
+            points = (origins + middle[:, None] * directions)[long]
+            near = [grid.locate(points + rounding * step) for step in BESIDE]  # along walls: either
+            assert (np.array(near) == cell[long]).any(axis=0).all()
+            return np.where(active, (end - begin) * grid.scale, 0)
+
+        for _ in range(MOST_STEPS):
+            inside = np.asarray(cursor.inside) & np.ones(len(origins), bool)
+            if not inside.any():
+                break
+            segment, _ = walk.next(track, cursor)
+            dr.eval(segment)
+            check(segment, inside)
+            segment, following = walk.step(track, cursor)
+            dr.eval(segment, following)
+            total = total + check(segment, inside)
+            cursor = dr.select(cursor.inside, following, cursor)
+            dr.eval(cursor)
+        assert not inside.any()
+        away = 3 * np.linalg.norm(np.ptp(grid.bounds, axis=1))
+        far = make_ray(backend, origins - away * directions, directions, away)
+        whole = walk_along(grid, backend, far).length.sum(axis=0)
+        np.testing.assert_allclose(total, whole, rtol=0, atol=rounding * 64)
+
+
+class GridContract(RaysFromAnywhere):
     """Segments join up, lie in the cells they name, and add up to the way through the domain.
 
     A subclass gives the fixture ``grid`` and the method ``locate``; a grid whose domain is not the
     box of its bounds also ``enter_leave``; one that single precision cannot resolve `precisions`.
     """
-
-    precisions = ("single", "double")
 
     def locate(self, grid, points):
         """Return the flat index of the cell of each point (n, 3), found in another way."""
@@ -68,11 +152,6 @@ class GridContract:
         """Return the distances (R,) at which lines enter and leave the domain."""
         return box_limits(grid.bounds, origins, directions)
 
-    def pytest_generate_tests(self, metafunc):
-        if "backend" in metafunc.fixturenames:
-            backends = [get_backend("cpu", precision) for precision in self.precisions]
-            metafunc.parametrize("backend", backends, ids=self.precisions)
-
     @pytest.fixture
     def lines(self, grid):
         """Lines through random points of the domain, into all directions, begun outside."""
@@ -80,13 +159,6 @@ class GridContract:
         aims = np.random.default_rng(1).uniform(*grid.bounds.T, size=(96, 3))
         directions = on_a_sphere(len(aims), seed=2)
         return aims - 3 * np.linalg.norm(size) * directions, directions
-
-    def tolerance(self, grid, backend):
-        """Rounding of a distance: one unit in the last place of the diagonal for every step."""
-        diagonal = np.linalg.norm(np.ptp(grid.bounds, axis=1))
-        # Rays begin outside, in double precision, with coordinates of that size.
-        outside = 8 * np.finfo(float).eps * np.abs(grid.bounds).max()
-        return 4 * np.finfo(backend.dtype).eps * diagonal + 8 * outside
 
     def test_host_side_is_told_in_plain_values(self, grid):
         assert grid.size == np.prod(grid.shape)

@@ -66,7 +66,7 @@ class Segment:
     begin, end : array
         Distances along the ray where it begins and ends.
     active : array of Bool
-        Lanes that are still inside.
+        Lanes that are in a cell: neither outside nor in a gap.
     exit : object
         What the grid needs to find where the segment leaves the cell; for `Walk.exit_corners`.
     ray, walk, track, entry, backward
@@ -173,9 +173,16 @@ class Walk:
     def next(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
         """Return the segment through the present cell, and the cursor at its end.
 
-        A cursor in a gap has no segment.
+        In a gap the segment is not active, and its cell is any that there is. There the cursor is
+        of no use: `skip_gap` leads on.
         """
         raise NotImplementedError
+
+    def step(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
+        """Return the next segment in a cell, beyond the gap that a ray may be in; see `next`."""
+        if self.has_gaps:
+            cursor = self.skip_gap(track, cursor).cursor
+        return self.next(track, cursor)
 
     def arrive(self, track: Any) -> Float:
         """Return what cursors' distances are where rays enter the domain."""

@@ -95,8 +95,8 @@ class RefinedWalk(CurvilinearWalk):
         there = self._standing(track, count, t, inside)
         before = [dr.select(family == n, k - 1, k) for n, k in enumerate(count)]
         leaving = RefinedExit(family, before, t, cursor.leaf, there.leaf, onward)
-        begin, end = cursor.t - track.arrive, t - track.arrive
-        return Segment(cursor.leaf.number, t - cursor.t, begin, end, cursor.inside, leaving), there
+        begin, end, active = cursor.t - track.arrive, t - track.arrive, self._in_cell(track, cursor)
+        return Segment(cursor.leaf.number, t - cursor.t, begin, end, active, leaving), there
 
     def _leave(self, track: SurfaceTrack, cursor: RefinedCursor) -> tuple[list[Int], Float, Int]:
         last = self._last_counts(track, cursor)

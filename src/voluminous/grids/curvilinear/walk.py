@@ -170,14 +170,13 @@ class CurvilinearWalk(Walk):
     def next(self, track: SurfaceTrack, cursor: SurfaceCursor) -> tuple[Segment, SurfaceCursor]:
         """Return the segment through the present cell, and the cursor in the next one."""
         count, ahead, t, family = self._step(track, cursor)
-        segment = Segment(
-            self.backend.UInt(flat(self._cells(track, cursor.count), self.strides)),
-            t - cursor.t,
-            cursor.t - track.arrive,
-            t - track.arrive,
-            cursor.inside,
-            SurfaceExit(family, cursor.count, t),
-        )
+        active = self._in_cell(track, cursor)
+        cell = self.backend.UInt(flat(self._cells(track, cursor.count), self.strides))
+        if self.has_gaps:
+            cell = dr.select(active, cell, 0)
+        begin, end = cursor.t - track.arrive, t - track.arrive
+        leaving = SurfaceExit(family, cursor.count, t)
+        segment = Segment(cell, t - cursor.t, begin, end, active, leaving)
         return segment, SurfaceCursor(count, ahead, t, cursor.inside & (t < track.leave))
 
     def _step(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Step:
@@ -259,6 +258,11 @@ class CurvilinearWalk(Walk):
     def in_gap(self, track: SurfaceTrack, count: list[Int]) -> Mask:
         """Return the lanes that are in no cell."""
         return functools.reduce(operator.or_, self._gaps(track, count))
+
+    def _in_cell(self, track: SurfaceTrack, cursor: Any) -> Mask:
+        if not self.has_gaps:
+            return cursor.inside
+        return cursor.inside & ~self.in_gap(track, cursor.count)
 
     def skip_gap(self, track: SurfaceTrack, cursor: Any) -> GapLanding:
         """Return rays where they are in a cell, beyond the gap they were in, or out."""

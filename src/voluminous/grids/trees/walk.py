@@ -145,13 +145,14 @@ class TreeWalk(BoxWalk):
 
         entered = self.lookup.entered(cell, through, reached, place, track.way, inside)
         leaving = TreeExit(through, cell, entered, inside, ~(wall < track.leave))
-        number, length = cell.number, end - cursor.t
+        number, length, active = cell.number, end - cursor.t, cursor.inside
         if self.holes:
             # A hole is a segment of no length, at the entry of the cell beyond.
             hole, beyond = ~self.lookup.is_cell(cell), inside & self.lookup.is_cell(entered)
             length = dr.select(hole, 0.0, length)
             number = dr.select(hole, dr.select(beyond, entered.number, 0), number)
-        segment = Segment(number, length, cursor.t, end, cursor.inside, leaving)
+            active = active & ~hole if self.has_gaps else active
+        segment = Segment(number, length, cursor.t, end, active, leaving)
         return segment, TreeCursor(entered, end, inside)
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
