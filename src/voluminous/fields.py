@@ -12,7 +12,6 @@ import numpy as np
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
 from .geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
-from .packages import room
 from .units import as_quantity, is_quantity, parse_unit, plain
 
 if TYPE_CHECKING:
@@ -95,7 +94,9 @@ def unit_quantity(array: np.ndarray, unit: Any) -> Any:
 
 def checked_grid(grid: Grid) -> Any:
     """Return a grid; refuse other objects."""
-    if isinstance(grid, room("grids.contract").Grid):
+    from .grids.contract import Grid
+
+    if isinstance(grid, Grid):
         return grid
     cells, advice = (grid.shape, "") if isinstance(grid, np.ndarray) else (8, how_to_take(grid))
     raise InputError(

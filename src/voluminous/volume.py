@@ -33,7 +33,6 @@ from .fields import (
 from .files import stamp
 from .levels import level_of_volume
 from .memory import check_memory
-from .packages import room
 from .progress import Progress, with_progress
 from .regrid.resample import resampled_volume
 from .regrid.slices import Slice, make_plane, slice_of
@@ -125,8 +124,9 @@ class Volume(Evaluation):
         >>> volume.fields
         ('density',)
         """
-        volume: Volume = room("particles").from_particles(positions, masses, **options)
-        return volume
+        from .particles import from_particles
+
+        return from_particles(positions, masses, **options)
 
     @classmethod
     def from_pyvista(cls, dataset: Any, fields: Any = None, **options: Any) -> Volume:
@@ -134,8 +134,9 @@ class Volume(Evaluation):
 
         For arguments and errors see `voluminous.io.vtk.objects.from_pyvista`.
         """
-        volume: Volume = room("io.vtk.objects").from_pyvista(dataset, fields, **options)
-        return volume
+        from .io.vtk.objects import from_pyvista
+
+        return from_pyvista(dataset, fields, **options)
 
     @classmethod
     def from_xarray(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
@@ -144,8 +145,9 @@ class Volume(Evaluation):
         For the arguments (options: ``dims, isel, sel, bounds, spacing, aspect, unit``) and errors
         see `voluminous.io.from_xarray`.
         """
-        volume: Volume = room("io").from_xarray(data, fields, **options)
-        return volume
+        from .io.labelled.convert import from_xarray
+
+        return from_xarray(data, fields, **options)
 
     @classmethod
     def from_yt(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
@@ -153,8 +155,9 @@ class Volume(Evaluation):
 
         For arguments (options: ``unit``, ``units``) and errors see `voluminous.io.yt.from_yt`.
         """
-        volume: Volume = room("io.yt").from_yt(data, fields, **options)
-        return volume
+        from .io.yt.volume import from_yt
+
+        return from_yt(data, fields, **options)
 
     def __setattr__(self, name: str, value: Any) -> None:
         free = name in ("meta", "wcs", "sight", "tables") or name.startswith("_")
@@ -475,7 +478,9 @@ class Volume(Evaluation):
         >>> vm.open("sphere.h5").grid.shape
         (8, 8, 8)
         """
-        room("io.saving").save(self, path, format=format, **options)
+        from .io.saving import save
+
+        save(self, path, format=format, **options)
 
     @with_progress
     def resample(

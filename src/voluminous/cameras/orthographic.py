@@ -11,7 +11,6 @@ from ..backend.types import Float
 from ..errors import InputError
 from ..grids.arguments import on_grid
 from ..grids.contract import Ray
-from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, described, is_quantity, plain, unit_of
 from .contract import Camera, Frame, finite_degrees, pixel_counts, plane_size, vector
@@ -164,10 +163,9 @@ class Orthographic(Camera):
         >>> vm.Orthographic.framing(volume, medium, 90, 0).width < 6
         True
         """
-        framed: tuple[Orthographic, float] = room("rendering.framing").framed_or_warned(
-            volume, medium, incl, phi, view, resolution
-        )
-        return framed[0]
+        from ..rendering.framing import framed_or_warned
+
+        return framed_or_warned(volume, medium, incl, phi, view, resolution)[0]
 
     @property
     def straight(self) -> bool:

@@ -12,7 +12,6 @@ from ..backend.types import Float
 from ..errors import InputError, check_name
 from ..grids.arguments import on_grid
 from ..grids.contract import Ray
-from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, described, plain, radians, unit_of
 from .contract import Camera, Frame, finite_degrees, pixel_counts, plane_size, sight_from, vector
@@ -177,7 +176,8 @@ class Perspective(Camera):
         """
         angle = degrees(45.0 if fov is None else fov, "fov")
         _screen(angle, "flat")
-        framing = room("rendering.framing")
+        from ..rendering import framing
+
         found = framing.framed_or_warned(volume, medium, incl, phi, view, resolution)
         position, target, up = framing.perspective(*found, volume, angle)
         return cls(position, target, angle, up=up, resolution=resolution)

@@ -18,7 +18,7 @@ from .sky import plane_factor, radians_per_unit
 if TYPE_CHECKING:
     from astropy import units as u
 
-    from .image import Image
+    from .image import Image, Own
 
 # Ratio of a Gaussian's standard deviation to its full width at half maximum.
 SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
@@ -48,7 +48,7 @@ class Beam(NamedTuple):
     unit: u.UnitBase | None
 
 
-def convolve(image: Image, beam: Any) -> Image:
+def convolve(image: Own, beam: Any) -> Own:
     """Return the image convolved with a beam; see `Image.convolve`."""
     how = image.provenance or {}
     kind = str(how.get("map", how.get("kind", "mean" if "weight" in how else "column")))

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..packages import room
 from .image import Image
 from .spectral_axis import SpectralAxis, as_spectral
 
@@ -69,8 +68,9 @@ class Cube(Image):
         The spectrum of the whole picture makes grey. `to_rgb`, PNG files and notebooks show it; for
         the same colours in several pictures give them a ``mix``.
         """
-        image: Image = room("image.spectra").in_colors(self)
-        return image
+        from .spectra import in_colors
+
+        return in_colors(self)
 
     def to_rgb(self, *args: Any, **options: Any) -> NDArray[np.float32]:
         """Return display values of `in_colors`; options as `Image.to_rgb` has them.
@@ -109,8 +109,9 @@ class Cube(Image):
         Of each channel its value times its width Δv. For a Gaussian line of dispersion σ this sum
         is exact to 2 exp(-2 π² σ² / Δv²), which is 5e-9 for Δv = σ.
         """
-        image: Image = room("image.spectra").moment(self, order, threshold)
-        return image
+        from .spectra import moment
+
+        return moment(self, order, threshold)
 
     def subtract_continuum(self, channels: Any = None, *, order: int = 0) -> Cube:
         """Return the cube without its continuum: that of channels without lines, in every pixel.
@@ -127,8 +128,9 @@ class Cube(Image):
         InputError
             If there are no such channels, or too few.
         """
-        cube: Cube = room("image.spectra").subtract_continuum(self, channels, order)
-        return cube
+        from .spectra import subtract_continuum
+
+        return subtract_continuum(self, channels, order)
 
     def channel_maps(self, count: int | None = None) -> Cube:
         """Return means of neighbouring channels: ``cube.channel_maps().plot()`` fits on a page.
@@ -139,8 +141,9 @@ class Cube(Image):
             Most maps there shall be. Default: 24. A cube with fewer channels stays as it is; what
             is left over after means of equally many channels is dropped at both ends.
         """
-        cube: Cube = room("image.spectra").channel_maps(self, count)
-        return cube
+        from .spectra import channel_maps
+
+        return channel_maps(self, count)
 
     def plot(
         self,
@@ -174,7 +177,8 @@ class Cube(Image):
         if self.channels == 1 or alone or any(options.get(o) is not None for o in _OF_CHANNELS[:2]):
             bars = {"scale_bar": scale_bar, "colorbar": colorbar}
             return super().plot(ax, unit=unit, **bars, **options)
-        draw = room("image.channel_plot").plot_maps
+        from .channel_plot import plot_maps as draw
+
         return draw(self, ax, unit=unit, scale_bar=scale_bar, colorbar=colorbar, **options)
 
     def spectrum_at(self, x: Any, y: Any, *, pixel: bool = False) -> Spectrum:
@@ -193,8 +197,9 @@ class Cube(Image):
         InputError
             If it is outside the picture.
         """
-        spectrum: Spectrum = room("image.spectra").spectrum_at(self, x, y, pixel)
-        return spectrum
+        from .spectra import spectrum_at
+
+        return spectrum_at(self, x, y, pixel)
 
     def total(self, *, beam: Any = None) -> Spectrum:
         """Return the flux density of the whole picture in each channel, in Jy.
@@ -211,8 +216,9 @@ class Cube(Image):
         UnitsError
             If a pixel has no known solid angle: give the cube a `distance`.
         """
-        spectrum: Spectrum = room("image.spectra").total(self, beam)
-        return spectrum
+        from .spectra import total
+
+        return total(self, beam)
 
     def position_velocity(self, *points: Any, width: Any = None) -> Image:
         """Return a cut through the cube: positions along a path, and velocities.
@@ -237,8 +243,9 @@ class Cube(Image):
         InputError
             If a path has no length, or channels are not evenly spaced.
         """
-        image: Image = room("image.position_velocity").cut(self, points, width)
-        return image
+        from .position_velocity import cut
+
+        return cut(self, points, width)
 
     def __repr__(self) -> str:
         return super().__repr__().replace("<Image", "<Cube", 1)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, check_name, immutable
-from ..packages import room
 from . import arguments, tone
 from .arguments import Array, json_value
 
@@ -321,8 +320,9 @@ class Image:
             If the directory does not exist.
         """
         from ..files import as_path
+        from .formats import save
 
-        room("image.formats").save(self, as_path(path), **options)
+        save(self, as_path(path), **options)
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
@@ -342,9 +342,9 @@ class Image:
             If it is damaged, or its content does not match its suffix.
         """
         from ..files import as_path
+        from .formats import load
 
-        image: Image = room("image.formats").load(as_path(path), cls)
-        return image
+        return load(as_path(path), cls)
 
     def plot(
         self,
@@ -379,7 +379,8 @@ class Image:
         matplotlib Axes
         """
         shown = self if unit is None else self.to(unit)
-        draw = room("image.plot").plot
+        from .plot import plot as draw
+
         axes: Axes = draw(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
         return axes
 
@@ -401,8 +402,9 @@ class Image:
             also writes the other arrays and metadata.
         """
         _refuse(old)
-        hdu: PrimaryHDU = room("image.hdu").to_hdu(self, distance, position, posang)
-        return hdu
+        from .hdu import to_hdu
+
+        return to_hdu(self, distance, position, posang)
 
     def on_sky(
         self: Own, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
@@ -431,8 +433,9 @@ class Image:
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
         _refuse(old)
-        image: Own = room("image.sky").on_sky(self, distance, position, posang)
-        return image
+        from .sky import on_sky
+
+        return on_sky(self, distance, position, posang)
 
     def convolve(self: Own, beam: Any) -> Own:
         """Return the image convolved with a telescope's beam, an elliptical Gaussian.
@@ -459,8 +462,9 @@ class Image:
         UnitsError
             If the beam's unit is not the plane's.
         """
-        image: Own = room("image.beam").convolve(self, beam)
-        return image
+        from .beam import convolve
+
+        return convolve(self, beam)
 
     def to(self: Own, unit: UnitLike, *, beam: Any = None) -> Own:
         """Return the image with its plane (`unit`) or its intensities in another unit.
@@ -485,8 +489,9 @@ class Image:
         UnitsError
             If the image has no unit, the unit cannot be converted, or a solid angle is missing.
         """
-        image: Own = room("image.conversion").to_unit(self, unit, beam)
-        return image
+        from .conversion import to_unit
+
+        return to_unit(self, unit, beam)
 
     def anaglyph(self) -> Image:
         """Return a picture for glasses with a red left and a cyan right eye.
@@ -500,8 +505,9 @@ class Image:
         InputError
             If the camera has no ``stereo``, or there are other channels.
         """
-        both: Image = room("image.anaglyph").anaglyph(self)
-        return both
+        from .anaglyph import anaglyph
+
+        return anaglyph(self)
 
     def annotate(self, **options: Any) -> Any:
         """Return the picture with a scale bar, axes, colour bars …; its pixels stay unchanged.
@@ -558,7 +564,9 @@ class Image:
         UnknownNameError
             For an unknown option; names the nearest.
         """
-        return room("image.annotate").annotate(self, **options)
+        from .annotate import annotate
+
+        return annotate(self, **options)
 
     def replace(self: Own, **changes: Any) -> Own:
         """Return a copy with some arguments of `Image` replaced.
@@ -581,8 +589,9 @@ class Image:
         return values[..., :1] if values is not None and grey else values
 
     def _repr_png_(self) -> bytes:
-        content: bytes = room("image.formats.png").encode(self)
-        return content
+        from .formats.png import encode
+
+        return encode(self)
 
     def __repr__(self) -> str:
         ny, nx, count = self.shape

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from astropy.wcs import WCS
     from matplotlib.axes import Axes
 
-    from .image import Image
+    from .image import Image, Own
 
 
 def of_pixels(wcs: WCS, matrix: Any, origin: Any, shape: Any) -> Any:
@@ -141,7 +141,7 @@ OFFSETS = "offsets"
 _EVEN_TO = 1e-6
 
 
-def on_sky(image: Image, distance: Any, position: Any, posang: Any) -> Image:
+def on_sky(image: Own, distance: Any, position: Any, posang: Any) -> Own:
     """Return the image with celestial world coordinates; see `Image.on_sky`."""
     from astropy.wcs.utils import celestial_frame_to_wcs
 

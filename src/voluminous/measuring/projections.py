@@ -11,7 +11,6 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError, check_flag, check_name
 from ..media import Coefficients
-from ..packages import room
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.options import refuse_unusable
@@ -281,7 +280,9 @@ def tau_surface(
         raise InputError(f"tau must be a positive number, got {tau!r}")
     channels = {"wavelengths": wavelengths, "frequencies": frequencies, "velocities": velocities}
     if any(given is not None for given in channels.values()):
-        medium = room("observing.cubes").tuned(volume, medium, **channels)
+        from ..observing.cubes import tuned
+
+        medium = tuned(volume, medium, **channels)
     surface = _Surface(get_scheme(scheme, controlled=False), float(tau))
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
     options["memory"] = memory

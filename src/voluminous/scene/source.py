@@ -13,7 +13,6 @@ from ..expressions import Expression
 from ..files import seen_from
 from ..io.contract import FieldChoice
 from ..io.guard import placed
-from ..packages import room
 from ..units import parse_unit
 from ..volume import Volume
 from . import kinds
@@ -112,7 +111,8 @@ def read_source(section: Mapping[str, Any]) -> VolumeSource:
 
 def models() -> dict[str, Callable[..., Volume]]:
     """Return the functions of `voluminous.models` by name."""
-    module = room("models")
+    from .. import models as module
+
     return {
         name: function
         for name, function in vars(module).items()
