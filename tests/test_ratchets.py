@@ -29,7 +29,7 @@ FILES = {"src": 401, "core": 157}
 MEMBERS = {
     "media/contract.py:Medium": 59,
     "grids/contract.py:Grid": 39,
-    "grids/contract.py:Walk": 12,
+    "grids/contract.py:Walk": 13,
     "schemes/base.py:Scheme": 19,
     "schemes/base.py:Source": 6,
 }
