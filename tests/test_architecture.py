@@ -135,5 +135,14 @@ def test_the_version_of_a_copy_without_history_is_the_same_everywhere(file, patt
     assert re.findall(pattern, text, re.MULTILINE)[0] == fallback
 
 
+def test_the_architecture_lists_all_rooms():
+    declared = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    layers = re.search(r'id = "rooms".*?layers = \[(.*?)\]', declared, re.DOTALL)[1]
+    table = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("| room |")[2]
+    rooms = re.findall(r"^\| (`.*?`) \|", table.partition("| rule |")[0], re.MULTILINE)
+    listed = re.findall(r"`(\w+)`", " ".join(rooms))
+    assert ["__main__", *listed] == re.findall(r"\w+", layers)
+
+
 def test_the_version_is_that_of_what_is_installed():
     assert vm.__version__ == importlib.metadata.version("voluminous")
