@@ -217,8 +217,9 @@ COMMAND = "from voluminous.cli import main; sys.exit(main())"
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no such signals")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-@pytest.mark.parametrize("verb", WRITES)
+@pytest.mark.parametrize(
+    ("verb", "name"), [*((verb, "SIGTERM") for verb in WRITES), ("render", "SIGHUP")]
+)
 def test_the_end_of_a_job_leaves_nothing_half_written(half_written, tmp_path, verb, name):
     before = sorted(tmp_path.iterdir())
     with half_written(COMMAND, *WRITES[verb]) as started:

@@ -30,11 +30,8 @@ SCHEMES = ["first-order", "second-order", "pre-integrated", "post-classified"]
 
 
 def pairs(schemes):
-    """Return grids with schemes: each with another, and all of them in exhaustive runs."""
-    usual = {("uniform", one) for one in schemes} | {
-        ("octree", schemes[0]),
-        ("spherical", schemes[1]),
-    }
+    """Return grids with schemes: each with one, and in exhaustive runs with all."""
+    usual = {*zip(GRIDS, itertools.cycle(schemes)), ("uniform", schemes[-1])}
     rest = pytest.mark.exhaustive
     both = itertools.product(GRIDS, schemes)
     return [pytest.param(*one, marks=[] if one in usual else rest) for one in both]
