@@ -172,10 +172,14 @@ def test_time_stamps(core, time, text):
     assert time_text(time, core[0]) == text
 
 
+def bars(medium):
+    return [bar for feature in medium.known_features() for bar in feature.color_bars()]
+
+
 def test_bars_of_shells_have_their_colours_at_their_centres():
     colors = ((0.1, 0.2, 0.4), (3.0, 1.5, 0.0))
     shells = [vm.Gaussian("x", c, 0.05, h, 0.1, 1.0) for c, h in zip((2, 3), colors, strict=True)]
-    (scale,) = of_medium(sum(shells).color_bars(), {})
+    (scale,) = of_medium(bars(sum(shells)), {})
     for center, color in zip((2, 3), colors, strict=True):
         shown = np.array(scale.colormap(scale.norm(center)))
         # Each as bright as can be; the middle of an entry is a hundredth of a width off.
@@ -185,7 +189,7 @@ def test_bars_of_shells_have_their_colours_at_their_centres():
 
 def test_bars_of_surfaces():
     surfaces = vm.Isosurface("x", level=[1, 2] * u.K, color=[(1, 0, 0), (0, 1, 0)])
-    (scale,) = of_medium(surfaces.color_bars(), {})
+    (scale,) = of_medium(bars(surfaces), {})
     assert scale.label == "x [K]"
     assert scale.colormap(scale.norm(2.0))[1] > 0.99
 
@@ -194,24 +198,24 @@ def test_bars_of_colormaps_tables_and_colours_by_another_field():
     from matplotlib import colormaps
 
     medium = vm.Colormap("x", "viridis", 1, 100, 0.3, 1.0, norm="log")
-    (scale,) = of_medium(medium.color_bars(), {})
+    (scale,) = of_medium(bars(medium), {})
     assert scale.colormap(scale.norm(10.0))[:3] == pytest.approx(
         colormaps["viridis"](0.5)[:3],
         abs=0.01,  # neighbouring entries of the map
     )
     by = vm.ColorBy("temperature", "inferno", 10 * u.K, 100 * u.K)
-    shell, colors = of_medium(vm.Gaussian("x", 1, 0.1, by, 0.1, 1.0).color_bars(), {})
+    shell, colors = of_medium(bars(vm.Gaussian("x", 1, 0.1, by, 0.1, 1.0)), {})
     assert (shell.label, colors.label) == ("x", "temperature [K]")
     table = vm.Table("x", [0, 1, 4], [(0, 0), (1, 0), (0, 2)], [0.1, 0.1, 0.1], 1.0)
-    (scale,) = of_medium(table.color_bars(), {"mix": [(1, 0, 0), (0, 0, 1)]})
+    (scale,) = of_medium(bars(table), {"mix": [(1, 0, 0), (0, 0, 1)]})
     assert scale.colormap(1.0)[:3] == pytest.approx((0, 0, 1), abs=0.01)
-    assert of_medium(vm.Coefficients(["x", "y", "x"], "x").color_bars(), {}) == []
+    assert of_medium(bars(vm.Coefficients(["x", "y", "x"], "x")), {}) == []
 
 
 def test_histograms_count_the_cells(core):
     volume, medium, image = core
     fields = FieldValues(volume)
-    (scale,) = of_medium(medium.color_bars(), {}, fields.span)
+    (scale,) = of_medium(bars(medium), {}, fields.span)
     found = counts(scale, image, fields, 0)
     values = np.log10(np.asarray(volume.array("density"), dtype=float)).ravel()
     expected, _ = np.histogram(values, len(found), (scale.norm.vmin, scale.norm.vmax))

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from expression_trees import expressions
 from test_bounds import MEDIA, MONOTONE, ONE, SPECIAL, TWO, assert_inside, points_in
 from voluminous.backend import dr, from_host, get_backend
+from voluminous.bounds.enclosure import EnclosureContext
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
 from voluminous.expressions.traced_interval import TracedInterval, TracedIntervalOps, traced
 from voluminous.media import Context, Table
 from voluminous.media.context import no_unit
-from voluminous.media.enclosure import EnclosureContext
 
 INF, NAN = math.inf, math.nan
 

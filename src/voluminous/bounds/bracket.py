@@ -22,10 +22,10 @@ from ..backend.functions import any_attenuation, loop
 from ..backend.types import Float, Mask
 from ..expressions.traced_interval import TracedInterval, larger, positive, smaller
 from ..grids.contract import Segment
-from ..media.enclosure import Ends, PanelBounds
 from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import Path, empty_path, most, over
 from ..schemes.post_classified import next_panel
+from .enclosure import Ends, PanelBounds
 
 
 def solve_components(components: list[PanelBounds]) -> tuple[list[Ends], list[Ends]]:

@@ -96,7 +96,7 @@ class JetArithmetic(Arithmetic):
 
 @dataclass
 class CurvedSegment:
-    """A field on a panel; see `media.enclosure.Segment`."""
+    """A field on a panel; see `bounds.enclosure.Segment`."""
 
     ends: list[TracedInterval]
     whole: TracedJet

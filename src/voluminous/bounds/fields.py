@@ -16,8 +16,6 @@ from ..expressions.traced_interval import TracedInterval, extremes
 from ..geometry import CARTESIAN
 from ..grids.contract import Segment
 from ..media.contract import Medium
-from ..media.enclosure import CubicSegment, EnclosedPanel, EnclosureContext, PanelBounds
-from ..media.enclosure import Segment as EnclosedSegment
 from ..media.ranges import RangeContext
 from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
@@ -25,6 +23,8 @@ from ..rendering.sources.channel_layout import PerChannel
 from ..rendering.sources.corner_layouts import get_lattices
 from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_bricks
 from .curved import CurvedField
+from .enclosure import CubicSegment, EnclosedPanel, EnclosureContext, PanelBounds
+from .enclosure import Segment as EnclosedSegment
 
 if TYPE_CHECKING:
     from ..backend.device import Backend

@@ -12,6 +12,7 @@ from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..media import Medium
+from ..media.color_by import Colors
 from ..media.context import Feature
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
@@ -156,8 +157,22 @@ def _with_range(medium: Medium, volume: Volume, known: Known) -> Medium:
         if key not in measured:
             measured[key] = _range(volume, feature, medium)
         low, high = measured[key]
-        medium = medium.within(low, high, volume.expression_unit(feature.expr))
+        medium = closed(medium, colors, low, high, volume.expression_unit(feature.expr))
     return medium
+
+
+def closed(medium: Medium, colors: Colors, low: float, high: float, unit: Unit) -> Medium:
+    """Return a medium with numbers in a unit for the open ends of a range of its colours.
+
+    The ends are arguments of the medium, or of a `ColorBy` among its arguments.
+    """
+    ends = colors.closed(low, high, unit)
+    nested = {
+        name: given.replace(**ends)
+        for name, given in medium.arguments().items()
+        if getattr(given, "range", None) is colors
+    }
+    return medium.replace(**(nested or ends))
 
 
 def _range(volume: Volume, feature: Feature, medium: Medium) -> tuple[float, float]:

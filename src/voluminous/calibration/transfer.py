@@ -12,7 +12,7 @@ from ..expressions import Expression
 from ..figures import divided, new_figure
 from ..image.lengths import pretty_unit
 from ..media import ColorBy, Medium
-from ..media.context import Colors
+from ..media.color_by import Colors
 from ..media.modulation import Modulation
 from ..media.sum import with_each
 from ..notebook import png
@@ -20,7 +20,7 @@ from ..units import Unit, plain, unit_name
 from ..volume import Volume
 from .at_values import coefficients, one_path_length, scalar_of, surfaces, units_of
 from .histogram import is_constant, sampled_values
-from .open_numbers import calibrate, check_volume
+from .open_numbers import calibrate, check_volume, closed
 from .samples import measurable, pieces
 
 if TYPE_CHECKING:
@@ -292,7 +292,8 @@ def _colors(component: Medium) -> Colors | None:
 
 def _closed(component: Medium) -> Medium:
     for colors in [f.colors for f in component.features() if f.colors and f.colors.is_open]:
-        component = component.within(*((1.0, 10.0) if colors.positive else (0.0, 1.0)), None)
+        low, high = (1.0, 10.0) if colors.positive else (0.0, 1.0)
+        component = closed(component, colors, low, high, None)
     return one_path_length(component)
 
 

@@ -72,7 +72,7 @@ def scales_of(
 ) -> list[Scale]:
     """Return the colour bar of the single channel shown, or else those of the medium.
 
-    `colors` are ``medium.color_bars()``, by default those in the image's provenance.
+    `colors` are the bars of a medium's features, by default those in the image's provenance.
     """
     how = image.provenance or {}
     if shows_one_channel(image, options):
@@ -120,7 +120,7 @@ def _with_units(scale: Scale, units: Mapping[str, str]) -> str:
 def of_medium(
     colors: Sequence[dict[str, Any]], options: dict[str, Any], spans: Spans | None = None
 ) -> list[Scale]:
-    """Return the colour bars of a medium, from its `Medium.color_bars`: shells first.
+    """Return the colour bars of a medium, from the bars of its features: shells first.
 
     ``spans(expr, unit)`` gives the range of an expression's values, or None.
     """

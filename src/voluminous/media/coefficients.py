@@ -18,11 +18,11 @@ from ..expressions.interval import Interval
 from ..units import Unit, parse_unit, unit_name
 from .context import Context, Feature, MediumSample
 from .contract import Medium
-from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 from .jumps import SENSITIVITY, Jump
 from .panel import extremes, in_box, kept
 
 if TYPE_CHECKING:
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
     from ..evaluation import Evaluation
     from .panel import Panel
 
@@ -123,7 +123,7 @@ class Coefficients(Medium):
     def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
         every = (*self.emissivity, *self.extinction)
         means = self._evaluated(every, lambda e: panel.enclosure(e).mean, context)
-        return [PanelBounds.of(self.ranges(panel.fields, context), means, panel.length)]
+        return [panel.bounds(self.ranges(panel.fields, context), means)]
 
     def emission_range(self) -> tuple[float, float] | None:
         return (0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,20 +17,66 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..units import Unit, plain, unit_of
+from ..units import described as plain_values
 from ..value import Value
 from .arguments import channel_values, described, named, scalar, whole_number
-from .context import Colors, Context, Feature
-from .enclosure import meet, table_bounds
+from .context import Context, Feature
 from .piecewise_linear import PiecewiseLinear
 
 if TYPE_CHECKING:
-    from .enclosure import EnclosedPanel, EnclosureContext
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext
     from .panel import Panel
 
 
 # Default number of entries taken from a colormap.
 SAMPLES = 256
 _MOST_SAMPLES = 1 << 16
+
+
+@dataclass(eq=False)
+class Colors:
+    """The colours of a medium at values of an expression, for plots and colour bars.
+
+    Attributes
+    ----------
+    values : array_like or Quantity, shape (n,)
+        Values of the expression.
+    rows : array_like, shape (n, channel)
+        Emission there.
+    half_width : float or Quantity, optional
+        Half the width of a shell around each value. None: the colours in between are interpolated.
+    opacities : sequence of float, optional
+        What a crossing of each value takes away, of a surface; None for other media.
+    is_open : bool
+        The ends ``vmin`` and ``vmax`` of the range are measured in a volume.
+    positive : bool
+        Only positive values have colours.
+    """
+
+    values: Any
+    rows: Any
+    half_width: Any = None
+    opacities: Sequence[float] | None = None
+    is_open: bool = False
+    positive: bool = False
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of the values, if they have one."""
+        return unit_of(self.values)
+
+    def values_in(self, unit: Unit) -> np.ndarray:
+        """Return the values as numbers in a unit."""
+        return np.asarray(plain(self.values, unit, "values"))
+
+    def closed(self, low: float, high: float, unit: Unit) -> dict[str, Any]:
+        """Return arguments for the open ends of the range: numbers in a unit."""
+        return {"vmin": low * (unit or 1), "vmax": high * (unit or 1)}
+
+    def describe(self) -> dict[str, Any]:
+        """Return what a colour bar shows, as plain values."""
+        shown = {"values": self.values, "colors": self.rows, "half_width": self.half_width}
+        return {name: plain_values(value) for name, value in shown.items() if value is not None}
 
 
 class ColorScale(Colors):
@@ -96,11 +143,9 @@ class ColorScale(Colors):
         return self
 
     def closed(self, low: float, high: float, unit: Unit) -> dict[str, Any]:
-        """Return vmin and vmax, with measured numbers in a unit for the open ends."""
-        measured = (value if unit is None else value * unit for value in (low, high))
-        ends = zip((self.vmin, self.vmax), measured, strict=True)
-        vmin, vmax = (new if given is None else given for given, new in ends)
-        return {"vmin": vmin, "vmax": vmax}
+        ends = {"vmin": self.vmin, "vmax": self.vmax}
+        measured = super().closed(low, high, unit)
+        return {name: measured[name] if end is None else end for name, end in ends.items()}
 
     def key(self) -> tuple[Any, ...]:
         """Return all numbers."""
@@ -225,10 +270,6 @@ class ColorBy(Value):
         """The colours over their range; an InputError if that has not been measured."""
         return self.range.measured()
 
-    def within(self, low: float, high: float, unit: Unit) -> ColorBy:
-        """Return it with numbers for the open ends, in the unit of the expression."""
-        return self.replace(**self.range.closed(low, high, unit))
-
     def colors(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
         x = context.evaluate(self.expr, fields)
@@ -238,11 +279,8 @@ class ColorBy(Value):
         self, panel: EnclosedPanel, context: EnclosureContext
     ) -> tuple[list[TracedInterval], list[TracedInterval]]:
         """Return intervals of the colours on a panel, and of their means."""
-        nodes, rows = self.nodes(context), self.range.rows
-        table = context.keep((id(self), "sums"), lambda: PiecewiseLinear(panel.real, nodes, rows))
-        colors = self.colors(panel.fields, context)
-        means = table_bounds(panel.enclosure(self.expr), nodes, rows, context, table)
-        return colors, [meet(*both) for both in zip(colors, means, strict=True)]
+        means = panel.table_means(self.expr, self.nodes(context), self.range.rows)
+        return self.colors(panel.fields, context), means
 
     def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue on a ray, in the type that integrals are computed with."""

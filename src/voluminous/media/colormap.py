@@ -9,7 +9,6 @@ import numpy as np
 from ..backend.types import Mask
 from ..errors import InputError
 from ..expressions.interval import Interval
-from ..units import Unit
 from .arguments import check_plain
 from .color_by import SAMPLES, ColorScale
 from .context import Context
@@ -79,10 +78,6 @@ class Colormap(Table):
             shading=shading,
             lights=lights,
         )
-
-    def within(self, low: float, high: float, unit: Unit) -> Colormap:
-        """Return it with numbers for the open ends of the range, in the unit of the expression."""
-        return self.replace(**self.range.closed(low, high, unit))
 
     def _scale(self) -> ColorScale:
         return self.range

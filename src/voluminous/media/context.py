@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,10 @@ from ..backend import dr
 from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.drjit_ops import interpolate
-from ..units import Unit, described, plain, unit_of
+from ..units import Unit
+
+if TYPE_CHECKING:
+    from .color_by import Colors
 
 T = TypeVar("T")
 
@@ -54,48 +57,6 @@ class Halves:
     error: MediumSample
 
 
-@dataclass(eq=False)
-class Colors:
-    """The colours of a medium at values of an expression, for plots and colour bars.
-
-    Attributes
-    ----------
-    values : array_like or Quantity, shape (n,)
-        Values of the expression.
-    rows : array_like, shape (n, channel)
-        Emission there.
-    half_width : float or Quantity, optional
-        Half the width of a shell around each value. None: the colours in between are interpolated.
-    opacities : sequence of float, optional
-        What a crossing of each value takes away, of a surface; None for other media.
-    is_open : bool
-        The range of values is measured in a volume (`Medium.within`).
-    positive : bool
-        Only positive values have colours.
-    """
-
-    values: Any
-    rows: Any
-    half_width: Any = None
-    opacities: Sequence[float] | None = None
-    is_open: bool = False
-    positive: bool = False
-
-    @property
-    def unit(self) -> Unit:
-        """The unit of the values, if they have one."""
-        return unit_of(self.values)
-
-    def values_in(self, unit: Unit) -> np.ndarray:
-        """Return the values as numbers in a unit."""
-        return np.asarray(plain(self.values, unit, "values"))
-
-    def describe(self) -> dict[str, Any]:
-        """Return what a colour bar shows, as plain values."""
-        shell = {} if self.half_width is None else {"half_width": described(self.half_width)}
-        return {"values": described(self.values), "colors": described(self.rows), **shell}
-
-
 @dataclass(frozen=True)
 class Feature:
     """An expression that a medium evaluates.
@@ -109,6 +70,13 @@ class Feature:
     width: Any = 0.0
     scalar: bool = False
     colors: Colors | None = None
+
+    def color_bars(self) -> list[dict[str, Any]]:
+        """Return the colour bar, if any, as plain values.
+
+        Values of the expression, and the colours there or the name of a colormap.
+        """
+        return [{"expr": self.expr.text, **self.colors.describe()}] if self.colors else []
 
 
 def no_unit(expression: Expression) -> None:

@@ -22,7 +22,6 @@ from ..units import unit_of as unit_of_value
 from ..value import Value
 from .arguments import described, with_plain_expressions
 from .context import Context, Feature, Halves, MediumSample, no_unit
-from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 from .panel import NODES, PLACES, kept
 from .quadrature import doubled, simpson, with_values
 from .ranges import Bounds, RangeContext, intervals
@@ -30,6 +29,7 @@ from .ranges import Bounds, RangeContext, intervals
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
     from ..evaluation import Evaluation
     from ..volume import Volume
     from .jumps import Jump
@@ -263,7 +263,7 @@ class Medium(Value):
         panel; the means of most media have narrower bounds, which fall with its square.
         """
         values = self.ranges(panel.fields, context)
-        return [PanelBounds.of(values, values, panel.length)]
+        return [panel.bounds(values, values)]
 
     def jumps(self, context: Context) -> list[Jump]:
         """Return the levels at which the medium jumps or has a surface without width.
@@ -353,21 +353,6 @@ class Medium(Value):
                 "a medium that fades needs a path length; write medium.calibrated(volume)"
             )
         return self.replace(path_length=self.path_length / factor)
-
-    def within(self, low: float, high: float, unit: Unit) -> Medium:
-        """Return it with a measured range of its colours: numbers in a unit for the open ends."""
-        color = self.modulation and self.modulation.color
-        given = self.arguments().items()
-        changes = {k: color.within(low, high, unit) for k, value in given if value is color}
-        return self.replace(**changes)
-
-    def color_bars(self) -> list[dict[str, Any]]:
-        """Return what its colour bars show, as plain values: one for each expression with colours.
-
-        Values, and the colours of all channels there or the name of a colormap.
-        """
-        shown = ((f.expr.text, f.colors) for f in self.known_features())
-        return [{"expr": text, **colors.describe()} for text, colors in shown if colors]
 
     def components(self) -> tuple[Medium, ...]:
         """Return the media this one is the sum of."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,10 +18,12 @@ from ..backend.functions import branch, decay, horner, polynomial, precision_of
 from ..backend.types import Float
 from ..expressions import Ops
 from ..expressions.traced_interval import TracedInterval
-from .enclosure import SHAPE_LOSS, Enclosure, EnclosureContext, around
 from .panel import Middle, extremes, middle_of
 from .profiles import Shaped
 from .quadrature import boole, midway, simpson
+
+if TYPE_CHECKING:
+    from ..bounds.enclosure import Enclosure, EnclosureContext
 
 # Half width of a panel, in σ, up to which the series is taken, and its terms. What is left out is
 # 2e-6 and 1e-18 of the peak; beyond it the difference of areas loses 3e-6 and 4e-15.
@@ -219,7 +221,7 @@ class Gaussian(Shaped):
         near, far = z.smallest, z.size
         steepest = dr.select(far < 1.0, far, dr.select(near > 1.0, near, 1.0))
         slope = dr.select(steepest < 30.0, steepest * dr.exp(-0.5 * steepest * steepest), 1e-190)
-        return around(gaussian_mean(first, last), slope * off * (1.0 + 1e-12) + SHAPE_LOSS)
+        return enclosure.around(gaussian_mean(first, last), slope * off)
 
     def reach(self, faint: float) -> float:
         return math.sqrt(-2.0 * math.log(max(faint, _LEAST)))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,15 +36,18 @@ from .arguments import (
     plain_opacities,
     scalar,
 )
-from .context import Colors, Context, Feature, Halves, MediumSample
+from .color_by import Colors
+from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
-from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 from .jumps import SENSITIVITY, Jump, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
 from .panel import Panel, extremes, kept, noise_of
 from .quadrature import doubled
 from .rectangle import box_extent, box_middle
 from .shading import Lamp, given_lights, given_shade
+
+if TYPE_CHECKING:
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 
 
 @dataclass
@@ -363,8 +366,7 @@ class Isosurface(Medium):
                 [h * amounts[c if len(amounts) > 1 else 0] for c, h in enumerate(source)]
                 for amounts in (extinction, depth)
             )
-            ends = [(h.lo, h.hi) for h in source]
-            found.append(PanelBounds(emissivity, extinction, emitted, depth, ends))
+            found.append(panel.amounts(emissivity, extinction, emitted, depth, source))
         return found
 
     def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:

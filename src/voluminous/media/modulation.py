@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..backend import dr
 from ..backend.types import Float, Mask
 from ..errors import InputError
@@ -21,15 +23,14 @@ from ..expressions.traced_interval import TracedInterval
 from .arguments import color_values, level_colors
 from .color_by import ColorBy
 from .context import Context, Feature, Halves, MediumSample
-from .enclosure import PanelBounds, gated_mean, mean_product, unit_range
 from .jumps import SENSITIVITY, Jump
 from .panel import NODES, PLACES, Middle, Panel, extremes, kept, third_differences
 from .quadrature import parabola
 from .shading import Shade
 
 if TYPE_CHECKING:
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
     from .contract import Medium
-    from .enclosure import EnclosedPanel, EnclosureContext
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
@@ -232,16 +233,16 @@ class Modulation:
         if self.color is not None:
             colors, mean_colors = self.color.panel_colors(panel, context)
             columns = zip(emission, means.emissivity, colors, mean_colors, strict=True)
-            means = MediumSample([mean_product(*column) for column in columns], means.extinction)
+            means = MediumSample([panel.mean_product(*c) for c in columns], means.extinction)
             sources = [None if s is None else s * c for s, c in zip(sources, colors, strict=True)]
         if self.where is not None:
             gate = self.gate(panel.fields, context)
             rows = zip(emission, means.emissivity, strict=True)
             means = MediumSample(
-                [gated_mean(gate, *row) for row in rows], [gate * m for m in means.extinction]
+                [panel.gated_mean(gate, *row) for row in rows], [gate * m for m in means.extinction]
             )
         ranges = medium.ranges(panel.fields, context)
-        return [PanelBounds.of(ranges, means, panel.length, sources)]
+        return [panel.bounds(ranges, means, sources)]
 
     def visible(
         self, panel: Panel, context: Context, seen: Mask, unresolved: Mask
@@ -347,6 +348,9 @@ def _product(factor: Float, value: Float) -> Float:
 
 def _unit(value: Float) -> Float:
     """Return a number, or an interval, limited to 0 … 1; 0 where it is NaN."""
-    if isinstance(value, Interval):
-        return unit_range(value)
-    return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
+    if not isinstance(value, Interval):
+        return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
+    where: Any = dr.select if isinstance(value, TracedInterval) else np.where
+    low = where(value.nan | (value.lo <= 0.0), 0.0, where(value.lo < 1.0, value.lo, 1.0))
+    high = where(value.hi >= 1.0, 1.0, where(value.hi > 0.0, value.hi, 0.0))
+    return type(value)(low, high)

@@ -11,7 +11,7 @@ import operator
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,13 +31,16 @@ from .arguments import (
     named,
     scalar,
 )
-from .context import Colors, Context, Feature, Halves, MediumSample
+from .color_by import Colors
+from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
-from .enclosure import EnclosedPanel, Enclosure, EnclosureContext, PanelBounds, unit_range
 from .modulation import Modulation, modulated
 from .panel import Middle, Panel, extremes, kept, middle_of, third_differences
 from .quadrature import doubled, inverse_slope
 from .shading import given_shade
+
+if TYPE_CHECKING:
+    from ..bounds.enclosure import EnclosedPanel, Enclosure, EnclosureContext, PanelBounds
 
 # Control points that exceed a panel's ends by this many widths need smaller panels.
 _DOUBT = 0.1
@@ -336,8 +339,7 @@ class Shaped(Medium):
     def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
         center, width, length = self.plain_numbers(context)
         number, per_length = context.number, context.number(1.0 / length)
-        shape = self.mean_bounds(panel.enclosure(self.expr), center, width, context)
-        shape = unit_range(shape) * per_length
+        shape = self.mean_bounds(panel.enclosure(self.expr), center, width, context) * per_length
         means = self.split([number(h) * shape for h in (*self.color, *self.opacity)])
         ranged = self.per_length(panel.fields, context)
         opacities = self.opacity * (self.channels if self.grey else 1)
@@ -350,7 +352,7 @@ class Shaped(Medium):
     def mean_bounds(
         self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
     ) -> TracedInterval:
-        """Return an interval of the mean of the shape over a panel: by default, of its values."""
+        """Return an interval, from 0 to 1, of the mean of the shape: by default, of its values."""
         found: TracedInterval = self.shape(
             context.ops, enclosure.values - context.number(center), context.number(width)
         )

@@ -12,12 +12,12 @@ from ..backend.types import Float, Mask
 from ..expressions import Ops
 from ..expressions.traced_interval import TracedInterval
 from .context import Context
-from .enclosure import SHAPE_LOSS, Enclosure, EnclosureContext
 from .jumps import Jump, passes
 from .panel import Middle, middle_of
 from .profiles import Shaped
 
 if TYPE_CHECKING:
+    from ..bounds.enclosure import Enclosure, EnclosureContext
     from .panel import Panel
 
 
@@ -107,7 +107,7 @@ class Rectangle(Shaped):
         some = dr.select(inner > 0.0, inner, 1.0)
         least = dr.select(inner > 0.0, box_mean(first / some, last / some), 0.0)
         most = box_mean(first / outer, last / outer)
-        return TracedInterval(least - SHAPE_LOSS, most + SHAPE_LOSS)
+        return enclosure.around(0.5 * (least + most), 0.5 * (most - least))
 
     def reach(self, faint: float) -> float:
         return 1.0

@@ -23,8 +23,8 @@ from .arguments import fraction
 from .panel import NODES, Middle, extremes, kept
 
 if TYPE_CHECKING:
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext
     from .context import Context
-    from .enclosure import EnclosedPanel, EnclosureContext
     from .panel import Panel
 
 

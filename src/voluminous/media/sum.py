@@ -14,7 +14,7 @@ from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium, integrated
 
 if TYPE_CHECKING:
-    from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
     from .jumps import Jump
     from .panel import Panel
 

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,15 +25,17 @@ from .arguments import (
     length_in,
     named,
 )
-from .color_by import ColorBy
-from .context import Colors, Context, Feature, Halves, MediumSample
+from .color_by import ColorBy, Colors
+from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
-from .enclosure import EnclosedPanel, EnclosureContext, PanelBounds, table_bounds
 from .jumps import NOISE, passes
 from .modulation import Modulation
 from .panel import PLACES, Panel, extremes, kept, noise_of
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
 from .shading import given_shade
+
+if TYPE_CHECKING:
+    from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 
 # Emission and extinction are proportional if they differ by less than this, relative to the peaks.
 _EVEN = 1e-9
@@ -315,15 +317,12 @@ class Table(Medium):
 
     def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
         length = length_in(self.path_length, context.unit)
-        enclosure, nodes = panel.enclosure(self.expr), self.nodes(context)
-        table = context.keep(
-            (id(self), "sums"), lambda: PiecewiseLinear(panel.real, nodes, self.shape)
-        )
+        nodes = self.nodes(context)
         heights = [context.number(float(h)) for h in self.peaks / length]
-        means = table_bounds(enclosure, nodes, self.shape, context, table)
+        means = panel.table_means(self.expr, nodes, self.shape)
         means = [h * mean for h, mean in zip(heights, means, strict=True)]
         columns = [*(self.rows / length).T]
-        values = self.split(context.interpolate(enclosure.values, nodes, columns))
+        values = self.split(context.interpolate(panel.enclosure(self.expr).values, nodes, columns))
         alphas = values.extinction * (self.channels if self.grey else 1)
         sources = [j / a for j, a in zip(values.emissivity, alphas, strict=True)]
         modulated = self.modulation.panel_bounds

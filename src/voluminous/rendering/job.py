@@ -151,6 +151,6 @@ class RenderJob:
             "precision": self.backend.precision,
             "device": self.backend.device,
             "medium": self.medium.describe(),
-            "color_bars": self.medium.color_bars(),
+            "color_bars": [bar for f in self.medium.known_features() for bar in f.color_bars()],
             "volume": self.volume.describe(),
         }

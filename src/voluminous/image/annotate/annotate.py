@@ -60,7 +60,7 @@ def annotate(
     check_options("annotation", display, OPTIONS | DISPLAY)
     for name, given, has in (
         ("volume", volume, "evaluate_cells"),
-        ("medium", medium, "color_bars"),
+        ("medium", medium, "known_features"),
     ):
         if given is not None and not hasattr(given, has):
             raise InputError(f"{name} must be a {name}, got {type(given).__name__}")
@@ -71,7 +71,9 @@ def annotate(
     if pixels.shape[-1] == 3:
         pixels = np.concatenate([pixels, np.full_like(pixels[..., :1], 255)], axis=-1)
     fields = None if volume is None else FieldValues(volume)
-    colors = None if medium is None else medium.color_bars()
+    colors = None
+    if medium is not None:
+        colors = [bar for feature in medium.known_features() for bar in feature.color_bars()]
     # The axes and the scale bar share one unit.
     shown_in = (1.0, image.unit)
     if ax is None and unit is None:

@@ -32,11 +32,12 @@ from ..expressions.traced_interval import (
     smaller,
     traced,
 )
-from .context import Context, MediumSample, completed
+from ..media.context import Context, MediumSample, completed
+from ..media.piecewise_linear import PiecewiseLinear
 
 Ends: TypeAlias = tuple[Float, Float]
 # Rounding errors of closed forms in double precision, relative to the peak, with safety factor.
-SHAPE_LOSS = 1e-14
+_SHAPE_LOSS = 1e-14
 _TABLE_LOSS = 1e-12
 # Replaces the slope of a jump, so that products with it stay finite.
 _STEEPEST = 1e150
@@ -151,7 +152,11 @@ class Enclosure:
     def mean(self) -> TracedInterval:
         """Bounds of the mean: that of the chord, ± sup|x''|/12."""
         chord = 0.5 * (self.first + self.last)
-        return around(chord, self.bow * (1.0 / 12.0))
+        return _around(chord, self.bow * (1.0 / 12.0))
+
+    def around(self, mean: Float, off: Float) -> TracedInterval:
+        """Return all that is near the mean of a shape, from 0 to 1, in closed form."""
+        return _unit_range(_around(mean, off * (1.0 + 1e-12) + _SHAPE_LOSS))
 
     @property
     def off(self) -> Float:
@@ -238,7 +243,7 @@ class Enclosure:
         """Return where in a layer it is at both ends and throughout, from 0 to 1."""
         extent = TracedInterval.constant(width)
         return [
-            unit_range((x - level) / extent + 0.5) for x in (self.first, self.last, self.values)
+            _unit_range((x - level) / extent + 0.5) for x in (self.first, self.last, self.values)
         ]
 
 
@@ -248,7 +253,7 @@ class EnclosedPanel:
     def __init__(
         self, segments: dict[str, Segment], length: Float, context: EnclosureContext
     ) -> None:
-        self.real = type(length)
+        self.real, self._context = type(length), context
         # Ends of segments are differences of distances, which round.
         self.length = TracedInterval(lowered(length), raised(length))
         self._ops, self._jets = context.ops, TracedJetOps(self.real, context.plain)
@@ -279,6 +284,68 @@ class EnclosedPanel:
         )
         return Enclosure(first, last, values, self._interval(jet.first), bow)
 
+    def table_means(
+        self, expr: Expression, nodes: np.ndarray, columns: np.ndarray
+    ) -> list[TracedInterval]:
+        """Return bounds of the means of piecewise-linear columns, scaled to the order of one."""
+        enclosure, keep = self.enclosure(expr), self._context.keep
+        table = keep((id(columns), "sums"), lambda: PiecewiseLinear(self.real, nodes, columns))
+        first, last = enclosure.middles()
+        means = table.means(table.at(first), table.at(last))
+        rounding = 8.0 * float(float_info(self.real).eps)
+        off = enclosure.off + rounding * (dr.abs(first) + dr.abs(last) + float(np.abs(nodes).max()))
+        doubled, slopes = _steepness(nodes, columns)
+        steep = self._context.interpolate(enclosure.values, doubled, list(slopes.T))
+        return [
+            _around(mean, raised(slope.hi * off) + _TABLE_LOSS)
+            for mean, slope in zip(means, steep, strict=True)
+        ]
+
+    def mean_product(
+        self, f: TracedInterval, mean_f: TracedInterval, g: TracedInterval, mean_g: TracedInterval
+    ) -> TracedInterval:
+        """Return bounds of the mean of f g: the product of means ± Δf Δg / 4 (Grüss 1935)."""
+        product = mean_f * meet(g, mean_g)
+        return meet(_around(product, 0.25 * (f.hi - f.lo) * (g.hi - g.lo)), f * g)
+
+    def gated_mean(
+        self, gate: TracedInterval, f: TracedInterval, mean: TracedInterval
+    ) -> TracedInterval:
+        """Return bounds of the mean of a gate, from 0 to 1, times f.
+
+        Unbounded if f changes sign.
+        """
+        one_sign, product = (f.lo >= 0.0) | (f.hi <= 0.0), gate * mean
+        ends = dr.select(one_sign, product.lo, -dr.inf), dr.select(one_sign, product.hi, dr.inf)
+        return TracedInterval(*ends)
+
+    def bounds(
+        self,
+        ranges: MediumSample,
+        means: MediumSample,
+        sources: Sequence[TracedInterval | None] = (),
+    ) -> PanelBounds:
+        """Return bounds from ranges and means of the coefficients, and from ranges of j/α."""
+        rows = (ranges.emissivity, ranges.extinction)
+        j, alpha = ([self.length * v for v in values] for values in rows)
+        emitted, depth = (
+            [meet(self.length * v, most) for v, most in zip(values, row, strict=True)]
+            for values, row in ((means.emissivity, j), (means.extinction, alpha))
+        )
+        return self.amounts(j, alpha, emitted, depth, sources or [None] * len(j))
+
+    def amounts(
+        self,
+        emissivity: list[TracedInterval],
+        extinction: list[TracedInterval],
+        emitted: list[TracedInterval],
+        depth: list[TracedInterval],
+        sources: Sequence[TracedInterval | None],
+    ) -> PanelBounds:
+        """Return bounds from what they are made of: as in `PanelBounds`, but for j/α."""
+        ends = [None if source is None else (source.lo, source.hi) for source in sources]
+        return PanelBounds(emissivity, extinction, emitted, depth, ends)
+
     def _interval(self, derivative: Derivative) -> TracedInterval:
         if derivative is None:
             return TracedInterval.constant(self.real(0))
@@ -300,23 +367,6 @@ class PanelBounds:
     depth: list[TracedInterval]
     source: Sequence[Ends | None]
 
-    @classmethod
-    def of(
-        cls,
-        ranges: MediumSample,
-        means: MediumSample,
-        length: TracedInterval,
-        sources: Sequence[TracedInterval | None] | None = None,
-    ) -> PanelBounds:
-        """Return bounds from the ranges and the means of the coefficients, and ranges of j/α."""
-        j, alpha = (
-            [length * v for v in values] for values in (ranges.emissivity, ranges.extinction)
-        )
-        emitted = [meet(length * v, most) for v, most in zip(means.emissivity, j, strict=True)]
-        depth = [meet(length * v, most) for v, most in zip(means.extinction, alpha, strict=True)]
-        ends = [None if s is None else (s.lo, s.hi) for s in sources or [None] * len(j)]
-        return cls(j, alpha, emitted, depth, ends)
-
     def source_of(self, channel: int) -> Ends:
         """Return bounds of j/α; infinite where there are none."""
         given = self.source[channel]
@@ -332,52 +382,16 @@ def meet(a: TracedInterval, b: TracedInterval) -> TracedInterval:
     return TracedInterval(larger(a.lo, b.lo), smaller(a.hi, b.hi), a.nan & b.nan)
 
 
-def around(middle: Any, off: Float) -> TracedInterval:
-    """Return all that is near a number, or an interval."""
+def _around(middle: Any, off: Float) -> TracedInterval:
     middle = middle if isinstance(middle, TracedInterval) else TracedInterval(middle)
     off = raised(off)
     return TracedInterval(lowered(middle.lo - off), raised(middle.hi + off), middle.nan)
 
 
-def unit_range(value: Any) -> Any:
+def _unit_range(x: TracedInterval) -> TracedInterval:
     """Return an interval limited to 0 … 1; all of that where it is undefined."""
-    where: Any = dr.select if isinstance(value, TracedInterval) else np.where
-    low = where(value.nan | (value.lo <= 0.0), 0.0, where(value.lo < 1.0, value.lo, 1.0))
-    high = where(value.hi >= 1.0, 1.0, where(value.hi > 0.0, value.hi, 0.0))
-    return type(value)(low, high)
-
-
-def mean_product(
-    f: TracedInterval, mean_f: TracedInterval, g: TracedInterval, mean_g: TracedInterval
-) -> TracedInterval:
-    """Return bounds of the mean of a product: the product of the means ± Δf Δg / 4 (Grüss 1935)."""
-    bounds = around(mean_f * mean_g, 0.25 * (f.hi - f.lo) * (g.hi - g.lo))
-    return meet(bounds, f * g)
-
-
-def gated_mean(gate: TracedInterval, f: TracedInterval, mean: TracedInterval) -> TracedInterval:
-    """Return bounds of the mean of a gate, from 0 to 1, times f; unbounded if f changes sign."""
-    one_sign = (f.lo >= 0.0) | (f.hi <= 0.0)
-    product = gate * mean
-    return TracedInterval(
-        dr.select(one_sign, product.lo, -dr.inf), dr.select(one_sign, product.hi, dr.inf)
-    )
-
-
-def table_bounds(
-    enclosure: Enclosure, nodes: np.ndarray, columns: np.ndarray, context: Any, table: Any
-) -> list[TracedInterval]:
-    """Return bounds of the means of piecewise-linear columns, scaled to the order of one."""
-    first, last = enclosure.middles()
-    means = table.means(table.at(first), table.at(last))
-    rounding = 8.0 * float(float_info(type(first)).eps)
-    off = enclosure.off + rounding * (dr.abs(first) + dr.abs(last) + float(np.abs(nodes).max()))
-    doubled, slopes = _steepness(nodes, columns)
-    steep = context.interpolate(enclosure.values, doubled, list(slopes.T))
-    return [
-        around(mean, raised(slope.hi * off) + _TABLE_LOSS)
-        for mean, slope in zip(means, steep, strict=True)
-    ]
+    ends = [dr.select(v < 0.0, 0.0, dr.select(v > 1.0, 1.0, v)) for v in (x.lo, x.hi)]
+    return TracedInterval(*ends)
 
 
 def _steepness(nodes: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
