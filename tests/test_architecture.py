@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.metadata
 import inspect
 import json
@@ -146,3 +147,38 @@ def test_the_architecture_lists_all_rooms():
 
 def test_the_version_is_that_of_what_is_installed():
     assert vm.__version__ == importlib.metadata.version("voluminous")
+
+
+# Media of spectra, and who observes them or reads their files; two that know shapes of one scalar.
+KNOW_SPECTRA = ("spectral", "observing", "radmc3d")
+KNOW_SHAPES = ("rendering/sources/wide_steps.py", "rendering/sources/channel_layout.py")
+
+
+def classes_switched_on(path: Path) -> set[str]:
+    """Return the names of classes in `isinstance`, `register` and `match` of a module."""
+    found: list[ast.AST] = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            called = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            arguments = {"isinstance": node.args[1:], "issubclass": node.args[1:]}
+            found += arguments.get(called, node.args if called == "register" else [])
+        elif isinstance(node, ast.MatchClass):
+            found.append(node.cls)
+    return {n.id for node in found for n in ast.walk(node) if isinstance(n, ast.Name)}
+
+
+def test_no_module_switches_on_the_class_of_a_medium():
+    """What others ask of a medium is a method of its class, so that a new one is one file."""
+    from voluminous import media
+
+    source = ROOT / "src/voluminous"
+    names = {n for n in media.__all__ if inspect.isclass(getattr(media, n))} | {"Formulas"}
+    names -= {"Medium", "Context"}
+    assert {"Gaussian", "Sum", "Shaped", "ColorBy"} <= names
+    found = {}
+    for path in source.rglob("*.py"):
+        name = path.relative_to(source).as_posix()
+        if not name.startswith(("media/", *(f"{room}/" for room in KNOW_SPECTRA))):
+            found[name] = classes_switched_on(path) & names
+    assert {name for name, switched in found.items() if switched} <= set(KNOW_SHAPES)
+    assert not [path.name for path in source.rglob("*.py") if "singledispatch" in path.read_text()]

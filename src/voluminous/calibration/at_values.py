@@ -13,10 +13,9 @@ from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..fields import split_unit, unit_quantity
 from ..media import Context, Medium
-from ..media.context import Feature
 from ..media.sum import with_each
 from ..units import Unit, parse_unit, unit_name
-from .open_numbers import in_plain_numbers
+from .open_numbers import colors_of, in_plain_numbers, scalar_of
 
 
 class GivenValues(Evaluation):
@@ -78,7 +77,7 @@ class _Given(Context):
 
 def evaluate(medium: Medium, values: Any) -> tuple[Any, ...]:
     """Return j and α at values; see `Medium.__call__`."""
-    is_open = [isinstance(c.path_length, str) for c in medium.components() if not surfaces(c)]
+    is_open = [isinstance(c.path_length, str) for c in medium.components() if not is_surface(c)]
     if any(is_open):
         if not all(is_open):
             raise InputError(
@@ -131,16 +130,10 @@ def _only_scalar(medium: Medium) -> Expression:
     return expr
 
 
-def scalar_of(component: Medium) -> Expression | None:
-    """Return the only expression of which it is a function; None of several fields, or none."""
-    if component.scalars():
-        return component.scalars()[0]
-    return Expression(component.names[0]) if len(component.names) == 1 else None
-
-
-def surfaces(component: Medium) -> list[Feature]:
-    """Return the features of a component that are surfaces, with an opacity for a crossing."""
-    return [f for f in component.features() if f.colors and f.colors.opacities is not None]
+def is_surface(component: Medium) -> bool:
+    """Return whether it shows surfaces, of which a crossing has an opacity."""
+    colors = colors_of(component)
+    return colors is not None and colors.opacities is not None
 
 
 def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:

@@ -106,7 +106,10 @@ def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
     shells: dict[Expression, list[Medium]] = {}
     for component in medium.components():
         if isinstance(component.path_length, str):
-            shells.setdefault(component.scalars()[0], []).append(component)
+            expr = scalar_of(component)
+            if expr is None:
+                raise InputError(f"{component!r} has no single expression: give a path_length")
+            shells.setdefault(expr, []).append(component)
     lengths: dict[int, float] = {}
     for expr, components in shells.items():
         volume.check_names(expr)
@@ -127,6 +130,21 @@ def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
         medium,
         lambda c: c.changed(path_length=lengths[id(c)]) if id(c) in lengths else c,
     )
+
+
+def colors_of(component: Medium) -> Colors | None:
+    """Return the colours of a component by the expression of which it is a function, if known."""
+    features = component.features()
+    return features[0].colors if features else None
+
+
+def scalar_of(component: Medium) -> Expression | None:
+    """Return the only expression of which it is a function; None of several fields, or none."""
+    if colors_of(component) is not None:
+        return component.features()[0].expr
+    if component.scalars():
+        return component.scalars()[0]
+    return Expression(component.names[0]) if len(component.names) == 1 else None
 
 
 def _profile(component: Medium, unit: Unit, extent: Callable[[], tuple[float, float]]) -> Profile:
@@ -190,7 +208,7 @@ def _range(volume: Volume, feature: Feature, medium: Medium) -> tuple[float, flo
     kinds = [volume.array(name).dtype for name in expr.names if name in volume]
     kinds = [np.dtype(np.float64), *(kind for kind in kinds if kind.kind == "f")]
     least = _ROUNDINGS * max(float(np.finfo(kind).eps) for kind in kinds)
-    if feature.scalar and _is_single(values.min(), values.max(), least):
+    if feature == medium.features()[0] and _is_single(values.min(), values.max(), least):
         where = "wherever it is positive" if positive else "everywhere"
         raise nothing_to_see(expr, float(values[0]), where)
     order = np.argsort(values, kind="stable")

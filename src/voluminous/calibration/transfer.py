@@ -12,15 +12,14 @@ from ..expressions import Expression
 from ..figures import divided, new_figure
 from ..image.lengths import pretty_unit
 from ..media import ColorBy, Medium
-from ..media.color_by import Colors
 from ..media.modulation import Modulation
 from ..media.sum import with_each
 from ..notebook import png
 from ..units import Unit, plain, unit_name
 from ..volume import Volume
-from .at_values import coefficients, one_path_length, scalar_of, surfaces, units_of
+from .at_values import coefficients, is_surface, one_path_length, units_of
 from .histogram import is_constant, sampled_values
-from .open_numbers import calibrate, check_volume, closed
+from .open_numbers import calibrate, check_volume, closed, colors_of, scalar_of
 from .samples import measurable, pieces
 
 if TYPE_CHECKING:
@@ -43,13 +42,13 @@ class _Panel:
 
     def __init__(self, expr: Expression, components: list[Medium], volume: Volume | None) -> None:
         self.expr, self.components, self.volume = expr, components, volume
-        shown = [colors for component in components if (colors := _colors(component)) is not None]
+        shown = [colors for component in components if (colors := colors_of(component)) is not None]
         if volume is not None:
             self.unit: Unit = volume.expression_unit(expr)
         else:
             self.unit = next((c.unit for c in shown if c.unit is not None), None)
         self.values = np.empty(0) if volume is None else sampled_values(volume, expr)
-        spans = [self._span(component) for component in components if _colors(component)]
+        spans = [self._span(component) for component in components if colors_of(component)]
         if len(self.values):
             first, last = self.values[[0, -1]]
             # The tail of a shell below all values must not prevent a logarithmic axis.
@@ -63,7 +62,7 @@ class _Panel:
             positive = [*(s[0] for s in spans if s[0] > 0), *self.values[self.values > 0][:1]]
             low = float(min(positive, default=low))
             self.log = low > 0
-        elif volume is None and not self.log and any(map(surfaces, components)):
+        elif volume is None and not self.log and any(map(is_surface, components)):
             aside = 0.05 * (high - low)  # no line on the edge
             low, high = low - aside, high + aside
         if is_constant(low, high):
@@ -73,14 +72,14 @@ class _Panel:
 
     def _span(self, component: Medium) -> tuple[float, float]:
         """Return the range of values in which a component shows something."""
-        colors = _colors(component)
+        colors = colors_of(component)
         assert colors is not None
         values = colors.values_in(self.unit)
         low, high = float(values.min()), float(values.max())
         if colors.half_width is None:
             return low, high
         aside = float(plain(colors.half_width, self.unit, "width"))
-        if surfaces(component):
+        if is_surface(component):
             aside = 2.0 * aside or 0.05 * (high - low)
         else:
             profile = component.profile(self.unit, lambda: (low, high))
@@ -91,8 +90,8 @@ class _Panel:
     @property
     def surfaces(self) -> Iterator[tuple[float, Any, float, float]]:
         """Level, colour, opacity and width of each surface."""
-        for feature in (found for component in self.components for found in surfaces(component)):
-            colors: Any = feature.colors
+        for component in filter(is_surface, self.components):
+            colors: Any = colors_of(component)
             width = 2.0 * float(plain(colors.half_width, self.unit, "width"))
             levels = colors.values_in(self.unit).tolist()
             for level, row, opacity in zip(levels, colors.rows, colors.opacities, strict=True):
@@ -116,7 +115,7 @@ class _Panel:
 
         Gates and colours by other expressions are left out. None for surfaces alone.
         """
-        components = [component for component in self.components if not surfaces(component)]
+        components = [component for component in self.components if not is_surface(component)]
         if not components:
             return None
         places = [self.spread(_POINTS)]
@@ -229,7 +228,9 @@ def swatch_title(medium: Medium) -> str:
     """Return the expressions and ranges of the strips of a swatch."""
     panels, _ = _panels(with_each(medium, _closed), None)
     is_open = {
-        f.expr for f in medium.known_features() if f.scalar and f.colors and f.colors.is_open
+        scalar_of(component)
+        for component in medium.components()
+        if (colors := colors_of(component)) and colors.is_open
     }
     titles = []
     for panel in panels:
@@ -270,7 +271,7 @@ def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[t
     for component in medium.components():
         scalar, names = scalar_of(component), component.names
         if scalar is not None and (
-            _colors(component) is not None or (volume is not None and len(names) == 1)
+            colors_of(component) is not None or (volume is not None and len(names) == 1)
         ):
             groups.setdefault(scalar.text, []).append(component)
         elif volume is None:
@@ -282,12 +283,6 @@ def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[t
             several += [(component, name) for name in fields or names]
     panels = [_Panel(Expression(text), group, volume) for text, group in groups.items()]
     return panels, several
-
-
-def _colors(component: Medium) -> Colors | None:
-    """Return the colours at values of the scalar of a component."""
-    found = (f.colors for f in component.features() if f.scalar and f.colors is not None)
-    return next(found, None)
 
 
 def _closed(component: Medium) -> Medium:

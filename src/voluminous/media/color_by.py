@@ -41,8 +41,8 @@ class Colors:
     ----------
     values : array_like or Quantity, shape (n,)
         Values of the expression.
-    rows : array_like, shape (n, channel)
-        Emission there.
+    rows : array_like, shape (n, channel), or None
+        Emission there; None where another expression has the colours.
     half_width : float or Quantity, optional
         Half the width of a shell around each value. None: the colours in between are interpolated.
     opacities : sequence of float, optional

@@ -76,7 +76,9 @@ class Feature:
 
         Values of the expression, and the colours there or the name of a colormap.
         """
-        return [{"expr": self.expr.text, **self.colors.describe()}] if self.colors else []
+        if self.colors is None or self.colors.rows is None:
+            return []
+        return [{"expr": self.expr.text, **self.colors.describe()}]
 
 
 def no_unit(expression: Expression) -> None:

@@ -106,7 +106,10 @@ class Medium(Value):
     # --- for speed: which expressions it uses, and where it shows ------------------------------
 
     def features(self) -> tuple[Feature, ...]:
-        """Return all expressions that it evaluates; empty if unknown."""
+        """Return all expressions that it evaluates; empty if unknown.
+
+        The first is that of which it is a function, if that has colours.
+        """
         return ()
 
     def known_features(self) -> tuple[Feature, ...]:

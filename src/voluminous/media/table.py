@@ -166,11 +166,9 @@ class Table(Medium):
         own = Feature(self.expr, width, scalar=True, colors=self._scale())
         return (own, *self.modulation.features())
 
-    def _scale(self) -> Colors | None:
-        if self.modulation.color is not None:
-            return None
+    def _scale(self) -> Colors:
         values = self.values if self.unit is None else self.values * self.unit
-        return Colors(values, self.colors)
+        return Colors(values, None if self.modulation.color else self.colors)
 
     def emission_range(self) -> tuple[float, float]:
         return float(self.colors.min()), float(self.colors.max())
