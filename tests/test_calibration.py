@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from voluminous.calibration.open_numbers import extent_of
-from voluminous.calibration.samples import pieces
+from voluminous.calibration.samples import cell_runs
 from voluminous.calibration.thickness import Profile, thicknesses
 from voluminous.expressions import Expression
 
@@ -139,7 +139,7 @@ def test_a_field_of_two_values_has_shells_between_its_cells(axis, center):
 
 def test_of_a_large_volume_layers_are_looked_at_and_all_if_those_miss_the_shell():
     volume = ramp()
-    assert sum(p.x.size for p in pieces(volume, Expression("a"), 200)) <= 200
+    assert sum(p.x.size for p in cell_runs(volume, Expression("a"), 200)) <= 200
     shells = [Profile(np.array([c - 0.1, c + 0.1]), np.ones(2)) for c in np.arange(2.0, 88, 0.5)]
     found = thicknesses(volume, Expression("a"), shells, budget=200)
     np.testing.assert_allclose([shell.length for shell in found], 0.2 / 3, rtol=1e-9)

@@ -110,7 +110,7 @@ def _one_by_one(components: list[PanelBounds], channel: int) -> Ends:
 
 
 def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
-    """Return bounds of an emission behind an absorber that may cover parts of it.
+    """Return bounds of an emission behind an absorber that may cover some of it.
 
     There is no bound where j has both signs: all that remains may have one sign.
     """
@@ -158,7 +158,7 @@ class Bracket(Scheme):
     """Bounds of the limit of post-classified.
 
     At most about `budget` panels are tried per segment. If `signed`, emissivities may be negative,
-    and their negative parts are a separate emission.
+    and their negative values are a separate emission.
     """
 
     name = "bracket"

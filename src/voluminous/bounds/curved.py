@@ -27,7 +27,7 @@ _BELOW = -1e-3
 
 
 class JetArithmetic(Arithmetic):
-    """What own coordinates are computed with; see `grids.curvilinear.surfaces.Arithmetic`."""
+    """Coordinates of a grid computed with jets; see `grids.curvilinear.surfaces.Arithmetic`."""
 
     def __init__(self, ops: TracedJetOps, real: Any) -> None:
         self.ops, self.real = ops, real
@@ -38,10 +38,10 @@ class JetArithmetic(Arithmetic):
 
     def length(self, x: TracedJet, y: TracedJet, z: TracedJet | None = None) -> TracedJet:
         """Return the length of a vector."""
-        ops, parts = self.ops, (x, y) if z is None else (x, y, z)
+        ops, others = self.ops, (y,) if z is None else (y, z)
         square = ops.multiply(x, x)
-        for part in parts[1:]:
-            square = ops.add(square, ops.multiply(part, part))
+        for other in others:
+            square = ops.add(square, ops.multiply(other, other))
         result: TracedJet = ops.sqrt(square)
         return result
 
@@ -133,7 +133,7 @@ class CurvedField:
         self.chord, self.corners = chord, corners
         values = [v for face in corners for edge in face for v in edge]
         real = type(values[0])
-        self.own = JetArithmetic(TracedJetOps(real, constant), real)
+        self.arithmetic = JetArithmetic(TracedJetOps(real, constant), real)
         low, high = extremes(values)
         unknown = dr.isnan(sum(values[1:], values[0]))
         self.low, self.high = dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
@@ -155,9 +155,9 @@ class CurvedField:
         return self._field([_point(p, p) for p in point]).value
 
     def _field(self, point: list[TracedJet]) -> TracedJet:
-        place = self.chord.place(point, self.own)
-        place = [p if isinstance(p, TracedJet) else self.own.constant(p) for p in place]
-        found = self.own.multilinear(self.corners, place)
+        place = self.chord.place(point, self.arithmetic)
+        place = [p if isinstance(p, TracedJet) else self.arithmetic.constant(p) for p in place]
+        found = self.arithmetic.multilinear(self.corners, place)
         low, high = found.value.lo - self.slack, found.value.hi + self.slack
         value = TracedInterval(
             dr.select(low < self.low, self.low, low), dr.select(high > self.high, self.high, high)

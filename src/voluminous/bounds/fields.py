@@ -64,7 +64,7 @@ class Enclosed:
 
     def on_panel(self, begin: Float, width: Float) -> CubicSegment:
         """Return the field on a panel of the segment."""
-        c = shifted(self.cubic, begin, width)
+        c = moved(self.cubic, begin, width)
         inner = [control_point(c, k) for k in (1, 2)]
         return CubicSegment([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
 
@@ -242,15 +242,15 @@ def control_point(cubic: Sequence[Any], number: int) -> Float:
     return total
 
 
-def shifted(cubic: Sequence[Any], start: Float, width: Float) -> list[Float]:
+def moved(cubic: Sequence[Any], start: Float, width: Float) -> list[Float]:
     """Return the coefficients of p(start + width s) (Horner's rule for all derivatives)."""
-    own = list(cubic)
-    count = len(own)
+    shifted = list(cubic)
+    count = len(shifted)
     for first in range(count - 1):
         for k in range(count - 2, first - 1, -1):
-            own[k] = dr.fma(own[k + 1], start, own[k])
+            shifted[k] = dr.fma(shifted[k + 1], start, shifted[k])
     power = width
     for k in range(1, count):
-        own[k] = own[k] * power
+        shifted[k] = shifted[k] * power
         power = power * width
-    return own
+    return shifted

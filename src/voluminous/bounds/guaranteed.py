@@ -142,12 +142,12 @@ class _End:
 
 
 def _ends(paths: Paths, channels: int) -> tuple[_End, _End]:
-    parts = np.stack(paths.emission)
-    parts = parts.reshape(-1, 2, channels, parts.shape[1])
+    emissions = np.stack(paths.emission)
+    emissions = emissions.reshape(-1, 2, channels, emissions.shape[1])
     through = np.stack(paths.transparency)
     dim, clear = through[:channels], through[channels : 2 * channels]
-    size = np.abs(parts).sum(axis=(0, 1))
-    low, high = parts[0] - parts[1] if len(parts) > 1 else parts[0]
+    size = np.abs(emissions).sum(axis=(0, 1))
+    low, high = emissions[0] - emissions[1] if len(emissions) > 1 else emissions[0]
     return (
         _End(_defined(low, -np.inf), _defined(dim, 0.0), size),
         _End(_defined(high, np.inf), _defined(clear, 1.0), _defined(size, np.inf)),

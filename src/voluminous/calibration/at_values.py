@@ -81,8 +81,8 @@ def evaluate(medium: Medium, values: Any) -> tuple[Any, ...]:
     if any(is_open):
         if not all(is_open):
             raise InputError(
-                "path_length is 'auto' in one part of this medium and a length in others: give "
-                "medium.calibrated(volume) values"
+                "path_length is 'auto' in one component of this medium and a length in others: "
+                "give medium.calibrated(volume) values"
             )
         medium = with_each(medium, one_path_length)
     given = values if isinstance(values, Mapping) else {_only_scalar(medium).text: values}

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..expressions import Expression
 from ..volume import Volume
-from .samples import BUDGET, pieces
+from .samples import BUDGET, cell_runs
 
 _BINS = 1024
 # Quantiles of the values between which the histogram extends, so that outliers do not coarsen it.
@@ -22,7 +22,7 @@ _VALUES = 1 << 20
 
 @dataclass
 class Histogram:
-    """Volumes of cells, as parts of the domain, and areas in bins of equal width.
+    """Volumes of cells, as fractions of the domain, and areas in bins of equal width.
 
     The mean area of the isosurfaces in a bin, in squares of the domain's diagonal, is the sum of
     |∇x| dV over the width of the bin (the coarea formula).
@@ -59,7 +59,7 @@ def sampled_values(volume: Volume, expr: Expression) -> np.ndarray:
     step = max(1, min(volume.grid.size, BUDGET) // _VALUES)
     # An odd number that divides no usual side: a step along all three axes, not along one.
     step += step > 1 and step % 2 == 0
-    values = np.concatenate([piece.x.ravel()[::step] for piece in pieces(volume, expr)])
+    values = np.concatenate([run.x.ravel()[::step] for run in cell_runs(volume, expr)])
     return np.sort(values[~np.isnan(values)])
 
 
@@ -75,13 +75,13 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
     if is_constant(low, high):  # all but a few are equal
         low, high = float(values[0]), float(values[-1])
     cells, steep, total = np.zeros(_BINS), np.zeros(_BINS), 0.0
-    for piece in pieces(volume, expr):
-        inside = (piece.x >= low) & (piece.x <= high)
-        size = np.broadcast_to(piece.volume, inside.shape)
+    for run in cell_runs(volume, expr):
+        inside = (run.x >= low) & (run.x <= high)
+        size = np.broadcast_to(run.volume, inside.shape)
         total += float(size.sum())
-        x, size = piece.x[inside], size[inside]
+        x, size = run.x[inside], size[inside]
         cells += np.histogram(x, _BINS, (low, high), weights=size)[0]
-        steep += np.histogram(x, _BINS, (low, high), weights=piece.slope[inside] * size)[0]
+        steep += np.histogram(x, _BINS, (low, high), weights=run.slope[inside] * size)[0]
     grid = volume.grid
     sides = np.ptp(grid.bounds, axis=1) / grid.scale
     domain = np.prod(sides) if grid.is_rectilinear else np.sum(grid.cell_volumes) / grid.scale**3

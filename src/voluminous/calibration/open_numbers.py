@@ -18,7 +18,7 @@ from ..media.ranges import RangeContext
 from ..media.sum import with_each
 from ..units import Unit, parse_unit, unit_name
 from ..volume import Volume
-from .samples import measurable, pieces
+from .samples import cell_runs, measurable
 from .thickness import Profile, thicknesses
 
 # Returns the mutable cache of what was measured for some expressions.
@@ -81,7 +81,7 @@ def in_plain_numbers(medium: Medium, volume: Evaluation) -> Medium:
         unit = component.intensity_unit(context)
         if unit != wanted:
             raise UnitsError(
-                f"the parts of this medium emit in {unit_name(wanted)} and in "
+                f"the components of this medium emit in {unit_name(wanted)} and in "
                 f"{unit_name(unit) or 'plain numbers'} ({component!r}), which cannot be added; "
                 "draw them apart, or give all of them emissivities of one kind"
             )
@@ -156,7 +156,7 @@ def _profile(component: Medium, unit: Unit, extent: Callable[[], tuple[float, fl
 
 def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
     """Return the least and the greatest finite value of an expression; zeros if there is none."""
-    values = [piece.x[~np.isnan(piece.x)] for piece in pieces(volume, expr)]
+    values = [run.x[~np.isnan(run.x)] for run in cell_runs(volume, expr)]
     ends = [end for x in values if x.size for end in (float(x.min()), float(x.max()))]
     return (min(ends), max(ends)) if ends else (0.0, 0.0)
 
@@ -227,7 +227,7 @@ def _cells(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
     columns: list[tuple[np.ndarray, ...]] = []
-    samples = (pieces(volume, Expression(one)) for one in (expr.text, *medium.names))
+    samples = (cell_runs(volume, Expression(one)) for one in (expr.text, *medium.names))
     for shown, *others in zip(*samples, strict=True):
         fields = {
             name: Interval(one.x - one.reach, one.x + one.reach)

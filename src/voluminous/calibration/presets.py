@@ -93,14 +93,14 @@ def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     check_volume("fluorescence", "first", volume)
     channels = dict(volume.meta.get("channels") or {})
     names = [field] if field is not None else [n for n in volume.fields if n in channels]
-    parts = []
+    tables = []
     for number, name in enumerate(names or [main_scalar(volume).text]):
         entry = channels.get(str(name)) or {}
         low, high = entry.get("window") or _levels(volume, name, (50, 99.8))
         color = tuple(entry.get("color") or _CHANNELS[number % len(_CHANNELS)])
         options = {"shading": 0.0, **overrides}
-        parts.append(_table(volume, name, [(low, 0, color), (high, 1, color)], options, 1 / 20))
-    return Sum(tuple(parts)) if len(parts) > 1 else parts[0]
+        tables.append(_table(volume, name, [(low, 0, color), (high, 1, color)], options, 1 / 20))
+    return Sum(tuple(tables)) if len(tables) > 1 else tables[0]
 
 
 def _levels(volume: Volume, field: Any, percentiles: Sequence[float]) -> list[float]:

@@ -1,4 +1,4 @@
-"""Values and gradients of a scalar on the cells of a volume, in pieces of bounded memory.
+"""Values and gradients of a scalar on the cells of a volume, in runs of bounded memory.
 
 Lengths are in units of the grid's scale.
 """
@@ -19,9 +19,9 @@ from ..volume import Volume
 
 # Cells sampled: enough for any median or histogram, and a second of work at most.
 BUDGET = 1 << 22
-# They are taken in so many pieces: their temporary arrays take some tens of MiB.
-_PIECES = 8
-# On trees consecutive cells are neighbours: of large trees many short runs are sampled, and a piece
+# They are taken in so many batches: their temporary arrays take some tens of MiB.
+_BATCHES = 8
+# On trees consecutive cells are neighbours: of large trees many short runs are sampled, and a run
 # has many of them, since one is too short for more than one thread (four times as fast).
 _RUN, _RUNS = 1 << 12, 64
 # Cost of a cell whose neighbours are searched for, relative to one of an array.
@@ -32,7 +32,7 @@ _LINES, _POINTS = 32, 256
 
 @dataclass
 class Samples:
-    """A scalar in parts of space where it is linear, each perhaps on a numbered line.
+    """A scalar in regions of space where it is linear, each perhaps on a numbered line.
 
     Its value in the middle (NaN where it is not finite), the largest distance `reach` of its values
     from that, |∇x|, and volumes, of a shape that broadcasts.
@@ -99,16 +99,16 @@ class GridLayers:
         x = volume.evaluate_cells(expr, low * ny * nz, high * ny * nz).reshape(-1, ny, nz)
         # In cgs units differences in single precision would have few digits, or none.
         self._around = _finite(x.astype(np.float64))
-        self._own = slice(first - low, stop - low)
+        self._layers = slice(first - low, stop - low)
         self._edges = [edges / grid.scale for edges in grid.edges]
         self._edges[0] = self._edges[0][low : high + 1]
         self._uniform = grid.is_uniform
-        self.x = self._around[self._own]
+        self.x = self._around[self._layers]
         self._widths = [
             np.diff(e).reshape([-1 if k == axis else 1 for k in range(3)])
             for axis, e in enumerate(self._edges)
         ]
-        self._widths[0] = self._widths[0][self._own]
+        self._widths[0] = self._widths[0][self._layers]
 
     @functools.cached_property
     def _slopes(self) -> list[np.ndarray]:
@@ -122,7 +122,7 @@ class GridLayers:
                 with np.errstate(all="ignore"):
                     slope = np.gradient(self._around, spacing, axis=axis)
             slope[~np.isfinite(slope)] = 0.0
-            found.append(np.abs(slope[self._own]))
+            found.append(np.abs(slope[self._layers]))
         return found
 
     @functools.cached_property
@@ -144,45 +144,45 @@ class GridLayers:
 
     def outermost(self) -> np.ndarray:
         """Return the scalar in the outermost cells in y and z, and in x where the domain begins."""
-        x, begins = self.x, self._own.start == 0
+        x, begins = self.x, self._layers.start == 0
         faces = [x[:, 0], x[:, -1], x[:, :, 0], x[:, :, -1], *([x[0]] if begins else [])]
         return np.concatenate([face.ravel() for face in faces])
 
     def between_centers(self) -> Iterator[Samples]:
         """Yield the scalar from each centre to the next one, along the three axes."""
         for axis in range(3):
-            # Along the first axis also to the layer behind, with which another piece begins.
-            own = slice(self._own.start, self._own.stop + (axis == 0))
-            edges = self._edges[axis][own.start : own.stop + 1] if axis == 0 else self._edges[axis]
+            # Along the first axis also to the layer behind, with which another run begins.
+            some = slice(self._layers.start, self._layers.stop + (axis == 0))
+            walls = slice(some.start, some.stop + 1) if axis == 0 else slice(None)
+            edges = self._edges[axis][walls]
             step = np.diff(0.5 * (edges[1:] + edges[:-1]))[:, None, None]
             across, along = (w for k, w in enumerate(self._widths) if k != axis)
-            x = np.moveaxis(self._around[own], axis, 0)
+            x = np.moveaxis(self._around[some], axis, 0)
             rise = np.abs(np.diff(x, axis=0))
             area = np.moveaxis(across * along, axis, 0)
             yield Samples(0.5 * x[1:] + 0.5 * x[:-1], 0.5 * rise, rise / step, step * area)
 
 
-Piece: TypeAlias = Samples | CellRuns | GridLayers
+Run: TypeAlias = Samples | CellRuns | GridLayers
 
 
 def measurable(volume: Volume) -> Volume:
     """Return the level of a large volume that has few enough cells to be measured; else itself.
 
-    Of a file that is larger than memory parts would be read that are most of it: a layer of cells
-    is in many chunks.
+    Of a file that is larger than memory most would be read: a layer of cells is in many chunks.
     """
     level: Volume = kept_level(volume, level_within(volume, BUDGET))
     return level
 
 
-def pieces(
+def cell_runs(
     volume: Volume, expr: Expression, budget: float = BUDGET
 ) -> Iterator[GridLayers | CellRuns]:
-    """Yield all cells, or evenly spread parts if there are more than `budget`."""
+    """Yield all cells, or evenly spread runs if there are more than `budget`."""
     volume.check_names(expr)
     grid = volume.grid
     if grid.is_rectilinear:
-        thick = max(1, int(min(budget, BUDGET)) * grid.shape[0] // grid.size // _PIECES)
+        thick = max(1, int(min(budget, BUDGET)) * grid.shape[0] // grid.size // _BATCHES)
         for run in _runs(grid.shape[0], thick, grid.size / budget):
             yield GridLayers(volume, expr, *run)
         return
@@ -205,16 +205,16 @@ def between_centers(volume: Volume, expr: Expression) -> Iterator[Samples]:
     if not volume.grid.is_rectilinear:
         yield lines(volume, expr)
         return
-    for piece in pieces(volume, expr):
-        assert isinstance(piece, GridLayers)
-        yield from piece.between_centers()
+    for run in cell_runs(volume, expr):
+        assert isinstance(run, GridLayers)
+        yield from run.between_centers()
 
 
 def lines(volume: Volume, expr: Expression) -> Samples:
     """Return a scalar along lines through the domain, parallel to x, y and z.
 
-    The parts reach from the middle of a line's path in one cell to that in the next; their volumes
-    are lengths.
+    They reach from the middle of a line's path in one cell to that in the next; their volumes are
+    lengths.
     """
     grid = volume.grid
     values = _finite(volume.evaluate(expr).reshape(-1).astype(np.float64))
@@ -230,8 +230,8 @@ def lines(volume: Volume, expr: Expression) -> Samples:
         new = np.diff(cell.reshape(_LINES**2, _POINTS), axis=1, prepend=-2) != 0
         starts = np.flatnonzero(new)
         middle = 0.5 * (starts + np.append(starts[1:], cell.size))
-        line, own = starts // _POINTS, cell[starts]
-        x = np.where(own >= 0, values[own], np.nan)
+        line, here = starts // _POINTS, cell[starts]
+        x = np.where(here >= 0, values[here], np.nan)
         good = (line[1:] == line[:-1]) & ~np.isnan(x[1:]) & ~np.isnan(x[:-1])
         step = float(np.ptp(grid.bounds[axis])) / _POINTS / grid.scale
         length, rise = step * np.diff(middle)[good], np.abs(np.diff(x)[good])

@@ -17,7 +17,7 @@ from ..media import Gaussian, Medium, Rectangle, Sum
 from ..volume import Volume
 from .histogram import Histogram, histogram, is_constant, sampled_values
 from .open_numbers import check_volume, nothing_to_see
-from .samples import measurable, pieces
+from .samples import cell_runs, measurable
 from .thickness import Profile, Thickness, thicknesses
 
 # --- the main scalar --------------------------------------------------------------------------
@@ -114,11 +114,11 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
         return None
     labels: set[float] = set()
     around: Counter[float] = Counter()
-    for piece in pieces(volume, expr, np.inf):
-        labels.update(np.unique(piece.x[~np.isnan(piece.x)]).tolist())
+    for run in cell_runs(volume, expr, np.inf):
+        labels.update(np.unique(run.x[~np.isnan(run.x)]).tolist())
         if not _may_be_labels(np.array(sorted(labels))):
             return None
-        outermost = piece.outermost()
+        outermost = run.outermost()
         around.update(outermost[~np.isnan(outermost)].tolist())
     background = max(around, key=lambda label: (around[label], -label), default=None)
     if len(labels) < 2 or max(labels) - min(labels) >= _SPAN * len(labels):
@@ -277,7 +277,7 @@ def suggest_medium(
     "Semi-automatic generation of transfer functions for direct volume rendering"), one in each of
     n equal parts of the range of values whose isosurfaces are large enough to be seen. If negative
     values are noise around zero, as in telescope cubes, levels are above four σ. In volumes of more
-    than 4 million cells, evenly spread parts are sampled; where a file has coarser levels, the
+    than 4 million cells, evenly spread cells are sampled; where a file has coarser levels, the
     finest of no more cells is measured instead, so that the rest need not be read: peaks and noise
     are smaller there.
 
@@ -318,7 +318,7 @@ def suggest_medium(
     profiles = [Profile(*draft.profile(unit, lambda: (0.0, 0.0))) for draft in drafts]
     shells = thicknesses(volume, scalar, profiles)
     depths = opacity * _depths(shells)
-    parts = tuple(
+    components = tuple(
         draft.replace(
             color=(depth * color).tolist(), opacity=float(depth), path_length=shell.length
         )
@@ -326,7 +326,7 @@ def suggest_medium(
             drafts, mapped_colors(colormap, positions), depths, shells, strict=True
         )
     )
-    return Sum(parts) if len(parts) > 1 else parts[0]
+    return Sum(components) if len(components) > 1 else components[0]
 
 
 def _expression(expr: Any) -> Expression:

@@ -11,7 +11,7 @@ from ..digest import digest
 from ..errors import InputError
 from ..expressions import Expression
 from ..volume import Volume
-from .samples import BUDGET, Piece, between_centers, lines, pieces
+from .samples import BUDGET, Run, between_centers, cell_runs, lines
 
 # A profile is evaluated at a single value in cells whose values differ by less than this part of
 # its effective width.
@@ -88,11 +88,11 @@ class _Shell:
     def area(self) -> float:
         return float(sum(areas.sum() for areas in self.areas))
 
-    def see(self, samples: Piece, mean: np.ndarray | None = None) -> None:
+    def see(self, samples: Run, mean: np.ndarray | None = None) -> None:
         mean = self.profile.mean(samples.x, samples.reach) if mean is None else mean
         self.seen += [seen[seen > 0] for seen in samples.lengths_along_lines(mean)]
 
-    def add(self, samples: Piece) -> None:
+    def add(self, samples: Run) -> None:
         width, mean = self.profile.width, self.profile.mean(samples.x, samples.reach)
         # The largest possible mean, where a cell is steeper than the shell is wide.
         most = width / np.maximum(width, 2 * samples.reach)
@@ -154,9 +154,9 @@ def thicknesses(
 
 
 def _measure(volume: Volume, expr: Expression, shells: Sequence[_Shell], budget: float) -> None:
-    for piece in pieces(volume, expr, budget):
+    for run in cell_runs(volume, expr, budget):
         for shell in shells:
-            shell.add(piece)
+            shell.add(run)
     if shells and not volume.grid.is_rectilinear:
         along = lines(volume, expr)
         for shell in shells:

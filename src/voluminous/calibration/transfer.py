@@ -20,7 +20,7 @@ from ..volume import Volume
 from .at_values import coefficients, is_surface, one_path_length, units_of
 from .histogram import is_constant, sampled_values
 from .open_numbers import calibrate, check_volume, closed, colors_of, scalar_of
-from .samples import measurable, pieces
+from .samples import cell_runs, measurable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -343,7 +343,7 @@ def _draw_medians(axes: Axes, component: Medium, name: str, volume: Volume) -> N
     names = list(dict.fromkeys((*component.names, name)))
     step = max(1, volume.grid.size // _CELLS)
     columns = [
-        np.concatenate([cells.x.ravel()[::step] for cells in pieces(volume, Expression(one))])
+        np.concatenate([cells.x.ravel()[::step] for cells in cell_runs(volume, Expression(one))])
         for one in names
     ]
     table = np.array(columns)

@@ -36,8 +36,8 @@ _DECADES = 30.0
 _BESIDE, _AROUND = 3.0, 0.08
 # Norms of colormaps that have a bar: whether they are logarithmic.
 _NORMS = {None: False, "linear": False, "Normalize": False, "log": True, "LogNorm": True}
-# A histogram samples at most _CELLS cells, in _PIECES evenly spaced pieces.
-_CELLS, _PIECES, _BINS = 1 << 20, 128, 60
+# A histogram samples at most _CELLS cells, in _RUNS evenly spaced runs.
+_CELLS, _RUNS, _BINS = 1 << 20, 128, 60
 # Percentiles that limit the range: single outliers must not set it.
 _PERCENTILES = (0.1, 99.9)
 
@@ -269,16 +269,16 @@ class FieldValues:
         if text not in self._cached:
             volume.check_names(expression)
             size = volume.grid.size
-            count = _PIECES if size > _CELLS else 1
+            count = _RUNS if size > _CELLS else 1
             length = min(size, _CELLS) // count
             starts = np.linspace(0, size - length, count).astype(int).tolist()
-            parts = [volume.evaluate_cells(expression, s, s + length) for s in starts]
-            sample = np.concatenate(parts).astype(float)
+            runs = [volume.evaluate_cells(expression, s, s + length) for s in starts]
+            sample = np.concatenate(runs).astype(float)
             self._cached[text] = sample[np.isfinite(sample)]
-        own, wanted = volume.expression_unit(expression), parse_unit(unit)
-        if own is None or wanted is None:
+        given, wanted = volume.expression_unit(expression), parse_unit(unit)
+        if given is None or wanted is None:
             return self._cached[text]
-        return np.asarray(own.to(wanted, self._cached[text]))  # dex are shifted, not scaled
+        return np.asarray(given.to(wanted, self._cached[text]))  # dex are shifted, not scaled
 
     def span(self, text: str, unit: str) -> Span | None:
         """Return the 0.1 % and 99.9 % percentiles of the values; None if there are no values."""
