@@ -7,7 +7,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from toy_grids import ShuffledGrid
+from toy_grids import LinearCells, ShuffledGrid
 
 EDGES = ([0.0, 1.0, 3.0, 3.5], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 GRID = vm.CartesianGrid(*EDGES, unit="pc")
@@ -114,3 +114,20 @@ def test_an_octree_shows_the_grid_that_it_refines(precision):
     exact = 2e-5 if precision == "single" else 1e-12
     np.testing.assert_allclose(found.intensity, expected.intensity, atol=exact)
     assert found.intensity.max() > 0.3
+
+
+@pytest.mark.parametrize("scheme", ["post-classified", "pre-integrated"])
+def test_fields_that_jump_between_cells_are_not_carried_over(scheme):
+    grid = LinearCells(*EDGES, np.array([1, 0, 0, 0, 0, 0, 0, 0, 0] + 59 * [0]))
+    values = np.random.default_rng(2).random(grid.size)
+    volume, medium = vm.Volume(grid, a=values), vm.Gaussian("a", 0.5, 0.2, "red", 0.5, 1.0)
+    camera, options = vm.Orthographic(90, 90, resolution=24), {"precision": "double"}
+    expected = vm.render(volume, medium, camera, scheme="first-order", **options)
+    image = vm.render(volume, medium, camera, scheme=scheme, **options)
+    np.testing.assert_allclose(image.intensity, expected.intensity, rtol=2e-3)
+    # Values are kept between the field's extremes: cells that have these do not slope.
+    grid.rise = 0.5 * np.minimum(values - values.min(), values.max() - values)
+    emission = vm.Coefficients("a", "0")
+    sloping = vm.render(vm.Volume(grid, a=values), emission, camera, scheme=scheme, **options)
+    flat = vm.render(volume, emission, camera, scheme="first-order", **options)
+    np.testing.assert_allclose(sloping.intensity, flat.intensity, rtol=1e-6)  # along x: the mean

@@ -9,8 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+import voluminous as vm
 from voluminous.backend import dr
 from voluminous.grids.contract import Grid
+from voluminous.rendering.sources.corner_layouts import CornerPackets
 
 
 class ShuffledWalk:
@@ -83,3 +85,23 @@ class ShuffledGrid(Grid):
 
     def __repr__(self):
         return f"<ShuffledGrid of {self.size} cells>"
+
+
+class LinearCells(vm.OctreeGrid):
+    """An octree in which a field is linear in x within each cell, and jumps between cells.
+
+    `rise` (cells,): by how much it changes from one side of a cell to the other.
+    """
+
+    rise = 0.0
+
+    def walk_through(self, tree, backend, kind="cells"):
+        walk = super().walk_through(tree, backend, kind)
+        walk.continuous = False
+        return walk
+
+    def lattice(self, arrays, backend, sums=()):
+        ends = np.repeat([-0.5, 0.5], 4)
+        steps = np.multiply.outer(np.broadcast_to(self.rise, self.shape), ends)
+        corners = [(array[:, None] + steps).ravel() for array in arrays]
+        return [CornerPackets(backend.Float(c), 1.0, backend.packet(4)) for c in corners]

@@ -156,6 +156,9 @@ class Walk:
         There is space in the domain that belongs to no cell; `skip_gap` leads beyond it.
     in_cells : bool
         Segments lie in one cell of the grid each; in a walk through dual cells they do not.
+    continuous : bool
+        Interpolated fields are continuous from segment to segment: their values at the end of one
+        serve at the beginning of the next. False where each cell has a function of position alone.
     scale : array
         The grid's scale.
     """
@@ -163,6 +166,7 @@ class Walk:
     leaps: bool = False
     has_gaps: bool = False
     in_cells: bool = True
+    continuous: bool = True
     scale: Float
     backend: Backend
 

@@ -64,7 +64,7 @@ class TwoWalks(Walk):
 
     def __init__(self, first: Walk, second: Walk) -> None:
         self.first, self.second, self.scale = first, second, first.scale
-        self.has_gaps = first.has_gaps
+        self.has_gaps, self.continuous = first.has_gaps, first.continuous
 
     def skip_gap(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
         first = self.first.skip_gap(track.first, cursor.first)

@@ -79,9 +79,14 @@ class PreIntegrated(Scheme):
 
 
 def begin_values(source: Any, fields: Any, carried: list[Float]) -> list[Float]:
-    """Return the scalars where a segment begins: as carried, or evaluated where these are NaN."""
+    """Return the scalars where a segment begins: as carried, or evaluated.
+
+    They are evaluated where the carried ones are NaN, and where fields jump from cell to cell.
+    """
     if not carried:
         return []
+    if not fields.continuous:
+        return list(source.evaluated(fields.own(0.0)))
     unknown = dr.isnan(carried[0])
     for value in carried[1:]:
         unknown |= dr.isnan(value)

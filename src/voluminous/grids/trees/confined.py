@@ -40,7 +40,7 @@ class ConfinedWalk(Walk):
 
     def __init__(self, whole: TreeWalk, box: CellBox) -> None:
         self.whole, self.backend, self.scale = whole, whole.backend, whole.scale
-        self.has_gaps = whole.has_gaps
+        self.has_gaps, self.continuous = whole.has_gaps, whole.continuous
         (first,), (last,) = box.low, box.high
         UInt = self.backend.UInt
         self.first, self.most = dr.opaque(UInt, first), dr.opaque(UInt, last - 1 - first)

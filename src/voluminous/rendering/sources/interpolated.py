@@ -53,7 +53,7 @@ class FieldsAlong:
 
     def __init__(self, source: Interpolated, chord: Any, segment: Segment) -> None:
         self.source, self.chord, self.active = source, chord, segment.active
-        ray = segment.ray
+        ray, self.continuous = segment.ray, segment.walk.continuous
         self.sight: list[Float] = []  # away from the observer
         if source.medium.sight and ray is not None:
             self.sight = list(ray.direction)
