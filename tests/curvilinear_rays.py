@@ -150,9 +150,7 @@ def sums(grid, backend, origins, directions, first=None, last=None):
         return cursor.inside & (steps < MOST_STEPS)
 
     def step(cursor, length, steps, shortest):
-        if walk.has_gaps:
-            cursor = walk.skip_gap(track, cursor).cursor
-        segment, following = walk.next(track, cursor)
+        segment, following = walk.step(track, cursor)
         return following, length + segment.length, steps + 1, dr.minimum(shortest, segment.length)
 
     _, length, steps, shortest = dr.while_loop(

@@ -12,7 +12,7 @@ from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.dual_walk import WIDEST
-from voluminous.grids.cartesian.leap import BITS, Way, leap, make_bricks
+from voluminous.grids.cartesian.leap import BITS, BrickRays, make_bricks
 from voluminous.media.context import Context, no_unit
 from voluminous.rendering.sources.empty_space import DUAL
 from voluminous.schemes.pre_integrated import PreIntegrated
@@ -51,7 +51,7 @@ def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, sha
     rounding = 200 * np.finfo(backend.dtype).eps
     total = np.zeros(48)
     while dr.any(cursor.inside):
-        found = leap(Way(walk, track, bricks), cursor)
+        found = BrickRays(walk, track, bricks)(cursor)
         cursor = found.cursor
         dr.eval(found)
         segment, following = walk.next(track, cursor)

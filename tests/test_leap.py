@@ -15,10 +15,9 @@ from contracts.grid import make_ray, walk_along
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.leap import (
     BITS,
-    Way,
+    BrickRays,
     brick_shape,
     empty_ahead,
-    leap,
     make_bricks,
 )
 
@@ -84,10 +83,10 @@ def leaping(walk, ray, bricks):
     nowhere = np.zeros(len(np.asarray(cursor.t)))
     rows = [[nowhere.astype(int), nowhere, nowhere > 0]]
     while dr.any(cursor.inside):
-        found = leap(Way(walk, track, bricks), cursor)
+        found = BrickRays(walk, track, bricks)(cursor)
         cursor = found.cursor
         dr.eval(found)
-        while dr.any(within := cursor.inside & (cursor.t < found.leave)):
+        while dr.any(within := cursor.inside & found.holds(cursor)):
             segment, following = walk.next(track, cursor)
             parts = (segment.cell, segment.length, within)
             rows.append([np.asarray(part) for part in parts])

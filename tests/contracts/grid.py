@@ -39,10 +39,11 @@ def walk_along(grid, backend, ray, visit=None):
     """Follow rays step by step, with NumPy looking on; `visit` is called at every step."""
     walk, steps = grid.walk(backend), []
     track, cursor = walk.enter(ray)
+    skip = walk.skipper(track)
     dr.eval(track, cursor)
     while dr.any(cursor.inside):
-        if walk.has_gaps:
-            cursor = walk.skip_gap(track, cursor).cursor
+        if skip is not None:
+            cursor = skip(cursor).cursor
             dr.eval(cursor)  # or the kernels of all steps grow, and are compiled one by one
         segment, following = walk.next(track, cursor)
         dr.eval(segment, following)

@@ -203,6 +203,7 @@ class BoxWalk(Walk):
     `axes`; `scale`, `to_scale`: the unit of distances in the volume's unit, and one over it.
     """
 
+    backend: Backend
     axes: list[Float]
     to_scale: Float
 

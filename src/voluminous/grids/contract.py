@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Protocol, TypeVar
 
 import numpy as np
 
@@ -117,13 +117,15 @@ class CellBox:
         return x, y, z
 
 
-class Track(Protocol):
+class Track:
     """What is constant along a ray.
 
-    `entry` is the distance from its origin to where distances count from, in units of the scale.
+    `entry` is the distance from its origin to where distances count from, in units of the scale;
+    `arrive` what cursors' distances are there.
     """
 
     entry: Float
+    arrive: ClassVar[Any] = 0.0
 
 
 class Cursor(Protocol):
@@ -132,43 +134,36 @@ class Cursor(Protocol):
     inside: Mask
 
 
-class Landing(Protocol):
+@dataclass
+class Landing:
     """Where rays are once they have crossed space in which there is nothing to gather.
 
-    `moved` are the lanes that have crossed any.
+    `moved` are the lanes that have crossed any; `holds` returns of a later cursor the lanes that
+    have not come to more of it.
     """
 
     cursor: Any
     moved: Mask
+    holds: Callable[[Any], Mask]
 
-    def holds(self, cursor: Any) -> Mask:
-        """Return the lanes that may go on from there: they have not come to more of it."""
+
+# Moves the cursors of one track beyond such space.
+Skip = Callable[[Any], Landing]
 
 
 class Walk:
-    """How rays walk through a grid, traced into the kernel.
+    """How rays walk through a grid, traced into the kernel; see `VertexWalk` and `FieldWalk` too.
 
     Attributes
     ----------
-    leaps : bool
-        Rays may cross empty bricks in one step (`grids.cartesian.leap`).
-    has_gaps : bool
-        There is space in the domain that belongs to no cell; `skip_gap` leads beyond it.
-    in_cells : bool
-        Segments lie in one cell of the grid each; in a walk through dual cells they do not.
-    continuous : bool
-        Interpolated fields are continuous from segment to segment: their values at the end of one
-        serve at the beginning of the next. False where each cell has a function of position alone.
     scale : array
         The grid's scale.
+    in_cells : bool
+        Segments lie in one cell of the grid each; in a walk through dual cells they do not.
     """
 
-    leaps: bool = False
-    has_gaps: bool = False
-    in_cells: bool = True
-    continuous: bool = True
     scale: Float
-    backend: Backend
+    in_cells: bool = True
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
         """Return the `Track` and the `Cursor` where each ray enters."""
@@ -178,35 +173,71 @@ class Walk:
         """Return the segment through the present cell, and the cursor at its end.
 
         In a gap the segment is not active, and its cell is any that there is. There the cursor is
-        of no use: `skip_gap` leads on.
+        of no use: `skipper` leads on.
         """
         raise NotImplementedError
 
+    def skipper(self, track: Any, bricks: Any = None) -> Skip | None:
+        """Return what moves rays beyond gaps, and empty `bricks`; None where it would do nothing.
+
+        Gaps are space in the domain that belongs to no cell. To be made outside of loops: what is
+        constant along rays is computed once. `bricks`: see `grids.cartesian.leap`.
+        """
+        return None
+
     def step(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
         """Return the next segment in a cell, beyond the gap that a ray may be in; see `next`."""
-        if self.has_gaps:
-            cursor = self.skip_gap(track, cursor).cursor
-        return self.next(track, cursor)
+        skip = self.skipper(track)
+        return self.next(track, cursor if skip is None else skip(cursor).cursor)
 
-    def arrive(self, track: Any) -> Float:
-        """Return what cursors' distances are where rays enter the domain."""
-        return 0.0
 
-    def skip_gap(self, track: Any, cursor: Any) -> Landing:
-        """Return where rays leave the gap that they are in."""
-        raise NotImplementedError
+class VertexWalk(Protocol):
+    """What schemes with coefficients at vertices also ask of a walk of the kind ``"cells"``."""
 
     def entry_corners(self, track: Any, cursor: Any) -> Corners:
-        """Return the vertices around the cursor; of grids with vertices."""
-        raise NotImplementedError
+        """Return the vertices around the cursor."""
 
     def exit_corners(self, track: Any, segment: Segment) -> Corners:
-        """Return the vertices around the end of a segment; of grids with vertices."""
-        raise NotImplementedError
+        """Return the vertices around the end of a segment."""
 
-    def chord(self, track: Any, segment: Segment) -> Any:
-        """Return where a segment runs through its dual cell; of dual walks."""
-        raise NotImplementedError
+
+class FieldWalk(Protocol):
+    """What schemes that interpolate fields also ask of a walk of the kind ``"dual"``.
+
+    `continuous`: interpolated fields are continuous from segment to segment, so that values at the
+    end of one serve at the beginning of the next. False where each cell has a function of position
+    alone.
+    """
+
+    continuous: bool
+
+    def chord(self, track: Any, segment: Segment) -> Chord:
+        """Return where a segment runs through its dual cell."""
+
+
+class Chord(Protocol):
+    """A segment in a (dual) cell, or in a cube of them.
+
+    `cell`: number of the cell; `corner`: that of its lower corner, where corners are numbered;
+    `width`: how many cells wide the cube is, None for a single cell; `position`, `step`: where it
+    enters, and the vector to where it leaves, in the volume's coordinates.
+    """
+
+    @property
+    def cell(self) -> Int: ...
+    @property
+    def corner(self) -> Int: ...
+    @property
+    def width(self) -> Float | None: ...
+    @property
+    def position(self) -> list[Float]: ...
+    @property
+    def step(self) -> list[Float]: ...
+    def at(self, s: Float) -> tuple[Any, list[Float]]:
+        """Return the cell around a place of the segment, s from 0 to 1, and the place in it.
+
+        The cell is one that `FieldLattice.corners` takes; the place three numbers from 0 to 1.
+        """
 
 
 class Grid:

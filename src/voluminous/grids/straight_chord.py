@@ -52,6 +52,8 @@ class StraightChord:
     computed in the branch.
     """
 
+    width: Float = None  # it is in a single cell
+
     def __init__(self, walk: Any, track: Any, segment: Segment) -> None:
         self.walk, self.track, self.segment = walk, track, segment
 

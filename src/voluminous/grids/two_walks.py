@@ -11,11 +11,11 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.types import Float, Int, Mask
-from .contract import Landing, Ray, Segment, Walk
+from .contract import Landing, Ray, Segment, Skip, Track, Walk
 
 
 @dataclass
-class TwoTracks:
+class TwoTracks(Track):
     """What is constant along a ray for each walk; how much later the second one's distances are."""
 
     first: Any
@@ -35,20 +35,6 @@ class TwoCursors:
 
 
 @dataclass
-class TwoLandings:
-    """Where rays are once they are in no gap of either walk; see `grids.contract.Landing`."""
-
-    cursor: TwoCursors
-    moved: Mask
-    first: Landing
-    second: Landing
-
-    def holds(self, cursor: TwoCursors) -> Mask:
-        """Return the lanes that are in cells of both walks still."""
-        return self.first.holds(cursor.first) & self.second.holds(cursor.second)
-
-
-@dataclass
 class WalkPiece(Segment):
     """A segment of the first walk, or a part of it, within one cell of the second."""
 
@@ -62,27 +48,39 @@ class WalkPiece(Segment):
 class TwoWalks(Walk):
     """A walk whose segments are those of the first, cut at the walls of the second."""
 
-    def __init__(self, first: Walk, second: Walk) -> None:
+    def __init__(self, first: Any, second: Walk) -> None:
         self.first, self.second, self.scale = first, second, first.scale
-        self.has_gaps, self.continuous = first.has_gaps, first.continuous
+        self.continuous = first.continuous
 
-    def skip_gap(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
-        first = self.first.skip_gap(track.first, cursor.first)
-        second = self.second.skip_gap(track.second, cursor.second)
-        here = first.cursor.t - self.first.arrive(track.first)
-        there = second.cursor.t - self.second.arrive(track.second) + track.later
-        t = dr.select(first.moved, dr.maximum(cursor.t, here), cursor.t)
-        t = dr.select(second.moved, dr.maximum(t, there), t)
-        inside = cursor.inside & first.cursor.inside & second.cursor.inside
-        moved = TwoCursors(first.cursor, second.cursor, t, inside)
-        return TwoLandings(moved, first.moved | second.moved, first, second)
+    def skipper(self, track: TwoTracks, bricks: Any = None) -> Skip | None:
+        one, other = self.first.skipper(track.first), self.second.skipper(track.second)
+        if one is None or other is None:  # gaps of the cells are those of the dual cells
+            return None
+        skip_first: Skip = one
+        skip_second: Skip = other
+
+        def skip(cursor: TwoCursors) -> Landing:
+            first, second = skip_first(cursor.first), skip_second(cursor.second)
+            here = first.cursor.t - track.first.arrive
+            there = second.cursor.t - track.second.arrive + track.later
+            t = dr.select(first.moved, dr.maximum(cursor.t, here), cursor.t)
+            t = dr.select(second.moved, dr.maximum(t, there), t)
+            inside = cursor.inside & first.cursor.inside & second.cursor.inside
+
+            def holds(cursor: TwoCursors) -> Mask:
+                return first.holds(cursor.first) & second.holds(cursor.second)
+
+            moved = TwoCursors(first.cursor, second.cursor, t, inside)
+            return Landing(moved, first.moved | second.moved, holds)
+
+        return skip
 
     def enter(self, ray: Ray) -> tuple[TwoTracks, TwoCursors]:
         (track, here), (other, there) = self.first.enter(ray), self.second.enter(ray)
         # Distances count from where a walk's own domain begins: the dual one begins earlier.
-        later = here.t - there.t - (self.first.arrive(track) - self.second.arrive(other))
+        later = here.t - there.t - (track.arrive - other.arrive)
         tracks = TwoTracks(track, other, later, track.entry)
-        t = here.t - self.first.arrive(track)
+        t = here.t - track.arrive
         return tracks, TwoCursors(here, there, t, here.inside & there.inside)
 
     def next(self, track: TwoTracks, cursor: TwoCursors) -> tuple[WalkPiece, TwoCursors]:

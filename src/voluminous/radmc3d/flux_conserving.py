@@ -134,10 +134,7 @@ class MinCellWidth:
             return state.cursor.inside
 
         def step(state: WidthState) -> tuple[WidthState]:
-            here = state.cursor
-            if self.walk.has_gaps:
-                here = self.walk.skip_gap(track, here).cursor
-            segment, cursor = self.walk.next(track, here)
+            segment, cursor = self.walk.step(track, state.cursor)
             width = self.width(segment, sight)
             narrower = segment.active & (segment.length > 0.0) & (width < state.least)
             return (WidthState(cursor, dr.select(narrower, width, state.least)),)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from ..backend import Backend, dr
 from ..backend.functions import branch
 from ..backend.types import Float, Int, Mask
-from ..grids.contract import Corners, Cursor, Segment, Track, Walk
+from ..grids.contract import Corners, Cursor, Segment, Track
 from .path import Path, empty_path, last_argument
 
 # A solved segment is a piece of path like any other.
@@ -39,7 +39,7 @@ class Source(Protocol):
 class Position:
     """Where rays are in a walk: `track` is constant along a ray, `cursor` moves."""
 
-    walk: Walk
+    walk: Any
     track: Track
     cursor: Cursor
 

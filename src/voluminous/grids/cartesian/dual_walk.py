@@ -81,7 +81,7 @@ def dual_edges(edges: np.ndarray, multiple: int = 1) -> np.ndarray:
 class DualWalk(CartesianWalk):
     """Rays through the dual of a `CartesianGrid`."""
 
-    in_cells = False
+    in_cells, continuous = False, True
 
     def __init__(
         self,

@@ -20,6 +20,7 @@ from ...backend import Int, dr, from_host
 from ...backend.functions import branch, loop
 from ...backend.types import Float, Mask
 from ..box_walk import AxisTrack
+from ..contract import Landing
 from ..lanes import least, lesser, nearest
 from .walk import BRICK
 
@@ -54,23 +55,6 @@ class Bricks:
     def coarse(self) -> bool:
         """Whether some steps may be wider than a cell."""
         return bool(self.steps)
-
-
-@dataclass
-class Leap:
-    """Where rays are once they have looked for the next brick with something in it.
-
-    `leave`: the distance where they leave that brick; where steps may be wide, one is taken at a
-    time; `moved`: lanes that crossed empty space.
-    """
-
-    cursor: Any
-    leave: Float
-    moved: Mask
-
-    def holds(self, cursor: Any) -> Mask:
-        """Return the lanes that are in the same brick still."""
-        return cursor.t < self.leave
 
 
 @dataclass
@@ -140,41 +124,14 @@ def _cube_ahead(empty: np.ndarray) -> np.ndarray:
     return size
 
 
-def leap(way: Way, cursor: Any) -> Leap:
-    """Move rays to where they enter the next brick that is not empty; those in one stay."""
-    walk, track, bricks = way.walk, way.track, way.bricks
-    cursor = walk.precise(track, cursor)
-    brick = [way.brick(axis, i) for axis, i in enumerate(cursor.index)]
-    start = Search(brick, cursor.t, way.code(brick, cursor.inside))
-    moved = start.empty
-
-    def searching(state: Search) -> Mask:
-        return state.empty
-
-    def cross(state: Search) -> tuple[Search]:
-        return (way.cross(state),)
-
-    (end,) = loop((start,), searching, cross, label="leap")
-    # Most rays are where something is, and stay: what the others need is computed in a branch.
-    index = branch(
-        args=(cursor.index, end.brick, end.t),
-        cond=moved,
-        true_fn=way.cells,
-        false_fn=_stay,
-    )
-    there = walk.at(track, index, end.t)
-    if bricks.coarse:
-        there = walk.settle(there, walk.backend.Float(1 << walk.backend.Int(end.code)))
-    leave = None if bricks.coarse else way.leave(end)
-    return Leap(dr.select(cursor.inside, there, cursor), leave, moved)
-
-
 def _stay(index: list[Float], brick: list[Int], t: Float) -> list[Float]:
     return index
 
 
-class Way:
-    """Rays among bricks, which are counted along each axis in the sense of the ray, like cells.
+class BrickRays:
+    """Moves rays to where they enter the next brick that is not empty; see `Walk.skipper`.
+
+    Bricks are counted along each axis in the sense of the ray, like cells.
 
     Bricks begin with the first cell of the volume. So for a ray that runs down an axis the first
     one it meets may lack some cells: those before the first that it counts. To be made outside of
@@ -196,6 +153,36 @@ class Way:
         self.first = lasts[0] + lasts[1] + lasts[2]
         octant = sum(dr.select(d, self.backend.UInt(4 >> axis), 0) for axis, d in enumerate(down))
         self.shift = octant * _DISTANCE_BITS
+
+    def __call__(self, cursor: Any) -> Landing:
+        """Return rays where something is; those that are there stay."""
+        cursor = self.walk.precise(self.track, cursor)
+        brick = [self.brick(axis, i) for axis, i in enumerate(cursor.index)]
+        start = Search(brick, cursor.t, self.code(brick, cursor.inside))
+        moved = start.empty
+
+        def searching(state: Search) -> Mask:
+            return state.empty
+
+        def cross(state: Search) -> tuple[Search]:
+            return (self.cross(state),)
+
+        (end,) = loop((start,), searching, cross, label="leap")
+        # Most rays are where something is, and stay: what the others need is computed in a branch.
+        index = branch(
+            args=(cursor.index, end.brick, end.t),
+            cond=moved,
+            true_fn=self.cells,
+            false_fn=_stay,
+        )
+        there = self.walk.at(self.track, index, end.t)
+        if self.bricks.coarse:
+            there = self.walk.settle(there, self.backend.Float(1 << self.backend.Int(end.code)))
+        # Where steps may be wide, one is taken at a time.
+        leave = None if self.bricks.coarse else self.leave(end)
+        return Landing(
+            dr.select(cursor.inside, there, cursor), moved, lambda later: later.t < leave
+        )
 
     def brick(self, axis: int, index: Int) -> Float:
         """Return the brick of a cell."""
@@ -221,18 +208,18 @@ class Way:
         real, axes = self.backend.Float, range(len(self.walk.axes))
         reach = real((state.code >> self.shift) & _FARTHEST)
         ahead = [b + reach for b in state.brick]
-        ways = self._ways(ahead)
-        t, through = least(ways), nearest(ways)
+        distances = self._distances(ahead)
+        t, through = least(distances), nearest(distances)
         brick = [dr.select(through[a], ahead[a], self._brick_at(a, t, state, reach)) for a in axes]
         return Search(brick, t, self.code(brick, t < self.track.leave))
 
     def leave(self, state: Search) -> Float:
         """Return the distance where rays leave the brick that they are in."""
-        t = least(self._ways([b + 1.0 for b in state.brick]))
+        t = least(self._distances([b + 1.0 for b in state.brick]))
         # A brick is always entered, even if rounding puts its far wall where the ray is.
         return dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
 
-    def _ways(self, ahead: list[Float]) -> list[Float]:
+    def _distances(self, ahead: list[Float]) -> list[Float]:
         return [
             axis.crossing(self.track.axes[a], lesser(self.wall(a, ahead[a]) - 1.0, self.lasts[a]))
             for a, axis in enumerate(self.walk.axes)

@@ -15,7 +15,7 @@ import numpy as np
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
-from ..contract import CellBox, Corners, Segment
+from ..contract import CellBox, Corners, Segment, Skip, Track
 from ..lanes import bilinear, least, lesser, nearest, pick, trilinear
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ BRICK = 4
 
 
 @dataclass
-class CartesianTrack:
+class CartesianTrack(Track):
     """What is constant along a ray: its axes, the strides with their signs, and where it leaves.
 
     `bounded` tells (while tracing) that rays may end inside a cell; `entry` is how far from the
@@ -71,8 +71,6 @@ class CartesianWalk(BoxWalk):
     whole grid: what boxes contribute to a ray adds up to the same bits.
     """
 
-    leaps = True  # rays may cross empty bricks in one step (`grids.cartesian.leap`)
-
     def __init__(
         self,
         edges: Sequence[np.ndarray],
@@ -86,7 +84,6 @@ class CartesianWalk(BoxWalk):
         self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
         self.counts = [len(e) - 1 for e in edges]
         self.box = None if box is None else self._ends(box)
-        self.leaps = type(self).leaps and box is None
         held = self.counts if box is None else self._held(box)
         self.cell_strides = self._strides(held)
         self.vertex_strides = self._strides([n + 1 for n in held])
@@ -223,6 +220,11 @@ class CartesianWalk(BoxWalk):
             for i, last in zip(index, track.last, strict=True):
                 inside &= i <= last
         return segment, CartesianCursor(index, onward, vertex, end, inside)
+
+    def skipper(self, track: Any, bricks: Any = None) -> Skip | None:
+        from .leap import BrickRays
+
+        return None if bricks is None or self.box is not None else BrickRays(self, track, bricks)
 
     def at(self, track: Any, index: list[Float], t: Float) -> Any:
         """Return the cursor in the cell with mirrored indices, at a distance."""

@@ -39,6 +39,7 @@ class CurvilinearChord:
     """A segment through a dual cell or a leaf, a curve in its coordinates."""
 
     walk: SmoothWalk
+    width = None
 
     def __init__(self, walk: SmoothWalk, track: SurfaceTrack, segment: Segment) -> None:
         self.walk, self.track, self.segment = walk, track, segment
@@ -106,6 +107,8 @@ class SmoothWalk(CurvilinearWalk):
     `part`: the longest segment, as a part of its distance from the axis or the centre; `least`: the
     least such distance that counts; `length`: the grid's scale.
     """
+
+    continuous = True
 
     def __init__(self, grid: SurfaceGrid, edges: tuple[np.ndarray, ...], backend: Backend) -> None:
         super().__init__(grid, edges, backend, True)

@@ -18,7 +18,7 @@ from ...backend import dr, from_host
 from ...backend.functions import branch, loop
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
-from ..contract import Corners, Ray, Segment, Walk
+from ..contract import Corners, Landing, Ray, Segment, Skip, Walk
 from ..lanes import greater, least, lesser, nearest
 from .approach import Passage, dot, pass_axis
 from .surfaces import SurfaceGrid, Surfaces, ahead, choose, meet, pick_any
@@ -73,20 +73,6 @@ class SurfaceExit:
     family: Int
     count: list[Int]
     t: Float
-
-
-@dataclass
-class GapLanding:
-    """Where rays are once none of them is in a gap: see `grids.contract.Landing`."""
-
-    cursor: SurfaceCursor
-    moved: Mask
-    walk: CurvilinearWalk
-    track: SurfaceTrack
-
-    def holds(self, cursor: SurfaceCursor) -> Mask:
-        """Return the lanes that are in a cell still."""
-        return ~self.walk.in_gap(self.track, cursor.count)
 
 
 class CurvilinearWalk(Walk):
@@ -246,9 +232,6 @@ class CurvilinearWalk(Walk):
         x, y = (dr.fma(away, d, f) for f, d in zip(track.passage.foot, across, strict=True))
         return [x, y, dr.fma(t, dz, track.point[2])]
 
-    def arrive(self, track: SurfaceTrack) -> Float:
-        return track.arrive
-
     def _gaps(self, track: SurfaceTrack, count: list[Int]) -> list[Mask]:
         return [
             family.in_gap(a, k) if family.has_gaps else self.backend.Bool(False)
@@ -264,25 +247,27 @@ class CurvilinearWalk(Walk):
             return cursor.inside
         return cursor.inside & ~self.in_gap(track, cursor.count)
 
-    def skip_gap(self, track: SurfaceTrack, cursor: Any) -> GapLanding:
-        """Return rays where they are in a cell, beyond the gap they were in, or out."""
-        gap = cursor.inside & self.in_gap(track, cursor.count)
+    def skipper(self, track: SurfaceTrack, bricks: Any = None) -> Skip | None:
+        def skip(cursor: Any) -> Landing:
+            gap = cursor.inside & self.in_gap(track, cursor.count)
 
-        def in_gap(count: list[Int], t: Float) -> Mask:
-            return gap & (t < track.leave) & self.in_gap(track, count)
+            def in_gap(count: list[Int], t: Float) -> Mask:
+                return gap & (t < track.leave) & self.in_gap(track, count)
 
-        def jump(count: list[Int], t: Float) -> tuple[list[Int], Float]:
-            return self._jump(track, count, t)
+            def jump(count: list[Int], t: Float) -> tuple[list[Int], Float]:
+                return self._jump(track, count, t)
 
-        def beyond(cursor: Any) -> tuple[Any]:
-            count, t = loop((cursor.count, cursor.t), in_gap, jump, label="gap")
-            return (self._standing(track, count, t, cursor.inside & (t < track.leave)),)
+            def beyond(cursor: Any) -> tuple[Any]:
+                count, t = loop((cursor.count, cursor.t), in_gap, jump, label="gap")
+                return (self._standing(track, count, t, cursor.inside & (t < track.leave)),)
 
-        def stay(cursor: Any) -> tuple[Any]:
-            return (cursor,)
+            def stay(cursor: Any) -> tuple[Any]:
+                return (cursor,)
 
-        (there,) = branch((cursor,), gap, beyond, stay)
-        return GapLanding(there, gap, self, track)
+            (there,) = branch((cursor,), gap, beyond, stay)
+            return Landing(there, gap, lambda later: ~self.in_gap(track, later.count))
+
+        return skip if self.has_gaps else None
 
     def _jump(self, track: SurfaceTrack, count: list[Int], t: Float) -> tuple[list[Int], Float]:
         gaps, ahead = self._gaps(track, count), self._times(track, count)

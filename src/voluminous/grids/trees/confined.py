@@ -7,28 +7,15 @@ what they gather has the same bits in any order of the pieces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from ...backend import dr
 from ...backend.functions import loop
 from ...backend.types import Int, Mask
-from ..contract import CellBox, Landing, Ray, Segment, Walk
+from ..contract import CellBox, Landing, Ray, Segment, Skip, Walk
 from .tree import NONE
-from .walk import TreeCursor, TreeWalk
-
-
-@dataclass
-class ConfinedLanding:
-    """Where rays are once none of them is in a hole, within the leaves or not."""
-
-    cursor: TreeCursor
-    moved: Mask
-    whole: Landing
-
-    def holds(self, cursor: TreeCursor) -> Mask:
-        """Return the lanes that are in a cell still."""
-        return self.whole.holds(cursor)
+from .walk import TreeCursor
 
 
 class ConfinedWalk(Walk):
@@ -38,9 +25,9 @@ class ConfinedWalk(Walk):
     number is `NONE` if the ray has left the domain.
     """
 
-    def __init__(self, whole: TreeWalk, box: CellBox) -> None:
+    def __init__(self, whole: Any, box: CellBox) -> None:
         self.whole, self.backend, self.scale = whole, whole.backend, whole.scale
-        self.has_gaps, self.continuous = whole.has_gaps, whole.continuous
+        self.continuous = whole.continuous
         (first,), (last,) = box.low, box.high
         UInt = self.backend.UInt
         self.first, self.most = dr.opaque(UInt, first), dr.opaque(UInt, last - 1 - first)
@@ -64,9 +51,16 @@ class ConfinedWalk(Walk):
         segment.cell = dr.minimum(segment.cell - self.first, self.most)
         return segment, self._confined(onward)
 
-    def skip_gap(self, track: Any, cursor: TreeCursor) -> ConfinedLanding:
-        landing = self.whole.skip_gap(track, cursor)
-        return ConfinedLanding(self._confined(landing.cursor), landing.moved, landing)
+    def skipper(self, track: Any, bricks: Any = None) -> Skip | None:
+        skip = self.whole.skipper(track)
+        if skip is None:
+            return None
+
+        def confined(cursor: TreeCursor) -> Landing:
+            landing: Landing = skip(cursor)
+            return replace(landing, cursor=self._confined(landing.cursor))
+
+        return confined
 
     def beyond(self, track: Any, cursor: TreeCursor) -> TreeCursor:
         """Return where rays wait that have passed the leaves; nothing is gathered."""

@@ -8,14 +8,14 @@ at any depth, and the lengths of a ray's segments add up to its chord.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...backend import dr
 from ...backend.functions import loop, precision_of, unit_interval
 from ...backend.types import Float, Int, Mask
 from ...geometry import is_uniform
 from ..box_walk import AxisTrack, BoxWalk
-from ..contract import Corners, Ray, Segment
+from ..contract import Corners, Landing, Ray, Segment, Skip, Track
 from ..lanes import bilinear, least, nearest, trilinear
 from ..straight_chord import StraightChord
 from .axes import make_tree_axis
@@ -31,7 +31,7 @@ _ON_WALL = {"single": 1e-6, "double": 1e-11}
 
 
 @dataclass
-class TreeTrack:
+class TreeTrack(Track):
     """What is constant along a ray: its axes, and where it leaves.
 
     `entry`: where distances start, as counted from the ray's origin; `leave`: where the ray leaves,
@@ -72,7 +72,12 @@ class TreeExit:
 
 
 class TreeWalk(BoxWalk):
-    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`."""
+    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`.
+
+    `has_gaps`: holes are gaps, and not segments of no length.
+    """
+
+    has_gaps = False
 
     def __init__(self, grid: LeafGrid, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
@@ -239,19 +244,6 @@ class TreeChord(StraightChord):
         ]
 
 
-@dataclass
-class HoleLanding:
-    """Where rays are once none of them is in a hole: see `grids.contract.Landing`."""
-
-    cursor: TreeCursor
-    moved: Mask
-    walk: TreeFieldWalk
-
-    def holds(self, cursor: TreeCursor) -> Mask:
-        """Return the lanes that are in a cell still."""
-        return self.walk.lookup.is_cell(cursor.cell)
-
-
 class TreeFieldWalk(TreeWalk):
     """Rays through a tree of Cartesian cells that know where they are.
 
@@ -259,18 +251,17 @@ class TreeFieldWalk(TreeWalk):
     is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
     """
 
-    def __init__(self, grid: LeafGrid, tree: Tree, backend: Backend) -> None:
-        super().__init__(grid, tree, backend)
-        self.has_gaps = self.holes
+    has_gaps = continuous = True
 
-    def skip_gap(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
-        moved = self._in_hole(cursor)
-
+    def skipper(self, track: TreeRayTrack, bricks: Any = None) -> Skip | None:
         def step(cursor: TreeCursor) -> tuple[TreeCursor]:
             return (self.next(track, cursor)[1],)
 
-        (there,) = loop((cursor,), self._in_hole, step, label="holes")
-        return HoleLanding(there, moved, self)
+        def skip(cursor: TreeCursor) -> Landing:
+            (there,) = loop((cursor,), self._in_hole, step, label="holes")
+            return Landing(there, self._in_hole(cursor), lambda c: self.lookup.is_cell(c.cell))
+
+        return skip if self.holes else None
 
     def _in_hole(self, cursor: TreeCursor) -> Mask:
         return cursor.inside & ~self.lookup.is_cell(cursor.cell)

@@ -13,7 +13,6 @@ import numpy as np
 
 from ...backend import dr
 from ...backend.types import Float, Mask
-from ...grids.cartesian.dual_walk import CoarseChord
 from ...grids.contract import Segment
 from ...grids.straight_chord import trilinear
 from ...media.context import Context, completed
@@ -58,7 +57,7 @@ class FieldsAlong:
         if source.medium.sight and ray is not None:
             self.sight = list(ray.direction)
         # In a cube of cells each place has its own corners.
-        self.one_cell = not isinstance(chord, CoarseChord)
+        self.one_cell = chord.width is None
         self.corners = self._corners(chord) if self.one_cell else {}
 
     def _corners(self, cell: Any) -> dict[str, Corners]:
