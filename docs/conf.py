@@ -25,6 +25,10 @@ autodoc_member_order = "bysource"
 # numpydoc sections tell types, with shapes and units.
 autodoc_typehints = "none"
 napoleon_google_docstring = False
+# Groups of the parameters of `render`.
+napoleon_custom_sections = [
+    (group, "params_style") for group in ("Accuracy", "Sampling", "Large data", "Extras")
+]
 napoleon_use_ivar = True
 napoleon_use_param = False
 napoleon_use_rtype = False

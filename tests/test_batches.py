@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.rendering.api import in_steps
+from voluminous.drawing.api import in_steps
+from voluminous.rendering.options import RenderOptions
 
 VOLUME = vm.Volume(
     vm.CartesianGrid.uniform(24, (-1, 1)), a=np.random.default_rng(0).random((24, 24, 24))
@@ -28,7 +29,7 @@ def test_batches_add_up_to_the_picture(name):
     transparency = np.full((200 * 150, 1), np.nan, np.float32)
     count = 0
     for pixel, light, through in in_steps(
-        VOLUME, MEDIUM, CAMERA, seconds=0.005, focus=(20, 130), **OPTIONS[name]
+        VOLUME, MEDIUM, CAMERA, RenderOptions(**OPTIONS[name]), seconds=0.005, focus=(20, 130)
     ):
         intensity[pixel], transparency[pixel] = light, through
         if name == "first-order" and not count:
@@ -46,6 +47,6 @@ def test_batches_add_up_to_the_picture(name):
 
 
 def test_a_picture_is_cancelled_by_asking_no_more():
-    next(in_steps(VOLUME, MEDIUM, CAMERA, seconds=0.001))
+    next(in_steps(VOLUME, MEDIUM, CAMERA, RenderOptions(), seconds=0.001))
     image, again = (vm.render(VOLUME, MEDIUM, CAMERA) for _ in range(2))
     np.testing.assert_array_equal(image.intensity, again.intensity)

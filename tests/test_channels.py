@@ -10,8 +10,9 @@ import pytest
 import voluminous as vm
 from contracts.scheme import both_ways
 from reference import data_directory
+from voluminous.drawing.api import in_steps
 from voluminous.media.contract import MediumSample
-from voluminous.rendering.api import in_steps
+from voluminous.rendering.options import RenderOptions
 
 CAMERA = vm.Orthographic(30, 40, resolution=20)
 SCHEMES = ["first-order", "second-order", "olson-kunasz", "pre-integrated"]
@@ -205,9 +206,8 @@ def test_batches_show_all_channels_and_progress_ends(volume):
         volume,
         dust(20),
         CAMERA,
-        scheme="first-order",
+        RenderOptions(scheme="first-order", progress=lambda *a: told.append(a)),
         seconds=1.0,
-        progress=lambda *a: told.append(a),
     )
     seen = np.full((400, 20), np.nan)
     while True:

@@ -13,6 +13,7 @@ from voluminous.backend import dr, from_host, get_backend
 from voluminous.errors import InputError
 from voluminous.grids.contract import CellBox
 from voluminous.rendering.march import RayState, hand_on, march
+from voluminous.rendering.options import RenderOptions
 from voluminous.rendering.pixels import PixelOrder
 from voluminous.rendering.prepare import prepare
 from voluminous.rendering.run import make_tracer
@@ -48,9 +49,8 @@ def along(direction, order):
 
 
 def drawing_of(volume, medium, camera, scheme, tolerance):
-    job, _ = prepare(
-        volume, medium, camera, scheme=scheme, tolerance=tolerance, cutoff=0, device="cpu"
-    )
+    options = RenderOptions(scheme=scheme, tolerance=tolerance, cutoff=0, device="cpu")
+    job, _ = prepare(volume, medium, camera, options)
     drawing = make_tracer(job, 0.0)
     if job.scheme.controlled:
         drawing.source.allow(1e-3, 1e-3, 0.05)

@@ -12,6 +12,7 @@ from contracts.scheme import both_ways
 from voluminous.backend import dr, functions, get_backend
 from voluminous.errors import InputError
 from voluminous.expressions import DrjitOps
+from voluminous.rendering.options import RenderOptions
 from voluminous.rendering.pixels import whole_picture
 from voluminous.rendering.prepare import prepare
 from voluminous.rendering.replay import gradient, tracer_like
@@ -79,8 +80,8 @@ def job_of(
 
     That is where other panels are accepted.
     """
-    options = {"cutoff": 0.0, "precision": precision, "tolerance": tolerance}
-    job, _ = prepare(volume, medium, camera, scheme=scheme, **options)
+    options = {"cutoff": 0.0, "precision": precision, "tolerance": tolerance, "scheme": scheme}
+    job, _ = prepare(volume, medium, camera, RenderOptions(**options))
     job.backend = get_backend("cpu", precision, derivatives)
     return job
 

@@ -69,7 +69,7 @@ _PUBLIC = {
     "presets": "calibration",
     "probe": "measuring",
     "project": "measuring",
-    "render": "rendering",
+    "render": "drawing",
     "spectrum": "observing",
     "suggest_medium": "calibration",
     "tau_surface": "measuring",
@@ -168,6 +168,7 @@ if TYPE_CHECKING:
     from .calibration import presets, suggest_medium
     from .cameras import Orthographic, Panorama, Perspective
     from .cli.demo import demo
+    from .drawing import render
     from .errors import (
         FileFormatError,
         InputError,
@@ -201,7 +202,7 @@ if TYPE_CHECKING:
     from .objects import Axes, Boxes, Curves, Spheres, Stars
     from .observing import observe, spectrum
     from .physics import Blackbody, Molecule, Opacity
-    from .rendering import plan, render
+    from .rendering import plan
     from .scene import Scene
     from .spectral import Dust, FreeFree, Lines, SpectralMedium
     from .viewer import view

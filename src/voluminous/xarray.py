@@ -41,7 +41,7 @@ class Accessor:
             `voluminous.Volume.from_xarray`; all others as in `voluminous.render`.
         """
         from .calibration import suggest_medium
-        from .rendering import render
+        from .drawing import render
 
         places = {name: options.pop(name) for name in _PLACES if name in options}
         volume = self.to_volume(**places)

@@ -118,9 +118,9 @@ def _rays() -> Iterator[str]:
     """Yield the deviation of rays through a slab from j/α (1 - exp(-α L)), for all devices."""
     from ..backend import available_devices
     from ..cameras import Orthographic
+    from ..drawing import render
     from ..media import Coefficients
     from ..models import uniform_slab
-    from ..rendering import render
     from ..schemes import SCHEMES
 
     slab, medium = uniform_slab(_EMISSIVITY, _EXTINCTION, _THICKNESS), Coefficients("j", "a")

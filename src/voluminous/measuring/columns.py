@@ -14,13 +14,13 @@ import numpy as np
 from ..backend import from_host, get_backend
 from ..cameras import Orthographic
 from ..cameras.contract import check_camera
+from ..drawing import image_wcs, render
 from ..errors import InputError, check_name
 from ..expressions import product, shifted
 from ..image import Image
 from ..media import Coefficients
 from ..packages import version
 from ..progress import Progress, with_progress
-from ..rendering import image_wcs, render
 from ..schemes.base import Scheme, Solution, Source
 from ..units import Unit, UnitLike, unit_name
 from .cells import (

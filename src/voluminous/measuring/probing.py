@@ -18,7 +18,7 @@ from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
-from ..rendering.options import background_array
+from ..rendering.options import RenderOptions, background_array
 from ..rendering.pieces import Pieces, pieces_of
 from ..rendering.run import run
 from ..rendering.sources.channel_layout import before as before_background
@@ -106,18 +106,15 @@ def probe(
     if memory is not None:
         pieces = pieces_of(volume, medium, memory)
         volume = pieces.outline
-    job, _ = prepare(
-        volume,
-        medium,
-        camera,
+    options = RenderOptions(
         scheme=scheme,
         tolerance=tolerance,
         precision=precision,
         device=device,
         cutoff=cutoff,
         progress=progress,
-        pieces=pieces,
     )
+    job, _ = prepare(volume, medium, camera, options, pieces)
     if at is not None and not camera.plane_unit:
         at = on_grid(at, volume.grid, "at")
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)

@@ -13,7 +13,7 @@ from ..errors import InputError, check_flag, check_name
 from ..media import Coefficients
 from ..progress import Progress, with_progress
 from ..rendering import prepare
-from ..rendering.options import refuse_unusable
+from ..rendering.options import RenderOptions, refuse_unusable
 from ..rendering.pieces import pieces_of
 from ..rendering.run import make_tracer
 from ..schemes import get_scheme
@@ -57,8 +57,10 @@ def scan(
     in that of the grid's scale: single precision may not hold them in units of the volume.
     """
     pieces = None if memory is None else pieces_of(volume, medium, memory)
-    options |= {"scheme": scheme, "cutoff": 0.0, "pieces": pieces}
-    job, _ = prepare(volume if pieces is None else pieces.outline, medium, camera, **options)
+    drawn = volume if pieces is None else pieces.outline
+    job, _ = prepare(
+        drawn, medium, camera, RenderOptions(scheme=scheme, cutoff=0.0, **options), pieces
+    )
     nx, ny = job.frame.pixels
     tracer = make_tracer(job, 0.0)
     values = np.stack(tracer.frame().emission).astype(np.float64).reshape(-1, ny, nx)

@@ -33,7 +33,7 @@ from ..image import Image
 from ..io import open as open_volume
 from ..media.contract import Medium
 from ..progress import Progress, with_progress
-from ..rendering.api import check_options
+from ..rendering.options import check_options
 from ..units import is_count, shown
 from ..volume import Volume
 from .encode import ENCODERS, check_fps, encode

@@ -12,12 +12,12 @@ import numpy as np
 
 from ..cameras import Camera
 from ..cameras.contract import pixel_counts
+from ..drawing import render
 from ..errors import InputError
 from ..executors import Sent
 from ..image import Image, metadata
 from ..image.annotate.marks import readable_unit
 from ..media.contract import Medium
-from ..rendering import render
 from ..volume import Volume
 
 # Sides of coarse pictures in pixels.

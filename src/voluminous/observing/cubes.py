@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..drawing import render
 from ..errors import InputError, MemoryNeededError
 from ..expressions import Expression, IntervalOps
 from ..image import Image
@@ -19,11 +20,9 @@ from ..media.contract import Medium
 from ..media.sum import with_each
 from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
-from ..rendering import render
-from ..rendering.api import check_options
 from ..rendering.cache import Cache, VolumeStatistics
 from ..rendering.empty_picture import keeping, warn_caller
-from ..rendering.options import check_in_pieces
+from ..rendering.options import check_in_pieces, check_options
 from ..rendering.outline import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..spectral.lines import Lines

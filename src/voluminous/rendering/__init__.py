@@ -1,9 +1,7 @@
-"""render(): the one ray loop, tiles, progress and cancellation."""
+"""The one ray loop: tiles of pixels, progress and cancellation. It returns planes of an image."""
 
-from .api import render
 from .framing import framed
 from .planning import plan
 from .prepare import prepare
-from .sky import image_wcs
 
-__all__ = ["framed", "image_wcs", "plan", "prepare", "render"]
+__all__ = ["framed", "plan", "prepare"]

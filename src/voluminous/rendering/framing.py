@@ -23,6 +23,7 @@ from ..volume import Volume
 from .cache import Cache
 from .empty_picture import warn_of_nothing
 from .job import RenderJob
+from .options import RenderOptions
 from .outline import Outline
 from .pieces import pieces_of, widen_to_neighbours
 from .prepare import prepare
@@ -88,10 +89,11 @@ def _framed(
         medium = calibrated(medium, volume, Cache(volume).measurements)
         volume = measurable(volume)
     scheme = None if "dual" in volume.grid.walk_kinds else "first-order"
+    options = RenderOptions(scheme=scheme, tolerance=None)
 
     def draw(camera: Orthographic) -> tuple[RenderJob, RenderResult]:
         pieces = pieces_of(volume, medium, memory) if isinstance(volume, Outline) else None
-        job, _ = prepare(volume, medium, camera, scheme=scheme, tolerance=None, pieces=pieces)
+        job, _ = prepare(volume, medium, camera, options, pieces)
         return job, run(job, 0.0)
 
     coarse = camera.replace(resolution=_COARSE)

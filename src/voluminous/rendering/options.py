@@ -6,6 +6,7 @@ import logging
 import math
 import numbers
 from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any
 
@@ -19,6 +20,7 @@ from ..geometry import many_valued
 from ..grids.contract import Grid
 from ..media.contract import Medium
 from ..memory import check_memory
+from ..progress import Progress
 from ..schemes.base import Scheme
 from ..units import as_quantity, is_quantity
 
@@ -37,6 +39,35 @@ _OTHER_PLANES = 6
 MOST_TOGETHER = 16
 # Tolerance for skipping faint places where none is requested.
 _CARELESS = 0.1
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """The options of `render`, by its names: how a scene is drawn."""
+
+    view: str | None = None
+    objects: Any = ()
+    background: Any = 0.0
+    scheme: Any = None
+    tolerance: float | None = 1e-3
+    precision: str = "single"
+    cutoff: float | None = None
+    bounds: bool = False
+    max_panels: int = 1024
+    samples: int = 1
+    antialias: str | None = None
+    memory: Any = None
+    executor: Any = None
+    checkpoint: Any = None
+    level: Any = None
+    device: str = "auto"
+    progress: Progress = None
+
+
+def check_options(options: Iterable[str]) -> None:
+    """Refuse options of other functions that `render` does not have."""
+    for name in options:
+        check_name("option", name, [field.name for field in fields(RenderOptions)])
 
 
 def check_pixels(pixels: tuple[int, int], medium: Medium, backend: Backend) -> None:

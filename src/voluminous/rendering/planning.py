@@ -21,10 +21,9 @@ from ..schemes import get_scheme
 from ..schemes.base import Scheme
 from ..units import is_count
 from ..volume import Volume
-from .api import check_options
 from .cache import Cache
 from .levels import at_level
-from .options import check_antialias, check_scheme_in_pieces, check_tolerance
+from .options import check_antialias, check_options, check_scheme_in_pieces, check_tolerance
 from .outline import Outline
 from .pieces import Pieces
 from .sweep import Sweep

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..backend.device import PRECISIONS, get_backend
 from ..calibration import calibrated
@@ -12,7 +12,7 @@ from ..grids.arguments import on_grid
 from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.sum import with_each
-from ..progress import Progress, silent
+from ..progress import silent
 from ..schemes import get_scheme
 from ..volume import Volume
 from .cache import Cache
@@ -20,6 +20,7 @@ from .job import RenderJob
 from .missing import complete
 from .options import (
     FINEST_SINGLE,
+    RenderOptions,
     check_antialias,
     check_coordinates,
     check_cutoff,
@@ -41,15 +42,7 @@ def prepare(
     volume: Volume,
     medium: Medium,
     camera: Camera,
-    *,
-    scheme: Any = None,
-    tolerance: float | None = 1e-3,
-    precision: str = "single",
-    device: str = "auto",
-    cutoff: float | None = None,
-    samples: int = 1,
-    antialias: str | None = None,
-    progress: Progress = None,
+    options: RenderOptions,
     pieces: Pieces | None = None,
 ) -> tuple[RenderJob, dict[str, int]]:
     """Return everything that a picture needs, and the number of missing values in each field.
@@ -71,7 +64,8 @@ def prepare(
             "vm.observe(volume, medium, camera, wavelengths=[0.87] * u.mm)"
         )
     check_camera(camera, "render")
-    check_antialias(samples, antialias, camera)
+    check_antialias(options.samples, options.antialias, camera)
+    scheme, tolerance, precision = options.scheme, options.tolerance, options.precision
     if scheme is None:  # labels must not be interpolated
         scheme = "first-order" if medium.discrete else "post-classified"
     solver = get_scheme(scheme, controlled=tolerance is not None)
@@ -94,7 +88,7 @@ def prepare(
         medium = with_each(medium, lambda part: part.on_rays())
     allowed = check_tolerance(tolerance)
     check_name("precision", precision, PRECISIONS)
-    fine = solver.controlled and allowed < FINEST_SINGLE and device != "metal"
+    fine = solver.controlled and allowed < FINEST_SINGLE and options.device != "metal"
     double = precision != "single" or volume.grid.needs_double() or fine
     if solver.radmc3d_steps and medium.sight:  # its S = j/α of faint wings
         double = True
@@ -127,13 +121,13 @@ def prepare(
         camera=camera,
         frame=frame,
         scheme=solver,
-        backend=get_backend(device, precision),
-        cutoff=check_cutoff(cutoff),
+        backend=get_backend(options.device, precision),
+        cutoff=check_cutoff(options.cutoff),
         tolerance=allowed,
-        progress=progress if callable(progress) else silent,
-        samples=sample_count(samples, antialias, frame, volume.grid),
-        adaptive=antialias == "adaptive",
-        recursive=antialias == "radmc3d" and not volume.grid.is_rectilinear,
+        progress=options.progress if callable(options.progress) else silent,
+        samples=sample_count(options.samples, options.antialias, frame, volume.grid),
+        adaptive=options.antialias == "adaptive",
+        recursive=options.antialias == "radmc3d" and not volume.grid.is_rectilinear,
         pieces=pieces,
     )
     check_pixels(frame.pixels, medium, job.backend)

@@ -150,7 +150,7 @@ class Scene:
             Its provenance holds the scene, with absolute paths: ``Scene.load`` restores it from
             the saved image, in any directory.
         """
-        from ..rendering import render
+        from ..drawing import render
 
         options = self.drawing(**overrides)
         image = render(self.volume(), self.medium, self.camera, **options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -121,11 +121,11 @@ def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
 
     None is omitted if it is the default, and written as a word otherwise.
     """
-    known, plain = _render_parameters(), {}
+    default, plain = _render_defaults(), {}
     for key, value in options.items():
         if value is not None:
             plain[key] = plain_value(value)
-        elif key not in known or known[key].default is not None:
+        elif default.get(key, 0) is not None:
             plain[key] = kinds.NONE
     return plain
 
@@ -138,7 +138,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     from ..schemes import SCHEMES
 
     with placed("[render]"):
-        check_keys(section, _render_parameters())
+        check_keys(section, _render_defaults())
         options = converted(section, _RENDER)
         for key, names in (
             ("scheme", SCHEMES),
@@ -158,15 +158,11 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
 _OF_PYTHON = ("objects", "progress", "executor", "checkpoint")
 
 
-def _render_parameters() -> dict[str, inspect.Parameter]:
-    """Return the parameters of `render` that ``[render]`` may contain."""
-    from ..rendering import render
+def _render_defaults() -> dict[str, Any]:
+    """Return the options of `render` that ``[render]`` may contain, with their defaults."""
+    from ..rendering.options import RenderOptions
 
-    return {
-        name: parameter
-        for name, parameter in inspect.signature(render).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name not in _OF_PYTHON
-    }
+    return {f.name: f.default for f in fields(RenderOptions) if f.name not in _OF_PYTHON}
 
 
 def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:

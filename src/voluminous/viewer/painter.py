@@ -17,12 +17,13 @@ import numpy as np
 from ..calibration.samples import measurable
 from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
+from ..drawing.api import in_steps, render
 from ..errors import VoluminousError
 from ..image import Image
 from ..media import Coefficients, Medium
 from ..progress import silent
-from ..rendering.api import in_steps, render
 from ..rendering.levels import sufficient_level
+from ..rendering.options import RenderOptions
 from ..schemes.pre_integrated import PreIntegrated
 from ..volume import Volume
 from .frames import float16, log_jpeg
@@ -285,9 +286,8 @@ class Painter:
             shot.volume,
             shot.drawn,
             shot.camera,
+            RenderOptions(progress=report if in_pieces else silent, **options),
             seconds=_BATCH,
-            progress=report if in_pieces else silent,
-            **options,
         )
         while True:
             try:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..calibration import presets, suggest_medium
+from ..drawing import render
 from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..measuring import probe
 from ..media import Medium, Rectangle
-from ..rendering import render
 from ..scene import settings
 from ..units import is_count, unit_name
 from ..volume import Volume

@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-import inspect
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError, check_name
+from ..bounds import guaranteed
+from ..errors import InputError
 from ..image import Image
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
+from ..objects import SceneObject
 from ..objects.values import MANY
-from ..packages import room
 from ..progress import Progress, silent, with_progress
+from ..rendering.empty_picture import warn_of_nothing
+from ..rendering.framing import first_camera, first_medium, framed
+from ..rendering.job import RenderJob
+from ..rendering.layers import with_channels
+from ..rendering.levels import at_level
+from ..rendering.objects import channel_count, check_objects, wide_background, with_objects
+from ..rendering.options import (
+    FINEST_SINGLE,
+    RenderOptions,
+    background_array,
+    name_slow_choices,
+    refuse_unusable,
+)
+from ..rendering.pieces import pieces_of
+from ..rendering.prepare import prepare
+from ..rendering.run import RenderResult, run, run_in_batches
+from ..rendering.sources.channel_layout import before
+from ..rendering.sweep import Sweep
+from ..rendering.tracer import exhausted
 from ..units import unit_name
 from ..volume import Volume
-from .empty_picture import warn_of_nothing
-from .framing import first_camera, first_medium, framed
-from .job import RenderJob
-from .layers import with_channels
-from .levels import at_level
-from .objects import channel_count, check_objects, wide_background, with_objects
-from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
-from .pieces import pieces_of
-from .prepare import prepare
-from .run import RenderResult, run, run_in_batches
 from .sky import image_wcs
-from .sources.channel_layout import before
-from .sweep import Sweep
-from .tracer import exhausted
 
 Steps: TypeAlias = Generator[tuple[np.ndarray, np.ndarray, np.ndarray], None, Image]
-
-# What is drawn, beside which there are options.
-_SCENE = ("volume", "medium", "camera")
 
 
 @with_progress
@@ -46,21 +50,21 @@ def render(
     camera: Any = None,
     *,
     view: str | None = None,
+    objects: Any = (),
+    background: Any = 0.0,
     scheme: Any = None,
     tolerance: float | None = 1e-3,
-    background: Any = 0.0,
     precision: str = "single",
-    device: str = "auto",
     cutoff: float | None = None,
-    samples: int = 1,
-    antialias: str | None = None,
     bounds: bool = False,
     max_panels: int = 1024,
-    objects: Any = (),
+    samples: int = 1,
+    antialias: str | None = None,
     memory: Any = None,
     executor: Any = None,
     checkpoint: Any = None,
     level: Any = None,
+    device: str = "auto",
     progress: Progress = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
@@ -78,6 +82,14 @@ def render(
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
         In place of a camera: the visible part of the medium, from a side of a patient, or along
         the stacking direction of pictures; see `Orthographic.framing`.
+    objects : sequence of SceneObject
+        Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
+        `Stars`, `Spheres`, `Curves`, `Boxes`, `Axes`.
+    background : float, sequence of float, array (ny, nx[, channel]) or Image
+        Intensity behind everything.
+
+    Accuracy
+    --------
     scheme : {"post-classified", "pre-integrated", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first; label fields
         (media from `suggest_medium`) default to ``"first-order"``, because labels must not be
@@ -87,34 +99,33 @@ def render(
         of a spectrum (`Coefficients`, functions), of the brightest in each channel.
         `Image.error` holds the error reached. None disables error control, which is the scheme
         ``"pre-integrated"``: 2 to 6 times faster.
-    background : float, sequence of float, array (ny, nx[, channel]) or Image
-        Intensity behind everything.
     precision : {"single", "double"}
         Floating-point precision. Double precision is used anyway where single cannot resolve the
         grid's cells, or cannot represent the medium's variables (below 1e-30, above 1e30) or the
         sums along rays (optical depths above 1e12, less than 1e-22 of the colours), or where the
         tolerance is below 1e-5.
-    device : {"auto", "cpu", "cuda", "metal"}
-        Where to compute.
     cutoff : float, optional
         Transparency at which a ray stops; 0 turns it off. By default a ray stops where the rest
         can add less than 1e-4 of the intensity gathered so far, so the error is below 1e-4 of
         the image's maximum.
-    samples : int
-        n for n × n rays per pixel, at the centres of equal parts.
-    antialias : {None, "adaptive", "radmc3d"}
-        ``"adaptive"``: more rays where the picture is not smooth, up to 256 a pixel, until its mean
-        has converged to the tolerance (to a tenth, if that is None). ``"radmc3d"``: RADMC-3D's
-        recursion over parts of pixels, which conserves flux.
     bounds : bool
         Also compute `Image.lower` and `Image.upper`: guaranteed bounds of the intensity, per
         pixel and channel; for media of expressions, and ``"post-classified"``.
     max_panels : int
         Maximum number of panels per segment of a ray that are used to bring the bounds within
         the tolerance of each other.
-    objects : sequence of SceneObject
-        Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
-        `Stars`, `Spheres`, `Curves`, `Boxes`, `Axes`.
+
+    Sampling
+    --------
+    samples : int
+        n for n × n rays per pixel, at the centres of equal parts.
+    antialias : {None, "adaptive", "radmc3d"}
+        ``"adaptive"``: more rays where the picture is not smooth, up to 256 a pixel, until its mean
+        has converged to the tolerance (to a tenth, if that is None). ``"radmc3d"``: RADMC-3D's
+        recursion over parts of pixels, which conserves flux.
+
+    Large data
+    ----------
     memory : str or int, optional
         The memory that drawing may take, such as ``"2 GiB"``: the volume is read and drawn chunk by
         chunk, front to back, and may be larger than memory. For Cartesian grids, octrees and
@@ -132,6 +143,11 @@ def render(
         no wider than a pixel, where the visible ones are nearest; level 0, all cells, if the file
         has no levels. A picture of means is not the mean of pictures; how far it is from that of
         all cells is unknown, and `Image.error` None. ``image.provenance["level"]`` is the level.
+
+    Extras
+    ------
+    device : {"auto", "cpu", "cuda", "metal"}
+        Where to compute.
     progress : bool or callable, optional
         True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
         the render takes longer than two seconds. A function is called repeatedly as
@@ -159,44 +175,42 @@ def render(
     MemoryNeededError
         If it does not fit into memory; raised before any is allocated.
     """
-    return exhausted(in_steps(**locals()))
-
-
-_OPTIONS = [n for n in inspect.signature(render).parameters if n not in _SCENE]
-
-
-def check_options(options: Iterable[str]) -> None:
-    """Refuse options of other functions that `render` does not have."""
-    for name in options:
-        check_name("option", name, _OPTIONS)
+    options = RenderOptions(
+        view=view,
+        objects=objects,
+        background=background,
+        scheme=scheme,
+        tolerance=tolerance,
+        precision=precision,
+        cutoff=cutoff,
+        bounds=bounds,
+        max_panels=max_panels,
+        samples=samples,
+        antialias=antialias,
+        memory=memory,
+        executor=executor,
+        checkpoint=checkpoint,
+        level=level,
+        device=device,
+        progress=progress,
+    )
+    return exhausted(in_steps(volume, medium, camera, options))
 
 
 def in_steps(
     volume: Volume,
     medium: Medium | None,
     camera: Any,
+    options: RenderOptions,
     *,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
-    view: str | None = None,
-    background: Any = 0.0,
-    samples: int = 1,
-    antialias: str | None = None,
-    precision: str = "single",
-    bounds: bool = False,
-    max_panels: int = 1024,
-    objects: Any = (),
-    memory: Any = None,
-    executor: Any = None,
-    checkpoint: Any = None,
-    level: Any = None,
-    **options: Any,
 ) -> Steps:
     """Render in batches of a given duration; to cancel, stop iterating.
 
     Parameters
     ----------
-    volume, medium, camera, view, background, …
+    volume, medium, camera, options
         As in `render`.
     seconds : float, optional
         Duration of a batch; by default there are as few as possible.
@@ -215,27 +229,74 @@ def in_steps(
     Image
         With all that is not in the batches, such as objects and the background.
     """
+    drawing = prepared(volume, medium, camera, options)
+    start, brightest = time.monotonic(), float(np.max(np.abs(drawing.background)))
+    planes = yield from run_in_batches(drawing.job, brightest, seconds, focus)
+    if drawing.sweep is not None:
+        drawing.sweep.finish()
+    image = assembled(drawing, planes)
+    name_slow_choices(
+        time.monotonic() - start,
+        adaptive=drawing.job.adaptive,
+        bounds=drawing.panels > 0,
+        double=options.precision == "double",
+        tolerance=drawing.job.scheme.controlled and drawing.job.tolerance < FINEST_SINGLE,
+    )
+    return image
+
+
+@dataclass
+class Drawing:
+    """A picture whose arguments are checked.
+
+    Attributes
+    ----------
+    whole : Volume
+        As it was given: `job` may have a coarser level.
+    level : int or None
+        The level that is drawn, if one was asked for.
+    missing : dict
+        Number of missing values in each field.
+    background : float array
+        Broadcasts to (ny, nx, channel).
+    panels : int
+        Most panels per segment for guaranteed bounds; 0: none are asked for.
+    """
+
+    job: RenderJob
+    options: RenderOptions
+    whole: Volume
+    level: int | None
+    missing: dict[str, int]
+    objects: list[SceneObject]
+    background: np.ndarray
+    panels: int
+    sweep: Sweep | None
+
+
+def prepared(volume: Volume, medium: Medium | None, camera: Any, options: RenderOptions) -> Drawing:
+    """Return a picture to be drawn; its level, chunks, medium and camera are chosen here."""
+    view, memory = options.view, options.memory
     if camera is not None and view is not None:
         raise InputError(f"give a camera or view={view!r}, not both")
-    fitted = view is not None
-    whole, drawn = volume, None
-    if level is not None:
+    fitted, whole, level = view is not None, volume, None
+    if options.level is not None:
         if medium is None and isinstance(volume, Volume):
             medium, fitted = first_medium(volume), True
         if camera is None:
             camera = framed(volume, medium, view=view) if fitted else first_camera(volume)
-        volume, medium, drawn = at_level(volume, medium, camera, level)
-        if drawn and bounds:
+        volume, medium, level = at_level(volume, medium, camera, options.level)
+        if level and options.bounds:
             raise InputError(
-                f"bounds=True is for all cells, this picture is drawn from level {drawn}: leave "
+                f"bounds=True is for all cells, this picture is drawn from level {level}: leave "
                 "out bounds=True, or draw level=0"
             )
     pieces = sweep = None
-    if executor is not None or checkpoint is not None:
-        sweep = Sweep(executor, checkpoint)
+    if options.executor is not None or options.checkpoint is not None:
+        sweep = Sweep(options.executor, options.checkpoint)
     if memory is not None or sweep is not None:
-        choices = {"antialias": antialias, "bounds": bounds, "objects": objects}
-        pieces = pieces_of(volume, medium, memory, sweep, **choices)
+        choices = {"antialias": options.antialias, "bounds": options.bounds}
+        pieces = pieces_of(volume, medium, memory, sweep, objects=options.objects, **choices)
         volume = pieces.outline
     if medium is None and isinstance(volume, Volume):
         medium, fitted = first_medium(volume), True
@@ -243,65 +304,53 @@ def in_steps(
         camera = (
             framed(volume, medium, view=view, memory=memory) if fitted else first_camera(volume)
         )
-    things = check_objects(objects, bounds)
-    job, missing = prepare(
-        volume,
-        medium,
-        camera,
-        precision=precision,
-        samples=samples,
-        antialias=antialias,
-        pieces=pieces,
-        **options,
-    )
-    behind = background_array(background, job.frame.pixels, job.medium.channels)
-    guaranteed = room("bounds.guaranteed")
-    budget = guaranteed.check_bounds(bounds, max_panels, job)
-    start = time.monotonic()
-    planes = yield from run_in_batches(job, float(np.max(np.abs(behind))), seconds, focus)
-    if sweep is not None:
-        sweep.finish()
+    objects = check_objects(options.objects, options.bounds)
+    job, missing = prepare(volume, medium, camera, options, pieces)
+    background = background_array(options.background, job.frame.pixels, job.medium.channels)
+    panels = guaranteed.check_bounds(options.bounds, options.max_panels, job)
+    return Drawing(job, options, whole, level, missing, objects, background, panels, sweep)
+
+
+def assembled(drawing: Drawing, planes: RenderResult) -> Image:
+    """Return the image: with objects, the background, bounds, coordinates and provenance."""
+    job, options, background = drawing.job, drawing.options, drawing.background
     if not planes.finite:
         refuse_unusable(job.backend.precision)
-    if planes.nothing and not things:
+    if planes.nothing and not drawing.objects:
         warn_of_nothing(job)
-    rays = samples if antialias is None else antialias
-    provenance: dict[str, Any] = {"samples": rays}
-    if things:
-        channels = channel_count(things, job)
-        behind = wide_background(behind, job.medium.channels, channels)
-        planes = with_objects(planes, job, things, behind, channels)
-        provenance["objects"] = [one.describe(MANY) for one in things]
-    if missing:
-        provenance["missing"] = missing
-    if drawn is not None:
-        provenance["level"] = drawn
+    rays = options.samples if options.antialias is None else options.antialias
+    provenance = {**job.provenance(), "samples": rays}
+    if drawing.objects:
+        channels = channel_count(drawing.objects, job)
+        background = wide_background(background, job.medium.channels, channels)
+        planes = with_objects(planes, job, drawing.objects, background, channels)
+        provenance["objects"] = [one.describe(MANY) for one in drawing.objects]
+    if drawing.missing:
+        provenance["missing"] = drawing.missing
+    if drawing.level is not None:
+        provenance["level"] = drawing.level
     intensity = planes.emission
-    if np.any(behind):
-        intensity = before(behind, intensity, planes.transparency)
-    lower, upper = guaranteed.bracket(job, budget, intensity, behind)
+    if np.any(background):
+        intensity = before(background, intensity, planes.transparency)
+    lower, upper = guaranteed.bracket(job, drawing.panels, intensity, background)
     x, y = job.frame.coordinates()
-    volume, context = job.volume, RangeContext(job.volume.unit, job.volume.expression_unit)
-    image = Image(
+    units = RangeContext(job.volume.unit, job.volume.expression_unit)
+    return Image(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
-        error=None if drawn else planes.error,
+        error=None if drawing.level else planes.error,
         lower=lower,
         upper=upper,
         x=x,
         y=y,
-        intensity_unit=unit_name(job.medium.intensity_unit(context)),
+        intensity_unit=unit_name(job.medium.intensity_unit(units)),
         pixel_size=job.frame.pixel,
-        unit=job.camera.plane_unit or unit_name(volume.unit),
-        wcs=image_wcs(whole, job.camera, job.frame),
+        unit=job.camera.plane_unit or unit_name(job.volume.unit),
+        wcs=image_wcs(drawing.whole, job.camera, job.frame),
         camera=job.camera.describe(),
-        provenance={**job.provenance(), **provenance},
+        provenance=provenance,
     )
-    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
-    slow["tolerance"] = job.scheme.controlled and job.tolerance < FINEST_SINGLE
-    name_slow_choices(time.monotonic() - start, **slow)
-    return image
 
 
 def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:
