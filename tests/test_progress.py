@@ -7,7 +7,8 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.rendering import api, options
+from voluminous.drawing import api
+from voluminous.rendering import options
 
 GRID = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
 VOLUME = vm.Volume(GRID, density=np.random.default_rng(1).uniform(1, 2, GRID.shape) / u.cm**3)

@@ -275,3 +275,19 @@ def degrees(value: Any, what: str) -> float:
 def radians(value: Any, what: str) -> Any:
     """Return an angle in radians; plain numbers are radians."""
     return plain(value, "rad", what)
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit in print form, ``g cm⁻²``; unchanged if astropy cannot parse it.
+
+    Examples
+    --------
+    >>> pretty_unit("g / cm2")
+    'g cm⁻²'
+    """
+    from astropy import units as u
+
+    try:
+        return str(u.Unit(unit).to_string("unicode", fraction=False)) if unit else ""
+    except (ValueError, TypeError):  # logarithmic units have only one form
+        return unit

@@ -10,12 +10,11 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
-from ..image.lengths import pretty_unit
 from ..media import ColorBy, Medium
 from ..media.modulation import Modulation
 from ..media.sum import with_each
 from ..notebook import png
-from ..units import Unit, plain, unit_name
+from ..units import Unit, plain, pretty_unit, unit_name
 from ..volume import Volume
 from .at_values import coefficients, is_surface, one_path_length, units_of
 from .histogram import is_constant, sampled_values

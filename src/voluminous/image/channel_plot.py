@@ -9,10 +9,10 @@ import numpy as np
 
 from ..errors import InputError, check_flag
 from ..figures import new_figure
-from ..units import UnitLike
+from ..units import UnitLike, pretty_unit
 from .beam import SIGMA, beam_in_pixels, sky_matrix
 from .image import Image
-from .lengths import labelled, pretty_unit, readable
+from .lengths import labelled, readable
 from .plot import add_scale_bar
 from .sky import radians_per_unit
 from .tone import OPTIONS, check_options, one_channel, signed_exposure

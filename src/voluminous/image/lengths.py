@@ -95,22 +95,6 @@ def labelled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def pretty_unit(unit: str) -> str:
-    """Return a unit in print form, ``g cm⁻²``; unchanged if astropy cannot parse it.
-
-    Examples
-    --------
-    >>> pretty_unit("g / cm2")
-    'g cm⁻²'
-    """
-    from astropy import units as u
-
-    try:
-        return str(u.Unit(unit).to_string("unicode", fraction=False)) if unit else ""
-    except (ValueError, TypeError):  # logarithmic units have only one form
-        return unit
-
-
 def round_length(longest: float) -> float:
     """Return the largest 1, 2 or 5 times a power of ten that does not exceed `longest`.
 

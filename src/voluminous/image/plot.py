@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..errors import check_flag
 from ..figures import add_color_bar, new_figure
-from .lengths import labelled, pretty_unit, round_length, with_unit
+from ..units import pretty_unit
+from .lengths import labelled, round_length, with_unit
 from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .tone import OPTIONS, check_options, one_channel, shows_one_channel
 

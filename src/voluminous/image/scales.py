@@ -11,8 +11,8 @@ import numpy as np
 from ..colormaps import get_colormap
 from ..errors import UnknownNameError
 from ..expressions import Expression
-from ..units import parse_unit
-from .lengths import labelled, pretty_unit
+from ..units import parse_unit, pretty_unit
+from .lengths import labelled
 from .tone import display, one_channel, shows_one_channel
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from ..errors import FileFormatError, InputError, UnitsError, check_name
 from ..figures import new_figure
 from ..files import as_path, check_start, expecting, replacing
-from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
+from ..units import as_quantity, is_quantity, parse_unit, plain, pretty_unit, unit_of
 from ..value import Value
 from .arguments import distance as distance_of
 from .arguments import json_value
 from .formats import radmc3d
-from .lengths import labelled, pretty_unit
+from .lengths import labelled
 from .metadata import KEY, fits_text
 from .spectral_axis import SpectralAxis, as_spectral
 
