@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import voluminous as vm
-from voluminous.rotation import image_axes
+from voluminous.geometry import image_axes
 from voluminous.schemes import SCHEMES
 
 CELLS = (16, 32, 64, 128)

@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 
 import voluminous as vm
 from voluminous.cli import main as command
-from voluminous.rotation import image_axes
+from voluminous.geometry import image_axes
 
 FOLDER = Path(__file__).parent / "_static"
 

@@ -18,9 +18,9 @@ from astropy import units as u
 from matplotlib.colors import FuncNorm, ListedColormap, Normalize, PowerNorm, SymLogNorm
 
 import voluminous as vm
+from voluminous.geometry import image_axes
 from voluminous.movies import dolly, fade, fly, keyframes, orbit, zoom
 from voluminous.movies.encode import encode
-from voluminous.rotation import image_axes
 
 GRID = vm.CartesianGrid.uniform(8, (-1, 1))
 X, Y, Z = np.meshgrid(*[np.linspace(-0.9, 0.9, 8)] * 3, indexing="ij")

@@ -65,7 +65,7 @@ _PUBLIC = {
     "open": "io",
     "orbit": "movies",
     "plan": "rendering",
-    "plot_row": "image.row",
+    "plot_row": "image.plot",
     "presets": "calibration",
     "probe": "measuring",
     "project": "measuring",
@@ -178,7 +178,7 @@ if TYPE_CHECKING:
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
     from .image import Cube, Image, Spectrum, channels
-    from .image.row import plot_row
+    from .image.plot import plot_row
     from .io import open
     from .measuring import (
         column,

@@ -478,7 +478,7 @@ class Volume(Evaluation):
         >>> vm.open("sphere.h5").grid.shape
         (8, 8, 8)
         """
-        from .io.saving import save
+        from .io.registry import save
 
         save(self, path, format=format, **options)
 
@@ -677,12 +677,12 @@ class Volume(Evaluation):
         return f"<Volume on {self.grid!r}: {', '.join(listed) or 'no fields'}>"
 
     def _repr_html_(self) -> str:
-        from .regrid.thumbnail import volume_html
+        from .regrid.slices import volume_html
 
         return volume_html(self)
 
     def _repr_png_(self) -> bytes | None:
-        from .regrid.thumbnail import shown_field, slices_png
+        from .regrid.slices import shown_field, slices_png
 
         name = shown_field(self)
         return None if name is None else slices_png(self, name)

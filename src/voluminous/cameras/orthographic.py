@@ -9,9 +9,9 @@ import numpy as np
 
 from ..backend.types import Float
 from ..errors import InputError
+from ..geometry import angles_towards, image_axes, position_angle
 from ..grids.arguments import on_grid
 from ..grids.contract import Ray
-from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, described, is_quantity, plain, unit_of
 from .contract import Camera, Frame, finite_degrees, pixel_counts, plane_size, vector
 

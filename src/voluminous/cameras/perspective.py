@@ -10,9 +10,9 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..errors import InputError, check_name
+from ..geometry import angles_towards, image_axes, position_angle
 from ..grids.arguments import on_grid
 from ..grids.contract import Ray
-from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, described, plain, radians, unit_of
 from .contract import Camera, Frame, finite_degrees, pixel_counts, plane_size, sight_from, vector
 from .stereo import SEEN_TWICE, check_stereo, doubled, halved, one_eye

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, check_name
-from ..first_view import FIRST_INCL, FIRST_PHI
-from ..rotation import angles_towards, position_angle
+from ..geometry import FIRST_INCL, FIRST_PHI, angles_towards, position_angle
 
 # The directions of view, and the upward ones: in a patient, and in a stack of pictures, of which
 # the first is nearest, with row 0 on top and column 0 on the left.

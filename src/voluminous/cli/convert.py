@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, convert and write the file; list what the output format cannot hold."""
-    from ..io.saving import writer_for
+    from ..io.registry import writer_for
     from ..progress import progress_bar
 
     start, target = time.perf_counter(), args.target

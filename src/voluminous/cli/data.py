@@ -48,7 +48,7 @@ class DataFile:
 
     def typed(self) -> dict[str, Any]:
         """Return the options as readers expect them: texts such as "0.1 pc" become quantities."""
-        from ..scene.source import typed_options
+        from ..scene.sections import typed_options
 
         return typed_options(self.options)
 

@@ -207,7 +207,7 @@ def _save_figure(images: list[Image], titles: list[str], output: Path) -> None:
     from matplotlib.figure import Figure
 
     from ..files import replacing
-    from ..image.row import plot_row
+    from ..image.plot import plot_row
 
     rows = len(images) // _IN_A_ROW
     figure = Figure(figsize=(4 * _IN_A_ROW + 0.8, 4.1 * rows), layout="constrained")

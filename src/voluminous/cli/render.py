@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import url_of
-from ..first_view import FIRST_INCL, FIRST_PHI
+from ..geometry import FIRST_INCL, FIRST_PHI
 from .common import (
     add_render_options,
     add_several,

@@ -177,7 +177,7 @@ class Cube(Image):
         if self.channels == 1 or alone or any(options.get(o) is not None for o in _OF_CHANNELS[:2]):
             bars = {"scale_bar": scale_bar, "colorbar": colorbar}
             return super().plot(ax, unit=unit, **bars, **options)
-        from .channel_plot import plot_maps as draw
+        from .plot import plot_maps as draw
 
         return draw(self, ax, unit=unit, scale_bar=scale_bar, colorbar=colorbar, **options)
 
@@ -243,7 +243,7 @@ class Cube(Image):
         InputError
             If a path has no length, or channels are not evenly spaced.
         """
-        from .position_velocity import cut
+        from .spectra import cut
 
         return cut(self, points, width)
 

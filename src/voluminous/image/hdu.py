@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import metadata, spectral_fits
+from . import metadata, spectral_axis
 from .beam import fits_beam
 from .cube import Cube
 from .fits_header import ON_SKY
@@ -74,7 +74,7 @@ def _cards(image: Image) -> Iterator[Card]:
     yield from _axis_cards(f"1{key}", "X", image.x, image.pixel_size[0], image.unit)
     yield from _axis_cards(f"2{key}", "Y", image.y, image.pixel_size[1], image.unit)
     if isinstance(image, Cube):
-        yield from spectral_fits.cards(image.spectral)
+        yield from spectral_axis.cards(image.spectral)
     elif several:
         yield from _axis_cards("3", "CHANNEL", np.arange(float(image.channels)), 1.0, "")
     camera = image.camera or {}

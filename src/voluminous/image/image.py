@@ -505,7 +505,7 @@ class Image:
         InputError
             If the camera has no ``stereo``, or there are other channels.
         """
-        from .anaglyph import anaglyph
+        from .tone import anaglyph
 
         return anaglyph(self)
 

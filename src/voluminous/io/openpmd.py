@@ -15,8 +15,7 @@ from ..errors import FileFormatError, InputError, UnknownNameError, VoluminousEr
 from ..memory import check_memory
 from ..units import UnitLike, parse_unit
 from .axes import round_unit
-from .contents import Contents, ContentsReader, StoredField
-from .contract import FieldChoice
+from .contract import Contents, ContentsReader, FieldChoice, StoredField
 from .hdf5 import data_set, holds, is_own, opened, read, text
 from .names import chosen_fields, field_name
 

@@ -14,7 +14,7 @@ from ..errors import FileFormatError, InputError
 from .arrays.layout import axis_order, equal_cells
 from .axes import AXES
 from .boxes import boxes
-from .contents import Contents, ContentsReader, StoredField
+from .contract import Contents, ContentsReader, StoredField
 from .names import field_name
 from .payload import checked_shape, is_packed, read_exactly, stored, unpacked
 

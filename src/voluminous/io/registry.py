@@ -1,4 +1,4 @@
-"""Reader selection: the readers of this package and those that other packages register."""
+"""Reader selection: the readers of this package and those that other packages register; saving."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import as_path, check_readable, missing, opening, url_of
+from ..files import as_path, check_readable, missing, new_directory, opening, replacing, url_of
 from ..packages import REGISTERED
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
 from .compressed import PackedReader
 from .contract import FieldChoice, Reader
-from .fits.casa import CASAReader
-from .fits.reader import FITSReader
+from .fits.reader import CASAReader, FITSReader
 from .guard import placed, reading
 from .labelled.netcdf import GRIBReader, NetCDFReader
 from .native.reader import NativeReader
@@ -312,3 +311,33 @@ def _openable(directory: Path) -> list[str]:
                 if reader is not None and not entry.name.startswith("."):
                     lines.append(f"  {entry}: {reader.description}")
     return lines[:_LISTED] + [f"  … and {len(lines) - _LISTED} more"] * (len(lines) > _LISTED)
+
+
+def save(volume: Volume, path: str | Path, *, format: str | None = None, **options: Any) -> None:
+    """Write a volume to a file or a directory; see `Volume.save`."""
+    path = as_path(path)
+    writer: Any = writer_for(path, format)
+    for option in options:
+        if option not in writer.write_options:
+            raise unknown_name(f"{writer.name} option for writing", option, writer.write_options)
+    place = new_directory if writer.writes_directory else replacing
+    with place(path) as temporary, placed(path):
+        writer.write(volume, temporary, **options)
+
+
+def writer_for(path: Path, format: str | None = None) -> Reader:
+    """Return the writer for a file name, or for a format."""
+    writers = [reader for reader in readers() if getattr(reader, "writes", False)]
+    if format is not None:
+        named = {reader.name: reader for reader in writers}
+        if format not in named:
+            raise unknown_name("format that can be written", format, named)
+        return named[format]
+    known: dict[str, Reader] = {}
+    for reader in writers:
+        for suffix in getattr(reader, "write_suffixes", ()) or reader.suffixes:
+            known.setdefault(suffix, reader)  # the first with this suffix, as for reading
+    fitting = [suffix for suffix in known if path.name.lower().endswith(suffix)]
+    if not fitting:
+        raise unknown_name("volume format", path.suffix, known)
+    return known[max(fitting, key=len)]

@@ -13,7 +13,7 @@ from ..cameras import Camera, Orthographic, Panorama, Perspective
 from ..cameras.contract import vector
 from ..cameras.stereo import halved
 from ..errors import InputError, check_name
-from ..rotation import angles_towards, image_axes, position_angle
+from ..geometry import angles_towards, image_axes, position_angle
 from ..units import as_given, is_count, plain, shown, unit_of
 
 if TYPE_CHECKING:

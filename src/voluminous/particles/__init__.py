@@ -2,8 +2,7 @@
 
 from .api import deposit, from_particles
 from .deposit import Deposit
-from .inputs import Particles, particles
-from .kernels import KERNELS, Kernel, get_kernel
+from .inputs import KERNELS, Kernel, Particles, get_kernel, particles
 
 __all__ = [
     "KERNELS",

@@ -16,9 +16,8 @@ from ..progress import Progress, with_progress
 from ..units import Unit, plain
 from ..volume import Volume
 from .deposit import CellsDeposit, Deposit
-from .inputs import LARGEST, Particles, carried, check_lengths, particles, positive
+from .inputs import LARGEST, Particles, carried, check_lengths, get_kernel, particles, positive
 from .inputs import smoothing_lengths as estimated_lengths
-from .kernels import get_kernel
 from .octree import DEEPEST, Base, Refinement, octree_around
 from .smoothed import SmoothedDeposit
 

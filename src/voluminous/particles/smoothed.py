@@ -20,7 +20,7 @@ from ..grids import OctreeGrid
 from ..memory import fits
 from ..progress import reporter
 from .deposit import Deposit, crossing, with_images
-from .kernels import Kernel
+from .inputs import Kernel
 from .octree import Base
 
 

@@ -18,9 +18,9 @@ from ..files import MissingPathError, make_directory, replacing
 from ..io.contract import FieldChoice
 from ..io.fortran import BinaryOut, TextOut
 from ..units import is_quantity, parse_unit, plain
-from .fields import FORMATS, GRID, INPUT, KINDS, FieldKind, find, known_kind
 from .grid_file import GridFile, read_grid, write_grid
 from .grids import GridOut, grid_out
+from .reader import FORMATS, GRID, INPUT, KINDS, FieldKind, find, known_kind
 
 if TYPE_CHECKING:
     from ..volume import Volume

@@ -15,8 +15,7 @@ from ..cameras.views import view_angles
 from ..errors import InputError
 from ..expressions.interval import Interval
 from ..fields import COORDINATES, coordinate_extremes
-from ..first_view import FIRST_INCL, FIRST_PHI
-from ..geometry import mirror_images, position
+from ..geometry import FIRST_INCL, FIRST_PHI, mirror_images, position
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..volume import Volume

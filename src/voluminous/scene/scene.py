@@ -20,10 +20,10 @@ from .sections import (
     build_objects,
     image_options,
     plain_render,
+    read_source,
     render_options,
 )
 from .settings import plain_sections, relative_path, set_value, with_paths
-from .source import read_source
 
 if TYPE_CHECKING:
     from ..image import Image

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, VoluminousError
-from ...rotation import angles_towards, image_axes, position_angle
+from ...geometry import angles_towards, image_axes, position_angle
 from ...units import as_given, as_quantity, is_quantity, parse_unit, plain
 from ..arguments import known_unit
 from ..beam import sky_matrix

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from ...errors import FileFormatError
-from .. import hdu, metadata, spectral_fits
+from .. import hdu, metadata, spectral_axis
 from ..arguments import PLANES, known_unit
 from ..cube import Cube
 from ..fits_header import beam_of, lenient_unit, text, world_of
@@ -44,7 +44,7 @@ def write(
     # A header can only express uniform spacing; these extensions hold the exact coordinates.
     small = [fits.ImageHDU(image.x, name="X"), fits.ImageHDU(image.y, name="Y")]
     if isinstance(image, Cube):
-        small += spectral_fits.hdus(image.spectral)
+        small += spectral_axis.hdus(image.spectral)
     last_axis = f"NAXIS{large[0].data.ndim}"
     large[0].header.set("EXTEND", True, "extensions follow", after=last_axis)
     large[0].header[_COUNT] = (len(large) + len(small) - 1, "number of extensions")
@@ -87,7 +87,7 @@ def read(path: Path) -> dict[str, Any]:
             plane, channel = _axes(sides, wcs, header)
             intensity = _channels_last(first.data, [*plane, *channel])
             known = metadata.loads(header.get(hdu.TEXT), intensity.shape)
-            axis = spectral_fits.read(
+            axis = spectral_axis.read(
                 header,
                 hdus,
                 intensity.shape[2],

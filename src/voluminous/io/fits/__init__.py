@@ -1,6 +1,5 @@
 """FITS: cubes of images, on the sky and along a spectrum or in space."""
 
-from .casa import CASAReader
-from .reader import FITSReader
+from .reader import CASAReader, FITSReader
 
 __all__ = ["CASAReader", "FITSReader"]

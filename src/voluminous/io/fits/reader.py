@@ -10,7 +10,7 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
-from ...image.fits_header import card
+from ...image.fits_header import as_fits, card, is_casa_image
 from ...units import unit_name
 from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields
@@ -139,3 +139,25 @@ def _common(chosen: list[Cube], options: dict[str, Any]) -> CubePlace:
 
 def _spread(third: ThirdAxis, shape: tuple[int, ...]) -> np.ndarray:
     return np.broadcast_to(third.values.astype(np.float32), shape)
+
+
+class CASAReader(Reader):
+    """Images of CASA and casacore: ``.image``, ``.residual``, ``.psf`` …"""
+
+    name = "casa"
+    description = "a CASA image"
+    suffixes = ()
+    packages = ("casacore",)
+    extra = "casa"
+    options = FITSReader.options
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        return is_casa_image(path)
+
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
+        with as_fits(path) as file:
+            return FITSReader().read(file, fields, **options).load()  # the file is temporary
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        with as_fits(path) as file:
+            return FITSReader().info(file, **options)

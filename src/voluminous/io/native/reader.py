@@ -19,7 +19,7 @@ from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
 from ...packages import version
 from ..boxes import boxes
-from ..contents import Contents, ContentsReader, StoredField
+from ..contract import Contents, ContentsReader, StoredField
 from ..hdf5 import created, data_set, fixed, holds, is_own, opened, read, text, warn_of_missing
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 

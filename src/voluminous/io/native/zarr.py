@@ -25,7 +25,7 @@ from ...packages import require, version
 from ...progress import reporter
 from ...store import LEAVES, SIDE, Store, weighted_means
 from ..boxes import boxes
-from ..contents import Contents, ContentsReader, StoredField
+from ..contract import Contents, ContentsReader, StoredField
 from ..zarr.store import arrays_in, checked, opened, part, root_fits
 from .grids import PlainGrid, exact_name, grid_of, plain_grid
 from .reader import (

@@ -14,8 +14,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ...units import parse_unit, unit_of
 from ..axes import round_unit
-from ..contents import Contents, ContentsReader, StoredField
-from ..contract import FieldInfo
+from ..contract import Contents, ContentsReader, FieldInfo, StoredField
 from ..names import field_name
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
-from ..contents import StoredField
+from ..contract import StoredField
 from ..hdf5 import MAGIC, data_set, data_sets, holds, opened, read, text
 from ..payload import inside
 from .common import (

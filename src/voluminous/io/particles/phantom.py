@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import FileFormatError, unknown_name
 from ..code_units import TIME, CodeUnits, Quantity
-from ..contents import StoredField
+from ..contract import StoredField
 from ..hdf5 import data_set, data_sets, holds, is_hdf5, opened, read
 from ..names import field_name
 from .common import DENSITY_UNIT, OPTIONS, ParticleFile, ParticleReader, with_unit

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import FileFormatError
-from ..contents import StoredField
+from ..contract import StoredField
 from ..payload import stored
 
 # Required numbers in the first record.
