@@ -149,9 +149,3 @@ def test_places_that_cannot_be(options, error, message):
 def test_units_that_cannot_be(known, unit, beam, message):
     with pytest.raises(UnitsError, match=message):
         spot(**known).to(unit, beam=beam)
-
-
-@pytest.mark.parametrize("name", ["on_sky", "to_hdu"])
-def test_an_old_name_tells_the_new_one(name):
-    with pytest.raises(InputError, match="now posang"):
-        getattr(plane(), name)(position=HERE, distance="140 pc", position_angle=3)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, check_name, immutable
+from ..errors import check_name, immutable
 from . import arguments, tone
 from .arguments import Array, json_value
 
@@ -385,7 +385,7 @@ class Image:
         return axes
 
     def to_hdu(
-        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0, **old: Any
+        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0
     ) -> PrimaryHDU:
         """Return the intensities as an astropy HDU with units, world coordinates and the camera.
 
@@ -401,14 +401,11 @@ class Image:
             Shape (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")``
             also writes the other arrays and metadata.
         """
-        _refuse(old)
         from .hdu import to_hdu
 
         return to_hdu(self, distance, position, posang)
 
-    def on_sky(
-        self: Own, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
-    ) -> Own:
+    def on_sky(self: Own, *, distance: Any = None, position: Any, posang: Any = 0.0) -> Own:
         """Return the image with celestial world coordinates.
 
         Parameters
@@ -432,7 +429,6 @@ class Image:
         East is on the left where north is up. A plane at a distance is a gnomonic projection (TAN)
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
-        _refuse(old)
         from .sky import on_sky
 
         return on_sky(self, distance, position, posang)
@@ -612,12 +608,6 @@ immutable(
     Image,
     "image.to(unit) converts it, image.plot(unit=) shows it so; Image(...) makes a new one",
 )
-
-
-def _refuse(old: dict[str, Any]) -> None:
-    for name in old:
-        hint = "; it is now posang, as that of cameras" if name == "position_angle" else ""
-        raise InputError(f"there is no argument {name}{hint}")
 
 
 def _read_only(values: Array) -> Array:
