@@ -13,7 +13,7 @@ from astropy.wcs import WCS
 import voluminous as vm
 from voluminous.errors import InputError, UnitsError
 from voluminous.image import SpectralAxis
-from voluminous.image.beam import fits_beam
+from voluminous.image.conversion import fits_beam
 
 CO = 230.538 * u.GHz
 # A Gaussian spot on the plane (au) and a Gaussian line that shifts across it (km/s).

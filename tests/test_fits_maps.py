@@ -8,7 +8,7 @@ from astropy.io import fits
 
 import voluminous as vm
 from voluminous.errors import InputError, UnitsError
-from voluminous.image.beam import fits_beam
+from voluminous.image.conversion import fits_beam
 from voluminous.image.scales import quantity_name
 
 HERE = SkyCoord(83.8, -5.4, unit="deg")

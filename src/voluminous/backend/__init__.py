@@ -1,9 +1,8 @@
 """All access to Dr.Jit: device, precision, locating LLVM, and the arithmetic that kernels need."""
 
 from ..llvm import ensure_llvm
-from .arrays import aligned, clone_inputs, copy_into, from_host
 from .device import Backend, available_devices, get_backend, llvm_version
-from .jit import dr
+from .jit import aligned, clone_inputs, copy_into, dr, from_host
 from .types import Float, Int, Mask
 
 __all__ = [

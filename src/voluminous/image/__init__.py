@@ -2,7 +2,7 @@
 
 `image.py` holds the class, `tone.py` maps intensities to display values, `plot.py` draws images
 with axes, one, several in a row, or the channels of a cube, `annotate/` adds a scale bar and other
-annotations, `sky.py`, `hdu.py`, `beam.py` and `conversion.py` handle sky coordinates, beams and
+annotations, `sky.py`, `hdu.py` and `conversion.py` handle sky coordinates, beams and
 units, and `formats/` has one module per file format. `fits_header.py` says what a FITS header
 means, also to `io.fits`.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import metadata, spectral_axis
-from .beam import fits_beam
+from .conversion import fits_beam
 from .cube import Cube
 from .fits_header import ON_SKY
 from .sky import offsets, on_sky

@@ -458,7 +458,7 @@ class Image:
         UnitsError
             If the beam's unit is not the plane's.
         """
-        from .beam import convolve
+        from .conversion import convolve
 
         return convolve(self, beam)
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError, check_flag
 from ..figures import add_color_bar, new_figure
 from ..units import UnitLike, is_listed, pretty_unit
-from .beam import SIGMA, beam_in_pixels, sky_matrix
+from .conversion import SIGMA, beam_in_pixels, sky_matrix
 from .cube import Cube
 from .image import Image
 from .lengths import labelled, readable, round_length, with_unit

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..errors import InputError, UnitsError, check_flag
 from ..units import is_count, parse_unit, plain, shown, unit_of
-from .beam import has_beams
-from .conversion import conversion, rows_of
+from .conversion import conversion, has_beams, rows_of
 from .image import Image
 from .sky import plane_factor, radians_per_unit
 from .spectral_axis import linear

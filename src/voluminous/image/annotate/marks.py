@@ -12,7 +12,7 @@ from ...errors import InputError, VoluminousError
 from ...geometry import angles_towards, image_axes, position_angle
 from ...units import as_given, as_quantity, is_quantity, parse_unit, plain
 from ..arguments import known_unit
-from ..beam import sky_matrix
+from ..conversion import sky_matrix
 from ..lengths import bar_length, labelled, number_text, readable, with_unit
 from ..sky import is_linear, label_axes, plain_axes, plane_factor
 from ..tone import finite

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ..hdf5 import check_place, first_bytes, is_hdf5, opened, read, text, warn_of_missing
-from ..unit_texts import known_unit
+from ..units import known_unit
 from .layout import Entry
 from .named_arrays import NamedArraysReader
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ..axes import is_even
-from ..code_units import OPTIONS, TIME, CodeUnits
 from ..contract import Contents, ContentsReader, StoredField, UnitLike
 from ..hdf5 import data_sets, holds, opened, read
 from ..leaves import GRIDS
+from ..units import OPTIONS, TIME, CodeUnits
 from .reader import LENGTHS, described
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..code_units import OPTIONS, TIME, CodeUnits, Quantity
 from ..contract import Contents, ContentsReader, StoredField, UnitLike
 from ..hdf5 import data_set, holds, opened
 from ..leaves import GRIDS, grid_of_blocks
 from ..names import field_name
 from ..payload import checked_shape
+from ..units import OPTIONS, TIME, CodeUnits, Quantity
 
 if TYPE_CHECKING:
     import h5py

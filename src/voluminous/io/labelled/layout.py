@@ -13,7 +13,7 @@ from ...errors import InputError, UnitsError, unknown_name
 from ...units import parse_unit
 from ..arrays.layout import equal_cells
 from ..axes import AXES, axis_of, edges_of_centers
-from ..unit_texts import known_unit
+from ..units import known_unit
 
 if TYPE_CHECKING:
     import xarray

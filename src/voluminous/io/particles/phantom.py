@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...errors import FileFormatError, unknown_name
-from ..code_units import TIME, CodeUnits, Quantity
 from ..contract import StoredField
 from ..hdf5 import data_set, data_sets, holds, is_hdf5, opened, read
 from ..names import field_name
+from ..units import TIME, CodeUnits, Quantity
 from .common import DENSITY_UNIT, OPTIONS, ParticleFile, ParticleReader, with_unit
 from .phantom_dump import byte_order, read_dump
 

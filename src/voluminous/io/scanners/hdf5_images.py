@@ -9,12 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import FileFormatError, InputError
-from ..channels import Channel, channel
 from ..guard import by_library
 from ..hdf5 import data_set, holds, opened, read
 from ..payload import checked_shape
 from .placement import LPS, Placement, length_unit
-from .voxels import TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
+from .voxels import (
+    TIMED,
+    VECTOR,
+    Channel,
+    VoxelReader,
+    Voxels,
+    channel,
+    component_names,
+    time_step,
+    times_meta,
+)
 
 if TYPE_CHECKING:
     import h5py

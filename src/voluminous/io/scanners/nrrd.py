@@ -13,7 +13,7 @@ from ...errors import FileFormatError, InputError
 from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape
-from ..unit_texts import known_unit
+from ..units import known_unit
 from .placement import LPS, Placement, conversion, lattice, length_unit, single_field, slabs
 from .stored import StoredNumbers, data_files, header_lines
 from .voxels import COLORS, TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step

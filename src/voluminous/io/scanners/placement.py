@@ -25,7 +25,7 @@ from ...errors import FileFormatError, InputError
 from ...units import parse_unit, plain
 from ..arrays.layout import equal_cells
 from ..axes import cartesian, edges_of_centers
-from ..unit_texts import known_unit
+from ..units import known_unit
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid

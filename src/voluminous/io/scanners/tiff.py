@@ -21,11 +21,22 @@ import numpy as np
 from ...errors import FileFormatError
 from ...memory import check_memory
 from ...packages import require
-from ..channels import Y_DOWN, Channel, channel, of_samples
 from ..guard import by_library, reading
 from ..payload import inside, stored
 from .placement import conversion, equal_voxels, length_unit
-from .voxels import COLORS, TIMED, VoxelReader, Voxels, component_names, time_step, times_meta
+from .voxels import (
+    COLORS,
+    TIMED,
+    Y_DOWN,
+    Channel,
+    VoxelReader,
+    Voxels,
+    channel,
+    component_names,
+    of_samples,
+    time_step,
+    times_meta,
+)
 
 if TYPE_CHECKING:
     import tifffile

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...memory import check_memory
 from ...packages import require
-from ..unit_texts import known_unit
+from ..units import known_unit
 from .dataset import (
     ADVICE,
     CELL,

@@ -15,7 +15,7 @@ from ..arrays.layout import Entry
 from ..arrays.named_arrays import NamedArraysReader
 from ..labelled.convert import LabelledReader, decoded
 from ..names import field_name
-from ..unit_texts import known_unit
+from ..units import known_unit
 from .store import arrays_in, dimensions, holds_zarr, opened, part, root_fits, warn_of_missing
 
 if TYPE_CHECKING:

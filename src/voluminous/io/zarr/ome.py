@@ -17,10 +17,9 @@ import numpy as np
 from ...errors import FileFormatError, InputError, unknown_name
 from ...memory import available_memory
 from ..axes import AXES
-from ..channels import Y_DOWN, Channel, channel
 from ..contract import FieldInfo
 from ..scanners.placement import Placement, conversion, equal_voxels, length_unit
-from ..scanners.voxels import VoxelReader, Voxels, component_names
+from ..scanners.voxels import Y_DOWN, Channel, VoxelReader, Voxels, channel, component_names
 from .store import checked, opened, part, root_fits
 
 if TYPE_CHECKING:
