@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -28,34 +30,44 @@ def crossings(values, origin, direction, level):
     t = np.linspace(-4, 4, 40001)
     inside = np.all(np.abs(origin + t[:, None] * direction - 0.5) <= 1, axis=1)
     place = np.clip(origin + t[inside, None] * direction, 0, 1)
-    weights = np.stack([1 - place, place])  # side, point, axis
-    at = np.einsum("ijk,ip,jp,kp->p", values, *np.moveaxis(weights, 2, 0)) - level
+    at = values[..., None]
+    for part in place.T:
+        at = at[0] + part * (at[1] - at[0])
+    at -= level
     rising = np.diff(at) > 0
     turns = np.flatnonzero(rising[1:] != rising[:-1]) + 1
     return np.count_nonzero(np.diff(at > 0)), np.abs(at[[0, -1, *turns]]).min()
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_crossings_are_the_roots_of_the_cubic(precision):
-    rng = np.random.default_rng(8)
-    counted = []
+@functools.cache
+def cubics():
+    """Return cells, levels, rays through them, and what `crossings` says of these."""
+    rng, found = np.random.default_rng(8), []
     for number in range(12):
         # Alternating corners: up to three crossings in one cell.
         sign = (-1.0) ** np.indices((2, 2, 2)).sum(axis=0)
         values = (rng.normal(size=(2, 2, 2)) + 1.5 * sign).astype(np.float32).astype(float)
         level = rng.normal(0, 0.15)
-        volume, opacity = one_dual_cell(values), 0.2
         # Half of them along diagonals, where the cubic turns most.
         origins = rng.uniform(0, 1, (RAYS, 3))
         directions = on_a_sphere(RAYS, number)
         directions[: RAYS // 2] = np.sign(directions[: RAYS // 2]) + 0.3 * directions[: RAYS // 2]
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        camera = Bundle(origins, directions)
+        exact = [crossings(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
+        found.append(
+            (values, level, Bundle(origins, directions), *map(np.array, zip(*exact, strict=True)))
+        )
+    return found
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_crossings_are_the_roots_of_the_cubic(precision):
+    counted = []
+    for values, level, camera, count, near in cubics():
+        volume, opacity = one_dual_cell(values), 0.2
         medium = vm.Isosurface("a - 0.0", level, [1.0], opacity)
         image = vm.render(volume, medium, camera, precision=precision, cutoff=0.0)
         found = camera.flat(image.optical_depth) / -np.log1p(-opacity)
-        exact = [crossings(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
-        count, near = (np.array(column) for column in zip(*exact, strict=True))
         clear = near > GRAZING[precision]
         # Of all 1500 rays one finds one of three crossings: its nodes show no more.
         assert np.mean(np.abs(found - count)[clear] > 1e-4) < 0.005
