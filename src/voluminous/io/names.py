@@ -5,10 +5,12 @@ from __future__ import annotations
 import keyword
 import unicodedata
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, unknown_name
-from .contract import FieldChoice
+
+if TYPE_CHECKING:
+    from .contract import FieldChoice
 
 # Suffixes of vector components, for the coordinates of all grids.
 _COMPONENTS = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))

@@ -9,7 +9,7 @@ around the kernel's support have in common.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from ..grids import OctreeGrid
 from ..memory import fits
 from ..progress import reporter
 from .deposit import Deposit, crossing, with_images
-from .inputs import Kernel
 from .octree import Base
+
+if TYPE_CHECKING:
+    from .inputs import Kernel
 
 
 class OctreeNodes(NamedTuple):
