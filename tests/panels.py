@@ -12,7 +12,7 @@ from voluminous.media.panel import Panel
 
 def panel_of(backend, **cubics):
     """Return a panel on which fields are polynomials of s."""
-    context = Context(backend.Float, backend.opaque, None, lambda expr: None)
+    context = Context(backend.Float, backend.opaque)
     rows = {
         name: [from_host(backend.Float, np.asarray(c, backend.dtype)) for c in own]
         for name, own in cubics.items()

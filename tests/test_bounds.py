@@ -23,6 +23,7 @@ from voluminous.media import (
     Rectangle,
     Table,
 )
+from voluminous.media.bound import Binding
 
 EPS = np.finfo(float).eps
 INF, NAN = math.inf, math.nan
@@ -211,20 +212,19 @@ def test_rounding_goes_outward():
 # --- media ----------------------------------------------------------------------------------------
 
 
-def context(unit=None, unit_of=lambda expression: None):
-    backend = get_backend("cpu", "double")
-    return Context(backend.Wide, backend.wide, unit, unit_of)
+PLAIN = Binding()
 
 
-def solve(medium, points, ctx=None):
+def solve(medium, points, binding):
     """Return j and α at points, evaluated by Dr.Jit in double precision."""
-    ctx = ctx or context()
+    backend = get_backend("cpu", "double")
+    ctx = Context(backend.Wide, backend.wide)
     shape = np.broadcast_shapes(*(values.shape for values in points.values()))
     fields = {
         name: from_host(ctx.real, np.broadcast_to(values, shape).ravel())
         for name, values in points.items()
     }
-    found = medium.coefficients(fields, ctx)
+    found = medium.bind(binding).coefficients(fields, ctx)
 
     def arrays(values):
         return [np.broadcast_to(v.numpy(), math.prod(shape)).reshape(shape) for v in values]
@@ -232,11 +232,10 @@ def solve(medium, points, ctx=None):
     return arrays(found.emissivity), arrays(found.extinction)
 
 
-def assert_bounded(medium, box, seed, ctx=None):
+def assert_bounded(medium, box, seed, binding=PLAIN):
     lo, hi = ({name: ends[k] for name, ends in box.items()} for k in (0, 1))
-    units = {} if ctx is None else {"unit": ctx.unit, "unit_of": ctx.unit_of}
-    found = medium.bounds(lo, hi, **units)
-    j, a = solve(medium, points_in(box, np.random.default_rng(seed)), ctx)
+    found = medium.bounds(lo, hi, binding.unit, binding.unit_of)
+    j, a = solve(medium, points_in(box, np.random.default_rng(seed)), binding)
     assert len(found.j_lo) == len(found.j_hi) == len(j) == medium.channels
     assert len(found.a_lo) == len(found.a_hi) == len(a)
     for values, low, high in zip(
@@ -300,7 +299,7 @@ def test_random_media_stay_inside(medium, x, y, seed):
 def test_a_table_is_bounded_by_its_ends_and_the_entries_between(table, box):
     medium = Table("x", table.values, table.colors, table.opacities, table.path_length)
     found = medium.bounds({"x": box[0]}, {"x": box[1]})
-    ends = [solve(medium, {"x": end})[0][0] for end in box]
+    ends = [solve(medium, {"x": end}, Binding())[0][0] for end in box]
     within = (box[0] < table.values[:, None]) & (table.values[:, None] <= box[1])
     entries = np.where(within, table.colors[:, :1] / table.path_length, NAN)
     # 8 ε of the largest entry around.
@@ -346,7 +345,7 @@ def test_units_are_those_of_the_coefficients():
     lo, rng = np.linspace(0, 30, 8), np.random.default_rng(1)
     box = {"T": (lo, lo + rng.random(8) * 9), "n": (lo / 20, lo / 20 + rng.random(8))}
     for medium in media:
-        assert_bounded(medium, box, 2, context(u.pc, unit_of))
+        assert_bounded(medium, box, 2, Binding(u.pc, unit_of))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,9 @@ from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.dual_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, BrickRays, make_bricks
-from voluminous.media.context import Context, no_unit
+from voluminous.media.bound import Binding
+from voluminous.media.context import Context
+from voluminous.media.profiles import BoundShaped
 from voluminous.rendering.sources.empty_space import DUAL
 from voluminous.schemes.pre_integrated import PreIntegrated
 
@@ -127,13 +129,13 @@ def test_a_linear_field_is_crossed_in_wide_steps_without_error(precision):
     ids=lambda medium: type(medium).__name__,
 )
 def test_prominence_is_what_shows_of_the_peak(medium):
-    context = Context(dr.llvm.Float64, dr.llvm.Float64, None, no_unit)
+    context, bound = Context(dr.llvm.Float64, dr.llvm.Float64), medium.bind(Binding())
     x = np.linspace(0, 1, 101)
-    found = medium.coefficients({"f": dr.llvm.Float64(x)}, context)
+    found = bound.coefficients({"f": dr.llvm.Float64(x)}, context)
     shown = np.max(
         [np.asarray(v) / np.max(v) for v in (*found.emissivity, *found.extinction)], axis=0
     )
-    prominence = np.asarray(medium.prominence(dr.llvm.Float64(x), context))
+    prominence = np.asarray(bound.prominence(dr.llvm.Float64(x), context))
     # Of several columns the lines between the largest entries lie above the largest of the lines.
     assert (prominence >= shown - 1e-12).all()
     assert prominence.max() == pytest.approx(1, abs=1e-12)
@@ -146,9 +148,13 @@ def test_wings_of_shells_are_crossed_in_wide_steps_where_their_cores_are_not():
     exact = vm.render(*scene, CAMERA, precision="double", tolerance=1e-6).intensity
     uneven = np.sqrt(np.mean((drawn(scene, 0.1) - exact) ** 2))
 
-    class Everywhere(vm.Gaussian):
+    class Even(BoundShaped):
         def prominence(self, x, context):
             return x * 0.0 + 1.0
+
+    class Everywhere(vm.Gaussian):
+        def bind(self, binding):
+            return Even(self, binding)
 
         def key(self):
             return ("everywhere", *super().key())

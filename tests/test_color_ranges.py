@@ -9,6 +9,7 @@ from matplotlib import colors
 
 import voluminous as vm
 from test_any_grid_calibration import GRIDS
+from voluminous.media.bound import Binding
 
 CAMERA = vm.Orthographic(60, 30, resolution=24)
 
@@ -108,7 +109,7 @@ def test_a_colormap_takes_the_range_of_its_own_expression(norm):
     image = vm.render(volume, medium, CAMERA)
     np.testing.assert_array_equal(image.intensity, vm.render(volume, found, CAMERA).intensity)
     with pytest.raises(vm.InputError, match=r"take medium\.calibrated"):
-        medium.nodes(None)
+        medium.bind(Binding()).coefficients({}, None)
     assert "vmin" not in medium.describe()
 
 

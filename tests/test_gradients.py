@@ -56,8 +56,14 @@ def dust(p):
     return vm.Coefficients(emissivity, extinction)
 
 
-# No two numbers of a medium are equal: equal ones share a derivative.
+def equals(p):
+    """Return a shell and a dust with a parameter, and constants, of 0.3."""
+    shell = vm.Gaussian("a + 0.3", p[0], p[1], (p[2], 0.3), 0.3, 0.3)
+    return shell + vm.Coefficients([f"{p[3]!r}*a", "0.3*a"], "0.3*a*a")
+
+
 MEDIA = {
+    "equal numbers": (equals, [0.61, 0.31, 0.32, 0.3]),
     "shells": (shells, [-0.3, 0.2, 1.1, 0.7, -0.6, 0.1, 0.9, 4.7]),
     "dust": (dust, [2.5, 1.5, 0.7, 0.4]),
     "thick dust": (dust, [2.5, 1.5, 17.0, 40.0]),
@@ -81,9 +87,8 @@ def job_of(
     That is where other panels are accepted.
     """
     options = {"cutoff": 0.0, "precision": precision, "tolerance": tolerance, "scheme": scheme}
-    job, _ = prepare(volume, medium, camera, RenderOptions(**options))
-    job.backend = get_backend("cpu", precision, derivatives)
-    return job
+    options = RenderOptions(**options, device="cpu")
+    return prepare(volume, medium, camera, options, derivatives=derivatives)[0]
 
 
 def picture(job, drawn=None):
@@ -109,7 +114,7 @@ def check_gradient(volume, name, scheme, precision="double", rtol=1e-5):
     make, parameters = MEDIA[name]
 
     def numbers(p):
-        return np.array([value for _, value in replayed(p)[1].numbers])
+        return np.array([value for _, value, *_ in replayed(p)[1].numbers])
 
     def replayed(p):
         return gradient(job_of(volume, make(p), scheme, precision), WEIGHTS)
@@ -158,9 +163,27 @@ def test_gradients_of_the_default_scheme_are_right_in_single_precision():
     for precision in ("single", "double"):
         job = job_of(volume, make(parameters), "post-classified", precision, tolerance=1e-5)
         tape = gradient(job, WEIGHTS)[1]
-        found.append({value: dr.grad(n)[0] for (_, value), n in tape.numbers.items()})
+        by: dict[float, float] = {}
+        for (_, value, *_), number in tape.numbers.items():
+            by[value] = by.get(value, 0.0) + dr.grad(number)[0]
+        found.append(by)
     single, double = ([by[v] for v in found[1]] for by in found)
     np.testing.assert_allclose(single, double, rtol=0, atol=3e-3 * np.max(np.abs(double)))
+
+
+def test_forward_derivatives_by_numbers_of_media_are_refused():
+    """What a loop uses besides its state has none: they would be zero."""
+    job = job_of(ball(GRIDS["uniform"]()), MEDIUM, "first-order")
+    _, tape = gradient(job, WEIGHTS)
+    assert all(map(dr.grad_enabled, tape.numbers.values()))
+    with pytest.raises(InputError, match="forward mode"):
+        light(make_tracer(job, 0.0))
+
+
+def test_kernels_with_derivatives_are_kept():
+    volume = ball(GRIDS["uniform"]())
+    first, again = (make_tracer(job_of(volume, MEDIUM, "first-order"), 0.0) for _ in range(2))
+    assert first.kernels is again.kernels is not None
 
 
 def test_gradients_by_places_of_jumps_are_refused():

@@ -25,20 +25,24 @@ from voluminous.media import (
     Rectangle,
     Table,
 )
+from voluminous.media.bound import Binding
 
 X = np.array([-math.inf, -1e4, -2.5, -1.0, 0.0, 0.3, 1.0, 1.7, 2.0, 3.0, 8.25, 1e5, math.inf])
 
 
-def context(precision="double", unit=None, unit_of=lambda expression: None):
+PLAIN = Binding()
+
+
+def context(precision="double"):
     """What `render` evaluates media with."""
     backend = get_backend("cpu", precision)
-    return Context(backend.Wide, backend.wide, unit, unit_of)
+    return Context(backend.Wide, backend.wide)
 
 
-def solve(medium, ctx, **fields):
+def solve(medium, ctx, binding=PLAIN, **fields):
     """Return j and α as arrays (channel, value)."""
     given = {name: from_host(ctx.real, value) for name, value in fields.items()}
-    found = medium.coefficients(given, ctx)
+    found = medium.bind(binding).coefficients(given, ctx)
     count = max((np.size(value) for value in fields.values()), default=1)
 
     def stacked(values):
@@ -54,7 +58,7 @@ def ctx(request):
 
 def field_in(unit):
     """A volume in cm whose expressions all have one unit."""
-    return context("single", u.cm, lambda expression: unit)
+    return context("single"), Binding(u.cm, lambda expression: unit)
 
 
 # --- shapes ---------------------------------------------------------------------------------------
@@ -96,7 +100,7 @@ def test_bad_data_stay_bad(medium, ctx):
 
 def test_shapes_take_units():
     medium = Gaussian("T", 20 * u.K, 5000 * u.mK, 1, 2, 1 * u.pc)
-    j, a = solve(medium, field_in(u.K), T=[20.0, 25.0])
+    j, a = solve(medium, *field_in(u.K), T=[20.0, 25.0])
     expected = np.array([1, math.exp(-0.5)]) / (1 * u.pc).to_value(u.cm)
     np.testing.assert_allclose(j, [expected], rtol=1e-15)
     np.testing.assert_allclose(a, [2 * expected], rtol=1e-15)
@@ -115,7 +119,7 @@ def test_shapes_take_units():
 )
 def test_units_that_do_not_fit_are_refused(medium, message):
     with pytest.raises(UnitsError, match=message):
-        solve(medium, field_in(u.K), T=[1.0])
+        solve(medium, *field_in(u.K), T=[1.0])
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -196,8 +200,8 @@ def test_coefficients_are_their_expressions(ctx):
     [(u.cm, u.pc**-1, 1 / 3.0856775814913673e18), (u.cm, u.cm**2 / u.cm**3, 1), (u.au, None, 1)],
 )
 def test_extinction_with_a_unit_is_converted(volume, extinction, factor):
-    ctx = context("single", volume, lambda e: extinction if e.text == "k" else u.erg)
-    j, a = solve(Coefficients(["k", 1], "k"), ctx, k=[2.0])
+    binding = Binding(volume, lambda e: extinction if e.text == "k" else u.erg)
+    j, a = solve(Coefficients(["k", 1], "k"), context("single"), binding, k=[2.0])
     np.testing.assert_array_equal(j, [[2], [1]])
     np.testing.assert_allclose(a, [[2 * factor]], rtol=1e-15)
 
@@ -212,7 +216,7 @@ def test_extinction_with_a_unit_is_converted(volume, extinction, factor):
 )
 def test_an_extinction_that_is_no_inverse_length_is_refused(volume, extinction, message):
     with pytest.raises(UnitsError, match=message):
-        solve(Coefficients("1", "rho"), context("single", volume, lambda e: extinction), rho=[1.0])
+        solve(Coefficients("1", "rho"), context(), Binding(volume, lambda e: extinction), rho=[1.0])
 
 
 def swirl(density, speed, *, opacity, shift):
@@ -395,7 +399,7 @@ def kernels(medium):
     ctx = context("single")
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        solved = medium.coefficients({"x": dr.opaque(ctx.real, 2, shape=8)}, ctx)
+        solved = medium.bind(Binding()).coefficients({"x": dr.opaque(ctx.real, 2, shape=8)}, ctx)
         dr.eval(solved.emissivity, solved.extinction)
         history = dr.kernel_history()
     return [entry["hash"] for entry in history if entry["type"] == dr.KernelType.JIT]

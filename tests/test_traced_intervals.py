@@ -20,7 +20,7 @@ from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
 from voluminous.expressions.traced_interval import TracedInterval, TracedIntervalOps, traced
 from voluminous.media import Context, Table
-from voluminous.media.context import no_unit
+from voluminous.media.bound import Binding, no_unit
 
 INF, NAN = math.inf, math.nan
 
@@ -147,15 +147,16 @@ def test_an_interval_of_the_host_keeps_all_its_numbers():
 
 
 def ranges(backend, medium, box, unit=None, unit_of=no_unit):
-    context = EnclosureContext(backend.Float, backend.opaque, unit, unit_of)
-    found = [context.real(v) for v in medium.ranges(intervals(backend, box), context).listed()]
+    context = EnclosureContext(backend.Float, backend.opaque)
+    bound = medium.bind(Binding(unit, unit_of))
+    found = [context.real(v) for v in bound.coefficients(intervals(backend, box), context).listed()]
     listed = arrays(found, len(next(iter(box.values()))[0]))
     return listed[: medium.channels], listed[medium.channels :]
 
 
 def solve(backend, medium, points, unit=None, unit_of=no_unit):
-    context = Context(backend.Float, backend.opaque, unit, unit_of)
-    found = medium.coefficients(on_device(backend, points), context)
+    context, bound = Context(backend.Float, backend.opaque), medium.bind(Binding(unit, unit_of))
+    found = bound.coefficients(on_device(backend, points), context)
     dr.eval(found.emissivity, found.extinction)
     shape = next(iter(points.values())).shape
     return tuple(

@@ -49,12 +49,12 @@ class EnclosureContext(Context):
     `number` turns a finite Python float into run-time data of `float_type`, that of the ends.
     """
 
+    encloses = True
+
     def __init__(
         self,
         float_type: Any,
         number: Callable[[float], Any],
-        unit: Any,
-        unit_of: Callable[[Expression], Any],
         faint: float = 1e-8,
     ) -> None:
         self._float, self._opaque = float_type, number
@@ -64,7 +64,7 @@ class EnclosureContext(Context):
             return TracedInterval.constant(self.plain(value))
 
         real = functools.partial(traced, float_type)
-        super().__init__(real, constant, unit, unit_of, faint=faint)
+        super().__init__(real, constant, faint=faint)
 
     def plain(self, value: float) -> Float:
         """Return a number as a cached kernel constant."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -15,8 +15,9 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval, extremes
 from ..geometry import CARTESIAN
 from ..grids.contract import Segment
+from ..media.bound import Binding, BoundMedium
 from ..media.contract import Medium
-from ..media.ranges import RangeContext
+from ..media.ranges import RangeContext, largest
 from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
 from ..rendering.sources.channel_layout import PerChannel
@@ -79,15 +80,25 @@ class Bracketed:
     skipped space. `tolerance`: largest widths of the brackets of emission and transparency.
     """
 
-    def __init__(self, volume: Volume, medium: Medium, backend: Backend, tolerance: float) -> None:
-        evaluator, cache = CellEvaluator(volume, medium, PerChannel(medium), backend), Cache(volume)
-        self.medium, self.backend, grid = medium, backend, volume.grid
+    def __init__(
+        self,
+        volume: Volume,
+        medium: Medium,
+        backend: Backend,
+        tolerance: float,
+        channels: slice = slice(None),
+    ) -> None:
+        numbers = PerChannel(medium, replace(Binding.to(volume), channels=channels))
+        evaluator, cache = CellEvaluator(volume, medium, numbers, backend), Cache(volume)
+        self.medium, self.backend, grid = numbers.bound, backend, volume.grid
         self.lattices, ranges = get_lattices(evaluator, cache), get_ranges(evaluator, cache, DUAL)
-        self.signed = not all(_not_negative(one, volume, ranges) for one in medium.components())
-        count = medium.channels * (4 if self.signed else 2)
+        parts = zip(medium.components(), self.medium.parts, strict=True)
+        self.signed = not all(_not_negative(*part, ranges) for part in parts)
+        self.channels = numbers.emissions
+        count = self.channels * (4 if self.signed else 2)
         self.numbers = Numbers(count, count)
         opaque = backend.opaque
-        self.context = EnclosureContext(backend.Float, opaque, volume.unit, volume.expression_unit)
+        self.context = EnclosureContext(backend.Float, opaque)
         self.scale = opaque(grid.scale)
         self.curved = tuple(grid.coordinates) != CARTESIAN
         cells = 1.0 / grid.resolution
@@ -180,13 +191,12 @@ def _curved(fields: Fields) -> list[CurvedField]:
     return [field for field in fields.values() if isinstance(field, CurvedField)]
 
 
-def _not_negative(component: Medium, volume: Volume, ranges: dict[str, Interval]) -> bool:
-    emission = component.emission_range()
+def _not_negative(part: Medium, bound: BoundMedium, ranges: dict[str, Interval]) -> bool:
+    emission = part.emission_range()
     if emission is not None:
         return emission[0] >= 0.0
-    context = RangeContext(volume.unit, volume.expression_unit)
     with np.errstate(all="ignore"):
-        found = component.ranges(ranges, context)
+        found = bound.coefficients(ranges, RangeContext())
     return all(bool(np.all(j.lo >= 0.0)) for j in found.emissivity)
 
 
@@ -202,16 +212,15 @@ def empty_bricks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
 ) -> tuple[Bricks | None, Neglected]:
     """Return bricks to skip (None if few are empty), and bounds of the neglected coefficients."""
-    volume, grid, medium = evaluator.volume, evaluator.grid, evaluator.medium
-    nothing = Neglected(np.zeros(medium.channels), 0.0)
+    grid, channels = evaluator.grid, evaluator.numbers.emissions
+    nothing = Neglected(np.zeros(channels), 0.0)
     if not grid.has_bricks:
         return None, nothing
     shape = DUAL.shape(grid.shape)
-    context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)
-    emission, depth = np.zeros((medium.channels, *shape)), np.zeros(shape)
+    emission, depth = np.zeros((channels, *shape)), np.zeros(shape)
     with np.errstate(all="ignore"):
-        for component in medium.components():
-            sample = component.largest(ranges, context)
+        for part in evaluator.numbers.bound.parts:
+            sample = largest(part, ranges, _NOTHING)
             j, alpha = (
                 np.array([np.broadcast_to(most, shape) for most in values])
                 for values in (sample.emissivity, sample.extinction)

@@ -62,16 +62,6 @@ def bracket(
     """
     if not budget:
         return None, None
-    groups = channel_groups(job.medium.channels, job.scheme)
-    media = [job.medium.group(group.start, group.stop) for group in groups]
-    if len(groups) > 1 and all(_is_bounded(c) for one in media for c in one.components()):
-        behind = np.broadcast_to(background, intensity.shape)
-        lower, upper = np.empty(intensity.shape), np.empty(intensity.shape)
-        for group, medium in zip(groups, media, strict=True):
-            one = replace(job, medium=medium)
-            ends = bracket(one, budget, intensity, behind[..., group])
-            lower[..., group], upper[..., group] = ends
-        return lower, upper
     for component in job.medium.components():
         if not _is_bounded(component):
             raise InputError(
@@ -80,17 +70,21 @@ def bracket(
                 "NumPy's or vm.math's exp, log10, sqrt, where, ... of single numbers (no erf, no "
                 "if)"
             )
-    backend = job.backend.with_precision("double")
-    source = Bracketed(job.volume, job.medium, backend, job.tolerance)
-    scheme = Bracket(budget, source.signed)
-    job = replace(job, scheme=scheme, backend=backend, cutoff=0.0, done=0)
-    brightest = float(np.max(np.abs(intensity)))
-    paths = _narrowed(job, source, brightest, float(np.max(np.abs(background))))
-    return _intensities(job, paths, source, background)
+    backend, brightest = job.backend.with_precision("double"), float(np.max(np.abs(intensity)))
+    behind = np.broadcast_to(background, intensity.shape)
+    lower, upper = np.empty((2, *intensity.shape))
+    for group in channel_groups(job.medium.channels, job.scheme):
+        source = Bracketed(job.volume, job.medium, backend, job.tolerance, group)
+        scheme = Bracket(budget, source.signed)
+        one = replace(job, scheme=scheme, backend=backend, cutoff=0.0, done=0)
+        paths = _narrowed(one, source, brightest, float(np.max(np.abs(behind[..., group]))))
+        ends = _intensities(one, paths, source, behind[..., group])
+        lower[..., group], upper[..., group] = ends
+    return lower, upper
 
 
 def _is_bounded(medium: Medium) -> bool:
-    return type(medium).ranges is not Medium.ranges
+    return type(medium).bind is not Medium.bind or type(medium).ranges is not Medium.ranges
 
 
 def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:
@@ -100,7 +94,7 @@ def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> P
     source.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
     paths = tracer.frame()
     for share in _SHARES[1:]:
-        lower, upper = _ends(paths, job.medium.channels)
+        lower, upper = _ends(paths, source.channels)
         gap = np.max(upper.emission - lower.emission, axis=0)
         dim = np.max(upper.transparency - lower.transparency, axis=0)
         wide = np.flatnonzero(~(gap + dim * behind <= allowed))
@@ -115,7 +109,7 @@ def _intensities(
     job: RenderJob, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     neglected, (nx, ny) = source.neglected, job.frame.pixels
-    lower, upper = _ends(paths, job.medium.channels)
+    lower, upper = _ends(paths, source.channels)
     panels = paths.depth[0] * job.samples**2
     with np.errstate(invalid="ignore", over="ignore"):
         lost = (neglected.depth + _ROUNDING * (panels + 1.0)) * upper.size

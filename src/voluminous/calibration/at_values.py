@@ -13,6 +13,7 @@ from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..fields import split_unit, unit_quantity
 from ..media import Context, Medium
+from ..media.bound import Binding
 from ..media.sum import with_each
 from ..units import Unit, parse_unit, unit_name
 from .open_numbers import colors_of, in_plain_numbers, scalar_of
@@ -105,14 +106,15 @@ def coefficients(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return j (channel, …) and α, (…) if it is grey or (channel, …), in double precision."""
     shape = np.broadcast_shapes(*(np.shape(array) for array in arrays.values()))
-    rows = np.zeros((medium.channels + medium.extinction_count, *shape))
+    rows = np.zeros((medium.channels + (1 if medium.grey else medium.channels), *shape))
     if rows.size:
         real = get_backend("cpu", "double")
         fields = {
             name: from_host(real.Float, np.broadcast_to(array, shape).ravel())
             for name, array in arrays.items()
         }
-        sample = medium.coefficients(fields, _Given(real.Float, real.opaque, unit, unit_of))
+        bound = medium.bind(Binding(unit, unit_of))
+        sample = bound.coefficients(fields, _Given(real.Float, real.opaque))
         for k, value in enumerate(sample.listed()):
             rows[k] = np.broadcast_to(np.array(value), rows[k].size).reshape(shape)
     j, alpha = rows[: medium.channels], rows[medium.channels :]
@@ -173,10 +175,8 @@ def _length_unit(medium: Medium, fields: GivenValues) -> Unit:
 def units_of(medium: Medium, fields: Evaluation) -> tuple[Unit, Unit]:
     """Return the units of j and of α."""
     per_length = None if fields.unit is None else parse_unit(fields.unit**-1)
-    light = medium.intensity_unit(Context(float, float, fields.unit, fields.expression_unit))
-    if light is None:
-        return per_length, per_length
-    return (light if fields.unit is None else parse_unit(light / fields.unit)), per_length
+    emission = medium.emission_unit(fields.expression_unit)
+    return (per_length if emission is None else parse_unit(emission)), per_length
 
 
 def one_path_length(component: Medium) -> Medium:

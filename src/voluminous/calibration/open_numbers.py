@@ -12,11 +12,12 @@ from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..media import Medium
+from ..media.bound import Binding
 from ..media.color_by import Colors
 from ..media.context import Feature
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
-from ..units import Unit, parse_unit, unit_name
+from ..units import Unit, unit_name
 from ..volume import Volume
 from .samples import cell_runs, measurable
 from .thickness import Profile, thicknesses
@@ -66,19 +67,17 @@ def in_plain_numbers(medium: Medium, volume: Evaluation) -> Medium:
     themselves.
     """
     medium = with_each(medium, lambda component: component.plain(volume))
-    context = RangeContext(volume.unit, volume.expression_unit)
-    units = (component.intensity_unit(context) for component in medium.components())
-    wanted = next((unit for unit in units if unit is not None), None)
+    unit_of = volume.expression_unit
+    wanted = medium.emission_unit(unit_of)
     if wanted is None:
         return medium
-    emission = parse_unit(wanted if volume.unit is None else wanted / volume.unit)
 
     def convert(component: Medium) -> Medium:
         if component.emission_range() == (0.0, 0.0):
             return component
-        if component.intensity_unit(context) != wanted:
-            component = component.plain(volume, emission)
-        unit = component.intensity_unit(context)
+        if component.emission_unit(unit_of) != wanted:
+            component = component.plain(volume, wanted)
+        unit = component.emission_unit(unit_of)
         if unit != wanted:
             raise UnitsError(
                 f"the components of this medium emit in {unit_name(wanted)} and in "
@@ -225,7 +224,9 @@ def _range(volume: Volume, feature: Feature, medium: Medium) -> tuple[float, flo
 def _cells(
     volume: Volume, expr: Expression, medium: Medium, positive: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
+    # Where it shows does not depend on its path length.
+    part = medium if medium.path_length is None else medium.changed(path_length=1.0)
+    bound, context = part.bind(Binding.to(volume)), RangeContext(_SHOWN)
     columns: list[tuple[np.ndarray, ...]] = []
     samples = (cell_runs(volume, Expression(one)) for one in (expr.text, *medium.names))
     for shown, *others in zip(*samples, strict=True):
@@ -235,7 +236,7 @@ def _cells(
         }
         good = np.isfinite(shown.x) & ((shown.x > 0.0) | (not positive))
         with np.errstate(all="ignore"):
-            visible = np.broadcast_to(medium.visible_in(fields, context), good.shape)
+            visible = np.broadcast_to(bound.may_show(fields, context), good.shape)
         for one in others:
             visible = visible & np.isfinite(one.x)
         sizes = np.broadcast_to(shown.volume, good.shape)

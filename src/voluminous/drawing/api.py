@@ -13,7 +13,7 @@ from ..bounds import guaranteed
 from ..errors import InputError
 from ..image import Image
 from ..media.contract import Medium
-from ..media.ranges import RangeContext
+from ..media.details import intensity_unit
 from ..objects import SceneObject
 from ..objects.values import MANY
 from ..progress import Progress, silent, with_progress
@@ -334,7 +334,6 @@ def assembled(drawing: Drawing, planes: RenderResult) -> Image:
         intensity = before(background, intensity, planes.transparency)
     lower, upper = guaranteed.bracket(job, drawing.panels, intensity, background)
     x, y = job.frame.coordinates()
-    units = RangeContext(job.volume.unit, job.volume.expression_unit)
     return Image(
         intensity,
         transparency=planes.transparency,
@@ -344,7 +343,7 @@ def assembled(drawing: Drawing, planes: RenderResult) -> Image:
         upper=upper,
         x=x,
         y=y,
-        intensity_unit=unit_name(job.medium.intensity_unit(units)),
+        intensity_unit=unit_name(intensity_unit(job.medium, job.volume)),
         pixel_size=job.frame.pixel,
         unit=job.camera.plane_unit or unit_name(job.volume.unit),
         wcs=image_wcs(drawing.whole, job.camera, job.frame),

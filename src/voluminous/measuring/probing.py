@@ -13,8 +13,8 @@ from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
 from ..grids.arguments import on_grid
+from ..media.details import intensity_unit
 from ..media.panel import PLACES
-from ..media.ranges import RangeContext
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
@@ -423,7 +423,7 @@ def _assembled(
     fields |= {e.text: in_cells(e) for e in more if e.text not in fields}
     scalars = {e.text: on_the_ray(e) for e in known if e.text not in fields}
     units = {e.text: unit_name(volume.expression_unit(e)) for e in (*own, *more, *known)}
-    light = job.medium.intensity_unit(RangeContext(volume.unit, volume.expression_unit))
+    light = intensity_unit(job.medium, volume)
     units |= {"length": unit_name(volume.unit), "intensity": unit_name(parse_unit(light))}
 
     def mixed(emissions: list[np.ndarray]) -> np.ndarray:

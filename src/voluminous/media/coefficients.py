@@ -7,15 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..backend import dr
 from ..backend.types import Float, Mask
 from ..errors import InputError, UnitsError
 from ..expressions import Expression, times
 from ..expressions.expression import ComparisonField, on_one_side
-from ..expressions.interval import Interval
 from ..units import Unit, parse_unit, unit_name
+from .bound import Binding, BoundMedium
 from .context import Context, Feature, MediumSample
 from .contract import Medium
 from .jumps import SENSITIVITY, Jump
@@ -80,102 +78,26 @@ class Coefficients(Medium):
                 f"got {len(self.extinction)}"
             )
         self.grey = len(self.extinction) == 1
-        if not all(e.smooth for e in (*self.emissivity, *self.extinction)):
-            self.order = 1  # at kinks and jumps
-        every = (*self.emissivity, *self.extinction)
-        self._margins = tuple(margin for e in every for margin in _margins(e))
-        self.sensitivity = SENSITIVITY if self._margins else 1.0
+        jumps = any(_margins(e) for e in (*self.emissivity, *self.extinction))
+        self.sensitivity = SENSITIVITY if jumps else 1.0
         self.names = self.used_names()
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        return self._evaluated(
-            (*self.emissivity, *self.extinction), lambda e: context.evaluate(e, fields), context
-        )
-
-    def _evaluated(
-        self,
-        expressions: Sequence[Expression],
-        value: Callable[[Expression], Any],
-        context: Context,
-    ) -> MediumSample:
-        sample = self.split(list(map(value, expressions)))
-        sample.extinction = [
-            context.number(per_length(context.unit_of(e), context.unit, f"extinction {e.text!r}"))
-            * value
-            for e, value in zip(self.extinction, sample.extinction, strict=True)
+    def bind(self, binding: Binding) -> BoundCoefficients:
+        factors = [
+            per_length(binding.unit_of(e), binding.unit, f"extinction {e.text!r}")
+            for e in self.extinction
         ]
-        return sample
+        return BoundCoefficients(self, binding, factors)
 
-    def at(self, panel: Panel, s: float, context: Context) -> list[Float]:
-        """Return coefficients at a place, with all comparisons as in the middle if these hold."""
-        if not self._decided(panel):
-            return super().at(panel, s, context)
-        pieces, sides = _on_one_side((*self.emissivity, *self.extinction))
-
-        def decided() -> dict[str, Any]:
-            middle = panel.fields(0.5)
-            return {side.name: context.evaluate(side.condition, middle) for side in sides}
-
-        fields = panel.fields(s) | kept(panel, (id(self), "sides"), decided)
-        sample = self._evaluated(pieces, lambda e: context.evaluate(e, fields), context)
-        return self.in_units(sample, context)
-
-    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
-        every = (*self.emissivity, *self.extinction)
-        means = self._evaluated(every, lambda e: panel.enclosure(e).mean, context)
-        return [panel.bounds(self.ranges(panel.fields, context), means)]
+    def emission_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        units = (unit_of(e) for e in self.emissivity)
+        return next((unit for unit in units if unit is not None), None)
 
     def emission_range(self) -> tuple[float, float] | None:
         return (0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None
 
     def features(self) -> tuple[Feature, ...]:
         return tuple(map(Feature, (*self.emissivity, *self.extinction)))
-
-    @property
-    def _sides(self) -> tuple[ComparisonField, ...]:
-        return _on_one_side((*self.emissivity, *self.extinction))[1]
-
-    def jumps(self, context: Context) -> list[Jump]:
-        zero = context.kept_number(0.0)
-        return [Jump(m, zero) for side in self._sides for m in side.condition.margins()]
-
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
-        """Return True everywhere, and where a comparison changes: panels must be narrow there.
-
-        Where all comparisons are fixed, panels end at their jumps instead.
-        """
-        seen, unresolved = super().visible(panel, context)
-        if panel.culling_only:
-            return seen, unresolved
-        for margin in () if self._decided(panel) else self._margins:
-            low, high = panel.hull(margin)
-            # It is constant where the scalar is zero throughout, as ``density > 0`` in a vacuum.
-            unresolved = unresolved | ((low <= 0.0) & (high >= 0.0) & (low < high))
-        return seen, unresolved | self._peaks(panel, context)
-
-    def _peaks(self, panel: Panel, context: Context) -> Mask:
-        found = panel.length < 0.0
-        units = (context.radiance / context.scale, 1.0 / context.scale)
-        for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
-            for expr, own in zip(every, np.broadcast_to(unit, len(every)), strict=True):
-                if not expr.peaked and expr.smooth:
-                    continue
-                size = extremes([dr.abs(x) for x in panel.nodes(expr)])[1]
-                least = dr.fma(_PEAK, size, context.number(_FAINT * float(own)))
-                most = in_box(panel, expr).size
-                found |= (most > least) & dr.isfinite(most)
-        return found
-
-    def _decided(self, panel: Panel) -> bool:
-        return panel.without_jumps and bool(self._sides)
-
-    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self.coefficients(fields, context)
-
-    def group(self, first: int, last: int) -> Coefficients:
-        part = slice(first, last)
-        extinction = self.extinction if self.grey else self.extinction[part]
-        return self.replace(emissivity=self.emissivity[part], extinction=extinction)
 
     def plain(self, volume: Evaluation, emission: Unit = None) -> Coefficients:
         resolved = [volume.resolved(e) for e in self.emissivity]
@@ -199,11 +121,6 @@ class Coefficients(Medium):
     def _expressions(self) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
         return self.emissivity, self.extinction
 
-    def intensity_unit(self, context: Context) -> Any:
-        units = (context.unit_of(e) for e in self.emissivity)
-        unit = next((unit for unit in units if unit is not None), None)
-        return unit if unit is None or context.unit is None else unit * context.unit
-
     def key(self) -> Any:
         return (
             "Coefficients",
@@ -211,6 +128,95 @@ class Coefficients(Medium):
             "|",
             *(e.text for e in self.extinction),
         )
+
+
+class BoundCoefficients(BoundMedium):
+    """Expressions for j and α of some channels, and their factors to the kernel's units."""
+
+    def __init__(self, medium: Coefficients, binding: Binding, factors: Sequence[float]) -> None:
+        self.emissivity = medium.emissivity[binding.channels]
+        self.extinction = binding.some(medium.extinction)
+        self.expressions = (*self.emissivity, *self.extinction)
+        units = binding.units(len(self.emissivity))
+        extinction = [binding.length * f for f in binding.some(factors)]
+        self._factors = [*(binding.length / unit for unit in units), *extinction]
+        every, self._part = (*medium.emissivity, *medium.extinction), binding.part
+        self._order = 4 if all(e.smooth for e in every) else 1  # at kinks and jumps
+        self._margins = tuple(margin for e in self.expressions for margin in _margins(e))
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        return self._scaled([context.evaluate(e, fields) for e in self.expressions], context)
+
+    def _scaled(self, values: list[Any], context: Context) -> MediumSample:
+        """Return values of the expressions in the kernel's units."""
+        count = len(self.emissivity)
+        factors = self._numbers(context)
+        values = [v if f is None else f * v for f, v in zip(factors, values, strict=True)]
+        return MediumSample(values[:count], values[count:])
+
+    def _numbers(self, context: Context) -> list[Any]:
+        """Return the factors as kernel constants, equal ones as one; None for one."""
+
+        def make() -> list[Any]:
+            known = {f: None if f == 1.0 else context.number(f) for f in self._factors}
+            return [known[f] for f in self._factors]
+
+        return context.keep((self._part, "factors"), make)
+
+    def _at(self, panel: Panel, s: float) -> MediumSample:
+        """Return coefficients at a place, with all comparisons as in the middle if these hold."""
+        if not self._decided(panel):
+            return super()._at(panel, s)
+        pieces, sides = _on_one_side(self.expressions)
+        context = panel.context
+
+        def decided() -> dict[str, Any]:
+            middle = panel.fields(0.5)
+            return {side.name: context.evaluate(side.condition, middle) for side in sides}
+
+        fields = panel.fields(s) | kept(panel, (id(self), "sides"), decided)
+        values = [context.evaluate(e, fields) for e in pieces]
+        return self._usable(self._scaled(values, context), context)
+
+    @property
+    def _sides(self) -> tuple[ComparisonField, ...]:
+        return _on_one_side(self.expressions)[1]
+
+    def jumps(self) -> list[Jump]:
+        return [Jump(m, 0.0) for side in self._sides for m in side.condition.margins()]
+
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
+        """Return True everywhere, and where a comparison changes: panels must be narrow there.
+
+        Where all comparisons are fixed, panels end at their jumps instead.
+        """
+        seen, unresolved = super().visible(panel)
+        if panel.culling_only:
+            return seen, unresolved
+        for margin in () if self._decided(panel) else self._margins:
+            low, high = panel.hull(margin)
+            # It is constant where the scalar is zero throughout, as ``density > 0`` in a vacuum.
+            unresolved = unresolved | ((low <= 0.0) & (high >= 0.0) & (low < high))
+        return seen, unresolved | self._peaks(panel)
+
+    def _peaks(self, panel: Panel) -> Mask:
+        found, context = panel.length < 0.0, panel.context
+        for expr, factor in zip(self.expressions, self._factors, strict=True):
+            if not expr.peaked and expr.smooth:
+                continue
+            size = extremes([dr.abs(x) for x in panel.nodes(expr)])[1]
+            least = dr.fma(_PEAK, size, context.kept_number(_FAINT / factor))
+            most = in_box(panel, expr).size
+            found |= (most > least) & dr.isfinite(most)
+        return found
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        means = self._scaled([panel.enclosure(e).mean for e in self.expressions], context)
+        ranges = self.coefficients(panel.fields, context)
+        return [panel.bounds(ranges, means)]
+
+    def _decided(self, panel: Panel) -> bool:
+        return panel.without_jumps and bool(self._sides)
 
 
 def _expressions(value: Float, what: str) -> tuple[Expression, ...]:

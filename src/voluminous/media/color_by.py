@@ -25,6 +25,7 @@ from .piecewise_linear import PiecewiseLinear
 
 if TYPE_CHECKING:
     from ..bounds.enclosure import EnclosedPanel, EnclosureContext
+    from .bound import Binding
     from .panel import Panel
 
 
@@ -190,12 +191,12 @@ def _norm(norm: Any, vmin: Any, vmax: Any) -> Any:
         raise InputError(f"norm must be the name of a norm or a matplotlib one, got {norm!r}")
     fitted = copy.deepcopy(norm)
     for what, value in (("vmin", vmin), ("vmax", vmax)):
-        own = getattr(fitted, what)
-        if own is None:
+        end = getattr(fitted, what)
+        if end is None:
             setattr(fitted, what, value)
-        elif own != value:
+        elif end != value:
             raise InputError(
-                f"{what} is {value:g}, but the norm has {what} = {own:g}; "
+                f"{what} is {value:g}, but the norm has {what} = {end:g}; "
                 f"give the same, or a norm without {what}"
             )
     return fitted
@@ -270,34 +271,8 @@ class ColorBy(Value):
         """The colours over their range; an InputError if that has not been measured."""
         return self.range.measured()
 
-    def colors(self, fields: dict[str, Any], context: Context) -> list[Float]:
-        """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
-        x = context.evaluate(self.expr, fields)
-        return [*map(_or_black, context.interpolate(x, self.nodes(context), [*self.range.rows.T]))]
-
-    def panel_colors(
-        self, panel: EnclosedPanel, context: EnclosureContext
-    ) -> tuple[list[TracedInterval], list[TracedInterval]]:
-        """Return intervals of the colours on a panel, and of their means."""
-        means = panel.table_means(self.expr, self.nodes(context), self.range.rows)
-        return self.colors(panel.fields, context), means
-
-    def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
-        """Return red, green and blue on a ray, in the type that integrals are computed with."""
-        x = context.narrow(context.evaluate(self.expr, fields))
-        table = context.keep(
-            (id(self), "table"),
-            lambda: PiecewiseLinear(type(x), self.nodes(context), self.range.rows),
-        )
-        return [_or_black(value) for value in table.values(x)]
-
-    def turns(self, panel: Panel, context: Context, least: float) -> Mask:
-        """Return where its expression may reverse by more than a part of its range."""
-        nodes = self.nodes(context)
-        most = context.keep(
-            (id(self), "range"), lambda: context.number(least * float(nodes[-1] - nodes[0]))
-        )
-        return panel.turns(self.expr, most)
+    def bind(self, binding: Binding) -> BoundColors:
+        return BoundColors(self, binding)
 
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""
@@ -306,12 +281,50 @@ class ColorBy(Value):
     def describe(self) -> dict[str, Any]:
         return {**described(self), **self.range.describe()}
 
-    def nodes(self, context: Context) -> np.ndarray:
-        """Return the values of the colormap's entries in the unit of the expression."""
-        return self.range.values_in(context.unit_of(self.expr))
-
     def __repr__(self) -> str:
         return f"ColorBy({', '.join(f'{k}={v!r}' for k, v in self.describe().items())})"
+
+
+class BoundColors:
+    """The numbers of a `ColorBy`: entries at values of its expression, of the drawn channels.
+
+    An open range is refused when colours are asked for.
+    """
+
+    def __init__(self, by: ColorBy, binding: Binding) -> None:
+        self.expr, self._range, self.rgb = by.expr, by.range, by.range.rows[:, binding.channels]
+        self._part, unit = binding.part, binding.unit_of(by.expr)
+        self._nodes = None if by.range.is_open else by.range.values_in(unit)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The values of the colormap's entries in the unit of the expression."""
+        return self._range.measured().values if self._nodes is None else self._nodes
+
+    def colors(self, fields: dict[str, Any], context: Context) -> list[Float]:
+        """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
+        x = context.evaluate(self.expr, fields)
+        return [*map(_or_black, context.interpolate(x, self.nodes, [*self.rgb.T]))]
+
+    def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
+        """Return red, green and blue on a ray, in the type that integrals are computed with."""
+        x = context.narrow(context.evaluate(self.expr, fields))
+        table = context.keep(
+            (self._part, "colors"), lambda: PiecewiseLinear(type(x), self.nodes, self.rgb)
+        )
+        return [_or_black(value) for value in table.values(x)]
+
+    def panel_colors(
+        self, panel: EnclosedPanel, context: EnclosureContext
+    ) -> tuple[list[TracedInterval], list[TracedInterval]]:
+        """Return intervals of the colours on a panel, and of their means."""
+        means = panel.table_means(self.expr, self.nodes, self.rgb)
+        return self.colors(panel.fields, context), means
+
+    def turns(self, panel: Panel, least: float) -> Mask:
+        """Return where its expression may reverse by more than a part of its range."""
+        extent = float(self.nodes[-1] - self.nodes[0])
+        return panel.turns(self.expr, panel.context.kept_number(least * extent))
 
 
 def _or_black(value: Float) -> Float:

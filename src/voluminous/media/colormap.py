@@ -10,8 +10,9 @@ from ..backend.types import Mask
 from ..errors import InputError
 from ..expressions.interval import Interval
 from .arguments import check_plain
+from .bound import Binding, BoundMedium
 from .color_by import SAMPLES, ColorScale
-from .context import Context
+from .context import Context, MediumSample
 from .contract import Medium
 from .table import Table
 
@@ -82,21 +83,28 @@ class Colormap(Table):
     def _scale(self) -> ColorScale:
         return self.range
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
-        """Return where it may be noticeable; where the gate may be open, before it has a range."""
-        if self.range.is_open:
-            return self.modulation.visible_in(fields, context)
-        return super().visible_in(fields, context)
-
     def visible_key(self) -> Any:
         return self.modulation.gate_key() if self.range.is_open else super().visible_key()
 
-    def nodes(self, context: Context) -> np.ndarray:
-        self.range.measured()
-        return super().nodes(context)
+    def bind(self, binding: Binding) -> BoundMedium:
+        return _Open(self, binding) if self.range.is_open else super().bind(binding)
 
     def describe(self) -> dict[str, Any]:
         return {**Medium.describe(self), **self.range.describe(), "opacity": self._opacity}
+
+
+class _Open(BoundMedium):
+    """A colormap before it has a range: it may show where the gate may be open."""
+
+    def __init__(self, medium: Colormap, binding: Binding) -> None:
+        self._range, self._modulation = medium.range, medium.modulation.bind(binding)
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        self._range.measured()
+        raise AssertionError
+
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
+        return self._modulation.may_show(ranges, context)
 
 
 # More numbers are not shown in an error.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+import operator
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -12,7 +14,6 @@ from ..backend import dr
 from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.drjit_ops import interpolate
-from ..units import Unit
 
 if TYPE_CHECKING:
     from .color_by import Colors
@@ -21,19 +22,36 @@ T = TypeVar("T")
 
 
 class Tape:
-    """The run-time numbers that media ask for, in the order in which they first do.
+    """The run-time numbers that media ask for, one array for each, to differentiate by it.
 
-    One array for each number, so that a result can be differentiated by it. Equal numbers share it.
+    A number is known by what asks for it, and by the order in which that does: so equal numbers
+    have arrays of their own, and a kernel that is traced again has the same.
     """
 
     def __init__(self) -> None:
-        self.numbers: dict[tuple[Any, float], Float] = {}
+        self.numbers: dict[Hashable, Float] = {}
+        self._requests: list[Any] = []
+
+    @property
+    def is_counting(self) -> bool:
+        """Whether numbers are known by what asks for them; else by their value."""
+        return bool(self._requests)
+
+    @contextmanager
+    def requests_of(self, key: Hashable) -> Iterator[None]:
+        """Count the numbers that are asked for from here."""
+        before, self._requests = self._requests, [key, 0]
+        yield
+        self._requests = before
 
     def number(self, kind: Any, value: float) -> Float:
         """Return the array of a number."""
-        if (kind, value) not in self.numbers:
-            self.numbers[kind, value] = dr.opaque(kind, value)
-        return self.numbers[kind, value]
+        key = (kind, value, *self._requests)
+        if self._requests:
+            self._requests[1] += 1
+        if key not in self.numbers:
+            self.numbers[key] = dr.opaque(kind, value)
+        return self.numbers[key]
 
 
 @dataclass
@@ -47,6 +65,13 @@ class MediumSample:
         """Return all values, those of the emissivity first."""
         return [*self.emissivity, *self.extinction]
 
+    @classmethod
+    def of(cls, function: Callable[..., Any], *samples: MediumSample) -> MediumSample:
+        """Return what a function makes of the values of samples, channel by channel."""
+        emissivities = zip(*(s.emissivity for s in samples), strict=True)
+        extinctions = zip(*(s.extinction for s in samples), strict=True)
+        return cls([function(*v) for v in emissivities], [function(*v) for v in extinctions])
+
 
 @dataclass
 class Halves:
@@ -55,6 +80,15 @@ class Halves:
     first: MediumSample
     last: MediumSample
     error: MediumSample
+
+    @classmethod
+    def of(cls, triples: MediumSample) -> Halves:
+        """Return them from (first, last, error) for each value."""
+        return cls(*(MediumSample.of(operator.itemgetter(k), triples) for k in range(3)))
+
+    def map(self, function: Callable[[MediumSample], MediumSample]) -> Halves:
+        """Return what a function makes of each of the three."""
+        return Halves(*map(function, (self.first, self.last, self.error)))
 
 
 @dataclass(frozen=True)
@@ -81,13 +115,9 @@ class Feature:
         return [{"expr": self.expr.text, **self.colors.describe()}]
 
 
-def no_unit(expression: Expression) -> None:
-    """Return None: the unit of an expression is unknown."""
-
-
 @dataclass
 class Context:
-    """How a medium is evaluated: number type, run-time constants, units.
+    """How media are evaluated: number types, run-time data, functions.
 
     Attributes
     ----------
@@ -95,19 +125,10 @@ class Context:
         Dr.Jit float type of the field values and of expressions.
     number : callable
         Turns a Python float into run-time data of that type: changing it never recompiles.
-    unit : astropy unit or None
-        The volume's length unit.
-    unit_of : callable
-        Returns the unit of an `Expression`, or None if it has none or is unknown.
     opaque : callable
         Turns a Python float into run-time data of a given type.
     narrow : callable
         Converts values of `real` to the type of integrals along rays.
-    scale : float
-        The unit of lengths along rays (`Panel.length`), in the volume's unit; `Medium.means` are
-        per this length.
-    radiance : float or array
-        The unit of emission of `Medium.means`; one per channel if the medium is `spectral`.
     limits : dict of str to (array, array)
         Least and largest values of fields. Interpolated values are clipped to them, since rounding
         beyond them makes logarithms of fields with zeros undefined.
@@ -117,21 +138,23 @@ class Context:
         The error allowed in a pixel, as a fraction of the brightest.
     coordinates : dict of str to Expression
         Formulas of a grid's curvilinear coordinates in x, y and z.
+    tape : Tape, optional
+        Records the numbers.
     """
 
     real: Any
     number: Callable[[float], Float]
-    unit: Unit
-    unit_of: Callable[[Expression], Unit]
     opaque: Callable[[Any, float], Float] = dr.opaque
     narrow: Callable[[Float], Float] = lambda value: value
-    scale: float = 1.0
-    radiance: Any = 1.0
     limits: dict[str, tuple[Float, Float]] = field(default_factory=dict)
     faint: float = 1e-8
     tolerance: float = 1e-3
     coordinates: dict[str, Expression] = field(default_factory=dict)
+    tape: Tape | None = None
     _kept: dict[Hashable, Any] = field(default_factory=dict)
+    # Whether values are intervals, and are to hold on any ray (`RangeContext`).
+    encloses: ClassVar[bool] = False
+    on_rays = False
 
     @property
     def ops(self) -> Ops:
@@ -141,9 +164,14 @@ class Context:
     def keep(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the cached result of `make`, so that run-time numbers enter a kernel once."""
         if key not in self._kept:
-            self._kept[key] = make()
+            with self.requests_of(key):
+                self._kept[key] = make()
         result: T = self._kept[key]
         return result
+
+    def requests_of(self, key: Hashable) -> AbstractContextManager[None]:
+        """Context manager in which numbers are known by a key, and by their order."""
+        return nullcontext() if self.tape is None else self.tape.requests_of(key)
 
     def kept_number(self, value: float) -> Float:
         """Return a number as cached run-time data, which enters a kernel once."""
@@ -159,9 +187,18 @@ class Context:
         kind = type(self.narrow(number))
         return number if isinstance(number, kind) else self.opaque(kind, value)
 
+    def row(self, values: Sequence[float]) -> list[Float]:
+        """Return numbers as run-time data; equal ones of all channels are one."""
+        if len(set(values)) == 1:
+            return [self.number(values[0])] * len(values)
+        return [self.number(value) for value in values]
+
     def evaluate(self, expression: Expression, fields: dict[str, Float]) -> Float:
         """Return the value of an expression of the fields."""
-        return self.real(expression.evaluate(self.ops, fields))
+        if self.tape is None or self.tape.is_counting:
+            return self.real(expression.evaluate(self.ops, fields))
+        with self.tape.requests_of(expression.text):
+            return self.real(expression.evaluate(self.ops, fields))
 
     def interpolate(
         self, x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]

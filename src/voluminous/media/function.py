@@ -12,7 +12,8 @@ from ..expressions import Expression, without_unit
 from ..expressions.symbols import read
 from ..units import Unit, parse_unit, unit_name
 from .arguments import whole_number
-from .coefficients import Coefficients, per_length
+from .bound import Binding
+from .coefficients import BoundCoefficients, Coefficients, per_length
 from .context import Context, MediumSample
 from .contract import Medium
 from .sum import with_each
@@ -41,17 +42,12 @@ class Formulas(Coefficients):
         super().__init__(emissivity, extinction)
         self.function, self.names = function, function.names
 
-    def _evaluated(
-        self,
-        expressions: Sequence[Expression],
-        value: Callable[[Expression], Any],
-        context: Context,
-    ) -> MediumSample:
-        return self.split(list(map(value, expressions)))
+    def bind(self, binding: Binding) -> BoundCoefficients:
+        return BoundCoefficients(self, binding, [1.0] * len(self.extinction))
 
-    def intensity_unit(self, context: Context) -> Any:
-        told = self.function.units is not None
-        return self.function.intensity_unit(context) if told else super().intensity_unit(context)
+    def emission_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        declared = self.function.units
+        return super().emission_unit(unit_of) if declared is None else declared[0]
 
     def key(self) -> Any:
         return ("Formulas", *(tuple(e.text for e in every) for every in self._expressions()))
@@ -152,9 +148,9 @@ class Function(Medium):
         try:
             result = self.function(*arguments, **numbers)
         except (RuntimeError, TypeError) as error:
-            told = str(error).strip().partition("\n")[0].rstrip(".")
+            reason = str(error).strip().partition("\n")[0].rstrip(".")
             raise InputError(
-                f"{self.title} fails: {told}. It is called with arrays that stand for all places "
+                f"{self.title} fails: {reason}. It is called with arrays that stand for all places "
                 "at once: use voluminous.math (vm.math.exp, vm.math.where, …) in place of NumPy's "
                 "functions and of `if`"
             ) from error
@@ -166,7 +162,7 @@ class Function(Medium):
                 f"{self.title} must return (emissivity, extinction), got {type(result).__name__}"
             )
         columns = []
-        wanted = (("emissivity", self.channels), ("extinction", self.extinction_count))
+        wanted = (("emissivity", self.channels), ("extinction", 1 if self.grey else self.channels))
         for value, (what, count) in zip(result, wanted, strict=True):
             parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
             if len(parts) != count:
@@ -216,9 +212,8 @@ class Function(Medium):
         formulas = self.formulas()
         return None if formulas is None else formulas.length_unit(unit_of)
 
-    def intensity_unit(self, context: Context) -> Any:
-        unit = None if self.units is None else self.units[0]
-        return unit if unit is None or context.unit is None else unit * context.unit
+    def emission_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        return None if self.units is None else self.units[0]
 
     def key(self) -> Any:
         return None

@@ -25,7 +25,6 @@ from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
-from ..units import plain
 from .arguments import (
     depth_of,
     fraction,
@@ -36,6 +35,7 @@ from .arguments import (
     plain_opacities,
     scalar,
 )
+from .bound import Binding, BoundMedium
 from .color_by import Colors
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
@@ -48,22 +48,6 @@ from .shading import Lamp, given_lights, given_shade
 
 if TYPE_CHECKING:
     from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
-
-
-@dataclass
-class SurfaceNumbers:
-    """Kernel constants: level, optical depths and colour of each surface, and the common width."""
-
-    levels: list[Float]
-    width: Float
-    depths: list[list[Float]]
-    colors: list[list[Float]]
-
-    @property
-    def ranges(self) -> list[tuple[Float, Float]]:
-        """(low, high) of the scalar in each surface."""
-        return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
-
 
 # A scalar is taken as quadratic only where its slope changes by less than this over a panel.
 _MOST_CHANGE = 0.5
@@ -186,114 +170,12 @@ class Isosurface(Medium):
     def emission_range(self) -> tuple[float, float]:
         return min(map(min, self.colors)), max(map(max, self.colors))
 
-    def jumps(self, context: Context) -> list[Jump]:
-        """Return surfaces without width; else the sides of those in which colour or density varies.
-
-        The amounts of the others are exact.
-        """
-        own = self.numbers(context)
-        if not self.thick:
-            return [Jump(self.expr, level) for level in own.levels]
-        sides: list[Float] = []
-        if self._varies:
-            sides = context.keep(
-                (id(self), "sides"), lambda: [x for ends in own.ranges for x in ends]
-            )
-        return [*(Jump(self.expr, x) for x in sides), *super().jumps(context)]
-
-    @property
-    def _varies(self) -> bool:
-        return bool(self._directions) or not self.modulation.even
-
-    def steepness(self, fields: dict[str, Any], context: Context) -> Float:
-        """Return |∇x| at a place with these fields, per unit of length in kernels."""
-        return context.kept_number(context.scale) * context.evaluate(self.slope, fields)
-
-    def means(self, panel: Panel, context: Context) -> MediumSample:
-        levels = self.numbers(context).levels
-        zero = type(panel.length)(0)
-        if self.surface_only and panel.without_jumps:
-            return self.in_colors([], zero, context)
-        part = self._part_of_shell if self.thick else self._part_at_crossing
-        found = [part(panel, context, level) for level in levels]
-        return self.in_colors(found, zero, context)
-
-    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
-        if self.thick:
-            return None
-        one = type(panel.length)(1.0)
-        ends = [panel.scalar(self.expr, s) for s in (0.0, 1.0)]
-        levels = self.numbers(context).levels
-        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
-        shown = [one] * (self.channels + 1)
-        if self.looks_inside:
-            slope = slope_at(panel, self.expr, place) if self.density == "gradient" else one
-            shown = self._seen_at(panel, panel.fields(place), slope, context)
-        found = [_times(c, shown) for c in crossed]
-        return self.in_colors(found, panel.length * 0.0, context)
-
-    def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
-        """Return the emission and extinction of surfaces, weighted by the factors `shown`."""
-        own = self.numbers(context)
-        emission, extinction = [zero] * self.channels, [zero] * len(own.depths[0])
-        for found, color, depths in zip(shown, own.colors, own.depths, strict=False):
-            extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
-            for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
-                emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
-        return MediumSample(emission, extinction)
-
-    def integrate(self, panel: Panel, context: Context) -> Halves:
-        """Return the means over both halves, compared with those over the panel."""
-        every = [self.means(part, context).listed() for part in (panel, *panel.halves())]
-        found = [
-            doubled(mean, first, last, self.order, panel.many)
-            for mean, first, last in zip(*every, strict=True)
-        ]
-        return Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
-
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
-        levels, width = self.plain_numbers(context)
-        x = context.evaluate(self.expr, fields)
-        seen = x.nan
-        for level in levels:
-            seen = seen | ((x.lo <= level + 0.5 * width) & (x.hi >= level - 0.5 * width))
-        return seen & self.modulation.visible_in(fields, context)
+    def bind(self, binding: Binding) -> BoundSurfaces:
+        return BoundSurfaces(self, binding)
 
     def visible_key(self) -> Any:
         numbers = map(named, (*self.levels, self.width))
         return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
-
-    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        """Return j and α per unit length with |∇x| instead of the unknown slope along the ray."""
-        if not self.thick:  # no cell's centre is likely to lie on a surface
-            raise InputError(
-                "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
-                "opacity. Draw it with scheme='post-classified'; other schemes need a width (in "
-                "the units of its expression); medium.plot(volume) draws where it is"
-            )
-        levels, width = self.plain_numbers(context)
-        x, slope = context.evaluate(self.expr, fields), context.evaluate(self.slope, fields)
-        rows = [[context.number(depth_of(o)) for o in row] for row in self.opacities]
-        ops = context.ops
-        emission: list[Any] = [0.0 * x] * self.channels
-        extinction: list[Any] = [0.0 * x] * len(rows[0])
-        for level, color, depths in zip(levels, self.colors, rows, strict=True):
-            inside = ops.number(abs(x - context.number(level)) <= context.number(0.5 * width))
-            dense = context.number(1.0 / width) * slope * inside
-            extinction = [t + d * dense for t, d in zip(extinction, depths, strict=True)]
-            for c, h in enumerate(color):
-                own = depths[c if len(depths) > 1 else 0]
-                emission[c] = emission[c] + context.number(h) * own * dense
-        if self.shade is not None:
-            light = self.shade.factor(fields, context)
-            emission = [j * light for j in emission]
-        return self.modulation.coefficients(MediumSample(emission, extinction), fields, context)
-
-    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self.coefficients(fields, context) if self.thick else super().ranges(fields, context)
-
-    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self.everywhere(np.where(self.visible_in(fields, context), np.inf, 0.0))
 
     def scaled(self, factor: float) -> Isosurface:
         """Return it with a multiple of the optical depth of a crossing, -ln(1 - opacity)."""
@@ -310,43 +192,121 @@ class Isosurface(Medium):
         used += self.modulation.names
         return tuple(dict.fromkeys(used))
 
-    def plain_numbers(self, context: Context) -> tuple[list[float], float]:
-        """Return levels and width in the unit of the expression."""
-        unit = context.unit_of(self.expr)
-        levels = [float(plain(level, unit, "level")) for level in self.levels]
-        return levels, float(plain(self.width, unit, "width"))
+
+@dataclass
+class SurfaceNumbers:
+    """Kernel constants: level, optical depths and colour of each surface, and the common width."""
+
+    levels: list[Float]
+    width: Float
+    depths: list[list[Float]]
+    colors: list[list[Float]]
+
+    @property
+    def ranges(self) -> list[tuple[Float, Float]]:
+        """(low, high) of the scalar in each surface."""
+        return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
+
+
+class BoundSurfaces(BoundMedium):
+    """The numbers of an `Isosurface`: levels and width in the unit of x."""
+
+    def __init__(self, medium: Isosurface, binding: Binding) -> None:
+        self.expr, self.slope, self.thick = medium.expr, medium.slope, medium.thick
+        self.lamp, self.shade = medium.lamp, medium.shade
+        self.gradient = medium.density == "gradient"
+        self.modulation = medium.modulation.bind(binding)
+        self.levels = [binding.number(level, self.expr, "level") for level in medium.levels]
+        self.width = binding.number(medium.width, self.expr, "width")
+        self.length, self._part = binding.length, binding.part
+        self.colors = [binding.in_units(row) for row in medium.colors]
+        self.depths = [[depth_of(o) for o in binding.some(row)] for row in medium.opacities]
+        self._looks_inside = medium.looks_inside
+        self._varies = bool(medium._directions) or not self.modulation.even
 
     def numbers(self, context: Context) -> SurfaceNumbers:
         """Return levels, width, optical depths and colours as kernel constants."""
 
         def make() -> SurfaceNumbers:
-            levels, width = self.plain_numbers(context)
             narrow = context.narrow_number
             return SurfaceNumbers(
-                levels=[context.number(level) for level in levels],
-                width=context.number(width),
-                depths=[[narrow(depth_of(o)) for o in row] for row in self.opacities],
-                colors=[[narrow(h / context.radiance) for h in row] for row in self.colors],
+                levels=[context.number(level) for level in self.levels],
+                width=context.number(self.width),
+                depths=[[narrow(depth) for depth in row] for row in self.depths],
+                colors=[[narrow(h) for h in row] for row in self.colors],
             )
 
-        return context.keep(id(self), make)
+        return context.keep((self._part, "numbers"), make)
+
+    @property
+    def channels(self) -> int:
+        return self.modulation.channels
+
+    # --- at places ------------------------------------------------------------------------------
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        """Return j and α per unit length with |∇x| instead of the unknown slope along the ray."""
+        number, ops = context.number, context.ops
+        if context.on_rays or (context.encloses and not self.thick):
+            most = np.where(self.may_show(fields, context), np.inf, 0.0)
+            return MediumSample(
+                [Interval(-most, most)] * self.channels, [Interval(0.0, most)] * len(self.depths[0])
+            )
+        if not self.thick:  # no cell's centre is likely to lie on a surface
+            raise InputError(
+                "an Isosurface of width 0 is drawn with scheme='post-classified'; other schemes "
+                "need a width (in the units of its expression)"
+            )
+        x, slope = context.evaluate(self.expr, fields), context.evaluate(self.slope, fields)
+        emission: list[Any] = [0.0 * x] * self.channels
+        extinction: list[Any] = [0.0 * x] * len(self.depths[0])
+        for level, color, row in zip(self.levels, self.colors, self.depths, strict=True):
+            depths = [number(depth) for depth in row]
+            inside = ops.number(abs(x - number(level)) <= number(0.5 * self.width))
+            dense = number(self.length / self.width) * slope * inside
+            extinction = [t + d * dense for t, d in zip(extinction, depths, strict=True)]
+            for c, h in enumerate(color):
+                depth = depths[c if len(depths) > 1 else 0]
+                emission[c] = emission[c] + number(h) * depth * dense
+        if self.shade is not None:
+            light = self.shade.factor(fields, context)
+            emission = [j * light for j in emission]
+        return self.modulation.coefficients(MediumSample(emission, extinction), fields, context)
+
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
+        x, half = context.evaluate(self.expr, ranges), 0.5 * self.width
+        seen = x.nan
+        for level in self.levels:
+            seen = seen | ((x.lo <= level + half) & (x.hi >= level - half))
+        return seen & self.modulation.may_show(ranges, context)
+
+    def jumps(self) -> list[Jump]:
+        """Return surfaces without width; else the sides of those in which colour or density varies.
+
+        The amounts of the others are exact.
+        """
+        if not self.thick:
+            return [Jump(self.expr, level) for level in self.levels]
+        half = 0.5 * self.width
+        sides = [x for level in self.levels for x in (level - half, level + half)]
+        own = [Jump(self.expr, x) for x in sides] if self._varies else []
+        return [*own, *self.modulation.jumps()]
 
     def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
         number, plain = context.number, context.plain
-        levels, width = self.plain_numbers(context)
         enclosure = panel.enclosure(self.expr)
         light = self.lamp.panel_light(panel, context)
         lights = [light] * self.channels
-        if self.modulation.color is not None:
-            paint, _ = self.modulation.color.panel_colors(panel, context)
+        if self.modulation.paint is not None:
+            paint, _ = self.modulation.paint.panel_colors(panel, context)
             lights = [light * c for c in paint]
         found = []
-        for level, color, row in zip(levels, self.colors, self.opacities, strict=True):
-            place, extent = plain(level), plain(width)
+        for level, color, row in zip(self.levels, self.colors, self.depths, strict=True):
+            place, extent = plain(level), plain(self.width)
             crossed, densest = (
                 enclosure.layer(place, extent) if self.thick else enclosure.crossings(place)
             )
-            if self.density == "gradient":
+            if self.gradient:
                 steep = panel.enclosure(self.slope).values * panel.length
                 crossed = enclosure.oblique(steep, crossed)
                 if self.thick:
@@ -358,7 +318,7 @@ class Isosurface(Medium):
             anywhere = TracedInterval(type(densest)(0), densest)
             # An amount may be infinite, times a depth of zero.
             extinction, depth = (
-                [number(o) * amount if o else number(0.0) for o in map(depth_of, row)]
+                [number(o) * amount if o else number(0.0) for o in row]
                 for amount in (anywhere, crossed)
             )
             source = [number(h) * shown for h, shown in zip(color, lights, strict=True)]
@@ -369,36 +329,79 @@ class Isosurface(Medium):
             found.append(panel.amounts(emissivity, extinction, emitted, depth, source))
         return found
 
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+    # --- on panels ------------------------------------------------------------------------------
+
+    def mean(self, panel: Panel) -> MediumSample:
+        zero = type(panel.length)(0)
+        if self._is_outside(panel):
+            return self.in_colors([], zero, panel.context)
+        part = self._part_of_shell if self.thick else self._part_at_crossing
+        levels = self.numbers(panel.context).levels
+        return self.in_colors([part(panel, level) for level in levels], zero, panel.context)
+
+    def sheet(self, panel: Panel, place: Float) -> MediumSample | None:
+        if self.thick:
+            return None
+        one, context = type(panel.length)(1.0), panel.context
+        ends = [panel.scalar(self.expr, s) for s in (0.0, 1.0)]
+        levels = self.numbers(context).levels
+        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
+        shown = [one] * (self.channels + 1)
+        if self._looks_inside:
+            slope = slope_at(panel, self.expr, place) if self.gradient else one
+            shown = self._seen_at(panel, panel.fields(place), slope)
+        return self.in_colors([_times(c, shown) for c in crossed], panel.length * 0.0, context)
+
+    def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
+        """Return the emission and extinction of surfaces, weighted by the factors `shown`."""
+        numbers = self.numbers(context)
+        emission, extinction = [zero] * self.channels, [zero] * len(numbers.depths[0])
+        for found, color, depths in zip(shown, numbers.colors, numbers.depths, strict=False):
+            extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
+            for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
+                emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
+        return MediumSample(emission, extinction)
+
+    def halves(self, panel: Panel) -> Halves:
+        """Return the means over both halves, compared with those over the panel."""
+
+        def solved(whole: Float, first: Float, last: Float) -> tuple[Float, ...]:
+            return doubled(whole, first, last, self._order, panel.many)
+
+        means = (self.mean(part) for part in (panel, *panel.halves()))
+        return Halves.of(MediumSample.of(solved, *means))
+
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
         if self._is_outside(panel):
             nowhere = panel.length < 0.0
             return nowhere, nowhere
-        own = self.numbers(context)
+        numbers = self.numbers(panel.context)
         nodes = panel.nodes(self.expr)
         seen = dr.isnan(nodes[1])  # where there is NaN, it must show
         unresolved = panel.length < 0.0
-        for low, high in own.ranges:
+        for low, high in numbers.ranges:
             for edge in (low, high) if self.thick else (low,):
                 possible, shown = passes(panel, self.expr, edge)
                 seen |= possible > 0
                 unresolved |= possible > shown
         if self.thick:
-            for level in own.levels:
-                seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
+            for level in numbers.levels:
+                seen |= dr.abs(nodes[0] - level) <= 0.5 * numbers.width
         if panel.culling_only:
             return seen | unresolved, unresolved
         if not self.thick:  # evaluated only where the ray crosses it
-            return self.modulation.open(panel, context, seen), unresolved
-        for level in own.levels:
-            unresolved |= self._folded(panel, context, level)
-        unresolved |= seen & self.lamp.turns(panel, context)
-        return self.modulation.visible(panel, context, seen, unresolved)
+            return self.modulation.open(panel, seen), unresolved
+        for level in numbers.levels:
+            unresolved |= self._folded(panel, level)
+        unresolved |= seen & self.lamp.turns(panel)
+        return self.modulation.visible(panel, seen, unresolved)
 
     def _is_outside(self, panel: Panel) -> bool:
         """Return whether no surface without width is inside the panel (only at its ends)."""
-        return self.surface_only and panel.without_jumps
+        return not self.thick and panel.without_jumps
 
-    def _folded(self, panel: Panel, context: Context, level: Any) -> Mask:
+    def _folded(self, panel: Panel, level: Any) -> Mask:
+        context = panel.context
         width = self.numbers(context).width
         low, high = panel.hull(self.expr)
         near = (low <= level + 0.5 * width) & (high >= level - 0.5 * width)
@@ -408,55 +411,57 @@ class Isosurface(Medium):
         least = least / dr.select(deep > 1.0, deep, 1.0)
         return near & (context.narrow(panel.beyond(self.expr) / width) > least)
 
-    def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
-        panel = panel
+    def _part_at_crossing(self, panel: Panel, level: Any) -> Factors:
         crossed = dr.select(_between(panel.ends(self.expr), level), panel.per_length, 0.0)
-        if not self.looks_inside:
+        if not self._looks_inside:
             return Factors([crossed] * self.channels, crossed)
 
         def make() -> list[Float]:
             place = on_chord(panel, self.expr, level)
             slope = panel.scalar(self.expr, 1.0) - panel.scalar(self.expr, 0.0)
-            return self._seen_at(panel, panel.fields(place), slope, context)
+            return self._seen_at(panel, panel.fields(place), slope)
 
         return _times(crossed, kept(panel, (id(self), id(level)), make))
 
-    def _seen_at(
-        self, panel: Panel, fields: dict[str, Any], slope: Float, context: Context
-    ) -> list[Float]:
+    def _seen_at(self, panel: Panel, fields: dict[str, Any], slope: Float) -> list[Float]:
         """Return the density of a surface at a place with these fields, then each channel's light.
 
         `slope` is the derivative of the scalar there, per length of the panel.
         """
-        dense = type(panel.length)(1.0)
-        if self.density == "gradient":  # |∇x| over |∂x/∂s|, at least one
+        dense, context = type(panel.length)(1.0), panel.context
+        if self.gradient:  # |∇x| over |∂x/∂s|, at least one
             steepest = panel.length * self.steepness(fields, context)
             along: Float = dr.abs(slope)
             ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
             dense = dr.select(ratio > 1.0, ratio, 1.0)
         gate, *shown = self.modulation.at_place(fields, context)
-        light = self.lamp.light(fields, panel, context)
+        light = self.lamp.light(fields, panel)
         return [gate * dense, *(f * dense * light for f in shown)]
 
-    def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
+    def _part_of_shell(self, panel: Panel, level: Any) -> Factors:
+        context = panel.context
         width = self.numbers(context).width
         ends = [x - level for x in panel.ends(self.expr)]
         in_halves = [context.narrow(2.0 * x / width) for x in ends]
         middle = box_middle(*in_halves)
         first, last = (unit_interval(x / width + 0.5) for x in ends)
         dense = panel.per_length * context.narrow(dr.abs(last - first))
-        if self.density == "gradient":
+        if self.gradient:
             # Also where the panel is parallel to the sheet, and has no crossing; relative to the
             # slope at the place, not to the mean slope of the panel.
             steep = context.narrow(self.steepness(panel.fields(middle.place), context) / width)
             turned = slope_factor(panel, self.expr, middle.place)
             sheet = box_extent(*in_halves) * turned * steep
             dense = dr.select(sheet > dense, sheet, dense)
-        light = self.lamp.shade(panel, context, middle)
+        light = self.lamp.shade(panel, middle)
         if self.modulation.fixed:
             return Factors([dense * light] * self.channels, dense)
-        factors = self.modulation.factors(panel, context, middle)
+        factors = self.modulation.factors(panel, middle)
         return Factors([f * dense * light for f in factors.emission], factors.gate * dense)
+
+    def steepness(self, fields: dict[str, Any], context: Context) -> Float:
+        """Return |∇x| at a place with these fields, per unit of length in kernels."""
+        return context.kept_number(self.length) * context.evaluate(self.slope, fields)
 
 
 def _between(ends: Iterable[Any], level: Any) -> Mask:

@@ -154,9 +154,9 @@ def _searched(panel: Panel, expr: Expression, level: Int) -> _Search:
         value = panel.context.evaluate(expr, panel.fields(here)) - level
         onward = (value < 0.0) == (state.below < 0.0)
         off = dr.abs(value) > close
-        way = dr.select(onward, real(1.0), -1.0)
-        again = way * state.side > 0.0
-        side = dr.select(again & ~even, state.side + way, way)
+        sign = dr.select(onward, real(1.0), -1.0)
+        again = sign * state.side > 0.0
+        side = dr.select(again & ~even, state.side + sign, sign)
         less = 1.0 - value / dr.select(onward, state.below, state.above)
         less = dr.select(again, dr.select(less > 0.0, less, 0.5), 1.0)
         return (
@@ -181,8 +181,8 @@ def _searched(panel: Panel, expr: Expression, level: Int) -> _Search:
 
 def _root(first: Float, last: Float) -> Float:
     """Return the root, limited to [0, 1], of a line with these values at 0 and 1."""
-    way = first - last
-    f = first / dr.select(way == 0.0, 1.0, way)
+    fall = first - last
+    f = first / dr.select(fall == 0.0, 1.0, fall)
     f = dr.select(dr.isfinite(f), f, 0.5)
     return dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0)
 
@@ -196,17 +196,17 @@ SENSITIVITY = 10.0
 
 @dataclass
 class Jump:
-    """A level of an expression, a kernel constant, at which the medium jumps or has a surface."""
+    """A level of an expression at which the medium jumps or has a surface."""
 
     expr: Expression
-    level: Any
+    level: float
 
 
 def jumps_ahead(panel: Panel, jumps: Sequence[Jump]) -> tuple[Float, Float]:
     """Return the number of jumps crossed, as nodes show it, and where there may be more."""
     count, unresolved = dr.int32_array_t(type(panel.length))(0), panel.length < 0.0
     for jump in jumps:
-        possible, shown = passes(panel, jump.expr, jump.level)
+        possible, shown = passes(panel, jump.expr, panel.context.kept_number(jump.level))
         unresolved |= possible > shown
         count += shown
     return count, unresolved
@@ -218,9 +218,9 @@ def first_jump(panel: Panel, jumps: Sequence[Jump]) -> Float:
     groups: dict[str, list[Jump]] = {}
     for jump in jumps:
         groups.setdefault(jump.expr.text, []).append(jump)
-    for own in groups.values():
-        level, passed = _first_level(panel, own)
-        place = panel.context.narrow(passing(panel, own[0].expr, level))
+    for group in groups.values():
+        level, passed = _first_level(panel, group)
+        place = panel.context.narrow(passing(panel, group[0].expr, level))
         found = dr.select(passed & (place < found), place, found)
     return found
 
@@ -231,16 +231,16 @@ def _first_level(panel: Panel, jumps: Sequence[Jump]) -> tuple[Float, Float]:
     Between nodes that show all crossings the scalar is monotonic, so the first level is the
     nearest. One search is sufficient for any number of levels.
     """
-    expr, level = jumps[0].expr, jumps[0].level
+    expr, levels = jumps[0].expr, [panel.context.kept_number(jump.level) for jump in jumps]
     first, middle, last = panel.nodes(expr)
-    passed, nearest = panel.length < 0.0, first * 0.0
-    for jump in jumps:
-        _, shown = passes(panel, expr, jump.level)
-        early = (first < jump.level) ^ (middle < jump.level)
-        there = (shown > 0) & (early | ((middle < jump.level) ^ (last < jump.level)))
-        late = dr.abs(middle - first) + dr.abs(jump.level - middle)
-        way = dr.select(early, dr.abs(jump.level - first), late)
-        here = there & (~passed | (way < nearest))
-        level, nearest = dr.select(here, jump.level, level), dr.select(here, way, nearest)
+    level, passed, nearest = levels[0], panel.length < 0.0, first * 0.0
+    for one in levels:
+        _, shown = passes(panel, expr, one)
+        early = (first < one) ^ (middle < one)
+        there = (shown > 0) & (early | ((middle < one) ^ (last < one)))
+        late = dr.abs(middle - first) + dr.abs(one - middle)
+        distance = dr.select(early, dr.abs(one - first), late)
+        here = there & (~passed | (distance < nearest))
+        level, nearest = dr.select(here, one, level), dr.select(here, distance, nearest)
         passed = passed | there
     return level, passed

@@ -8,6 +8,7 @@ thinner than the panel, and Simpson's rule where the shape is constant.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .arguments import color_values, level_colors
-from .color_by import ColorBy
+from .color_by import BoundColors, ColorBy
 from .context import Context, Feature, Halves, MediumSample
 from .jumps import SENSITIVITY, Jump
 from .panel import NODES, PLACES, Middle, Panel, extremes, kept, third_differences
@@ -30,7 +31,7 @@ from .shading import Shade
 
 if TYPE_CHECKING:
     from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
-    from .contract import Medium
+    from .bound import Binding, BoundMedium
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
@@ -85,6 +86,7 @@ class Modulation:
     ) -> None:
         self.where = None if where is None else Expression(where)
         self.color, self.channels, self.shade = color, channels, shade
+        self.paint: BoundColors | None = None  # once it is bound
         parts = [part for part in (self.where, color, shade) if part is not None]
         self.fixed = not parts
         self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
@@ -119,14 +121,20 @@ class Modulation:
         shade = self.shade.on_rays() if self.shade else None
         return Modulation(self.where, self.color, self.channels, shade)
 
-    def jumps(self, context: Context) -> list[Jump]:
+    def bind(self, binding: Binding) -> Modulation:
+        """Return it for some channels, with the numbers of its colours."""
+        bound = copy.copy(self)
+        bound.channels = len(range(self.channels)[binding.channels])
+        bound.paint = self.color.bind(binding) if self.color else None
+        return bound
+
+    def jumps(self) -> list[Jump]:
         """Return the levels where the gate opens and closes, or a soft gate begins or ends to."""
         if self.where is None:
             return []
-        zero, one = (context.kept_number(v) for v in (0.0, 1.0))
         if self.stepped:
-            return [Jump(margin, zero) for margin in self.where.margins()]
-        return [Jump(self.where, level) for level in (zero, one)] if self.soft else []
+            return [Jump(margin, 0.0) for margin in self.where.margins()]
+        return [Jump(self.where, level) for level in (0.0, 1.0)] if self.soft else []
 
     def features(self) -> tuple[Feature, ...]:
         """Return the expressions of gate, colour and shading."""
@@ -141,7 +149,7 @@ class Modulation:
         if self.fixed:
             return sample
         gate = self.gate(fields, context) if self.where else context.real(1.0)
-        paint = self.color.colors(fields, context) if self.color else None
+        paint = self.paint.colors(fields, context) if self.paint else None
         emission = [gate * c for c in paint] if paint else [gate] * self.channels
         if self.shade:
             light = self.shade.factor(fields, context)
@@ -155,30 +163,25 @@ class Modulation:
             [where(gate > 0.0, gate * a, zero) for a in sample.extinction],
         )
 
-    def means(
-        self, sample: MediumSample, panel: Panel, context: Context, middle: Middle
-    ) -> MediumSample:
+    def mean(self, sample: MediumSample, panel: Panel, middle: Middle) -> MediumSample:
         """Return mean coefficients over a panel, modulated at their centre of mass."""
         if self._is_decided(panel) and not self.painted:
-            gate = self._in_middle(panel, context)
+            gate = self._in_middle(panel)
             return Factors([gate] * self.channels, gate).times(sample)
-        return sample if self.fixed else self.factors(panel, context, middle).times(sample)
+        return sample if self.fixed else self.factors(panel, middle).times(sample)
 
-    def integrate(
-        self, halves: Halves, panel: Panel, middles: Sequence[Middle], context: Context
-    ) -> Halves:
+    def halves(self, halves: Halves, panel: Panel, middles: Sequence[Middle]) -> Halves:
         """Return means over both halves of a panel, modulated where the shape is in each."""
         if self._is_decided(panel) and not self.painted:
-            gate = self._in_middle(panel, context)
-            factors = Factors([gate] * self.channels, gate)
-            return Halves(*(factors.times(s) for s in (halves.first, halves.last, halves.error)))
-        rows = [self.at_node(panel, s, context) for s in PLACES]
+            gate = self._in_middle(panel)
+            return halves.map(Factors([gate] * self.channels, gate).times)
+        rows = [self.at_node(panel, s) for s in PLACES]
         means, errors = [], []
         for k, middle in enumerate(middles):
             found = []
             for values in zip(*rows, strict=True):
-                own, cubic = values[2 * k : 2 * k + 3], third_differences(values)[k]
-                found.append(parabola(own, cubic, middle.place, middle.spread))
+                half, cubic = values[2 * k : 2 * k + 3], third_differences(values)[k]
+                found.append(parabola(half, cubic, middle.place, middle.spread))
             gate, *paint = found
             every = paint if self.painted else [gate] * self.channels
             means.append(Factors([f for f, _ in every], gate[0]))
@@ -188,22 +191,18 @@ class Modulation:
         most = Factors(
             [extremes([m.emission[c] for m in means])[1] for c in range(self.channels)], total[0]
         )
-        sums = [
-            s.listed()
-            for s in (
-                most.times(halves.error),
-                errors[0].times(halves.first),
-                errors[1].times(halves.last),
-            )
-        ]
-        error = [a + 0.5 * (b + c) for a, b, c in zip(*sums, strict=True)]
-        n = self.channels
-        return Halves(first, last, MediumSample(error[:n], error[n:]))
+        error = MediumSample.of(
+            lambda a, b, c: a + 0.5 * (b + c),
+            most.times(halves.error),
+            errors[0].times(halves.first),
+            errors[1].times(halves.last),
+        )
+        return Halves(first, last, error)
 
-    def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
+    def factors(self, panel: Panel, middle: Middle) -> Factors:
         """Return the mean factors over a panel for a shape with this centre of mass."""
-        first, last = (self.at_node(panel, s, context) for s in (0.0, 1.0))
-        here = self._at(panel, panel.fields(middle.place), context)
+        first, last = (self.at_node(panel, s) for s in (0.0, 1.0))
+        here = self._at(panel, panel.fields(middle.place))
         spread, place = middle.spread, middle.place
         weights = ((1.0 - place) * spread, 1.0 - spread, place * spread)
         mean = [
@@ -215,7 +214,7 @@ class Modulation:
 
     def panel_bounds(
         self,
-        medium: Medium,
+        medium: BoundMedium,
         emission: list[TracedInterval],
         means: MediumSample,
         sources: Sequence[TracedInterval | None],
@@ -230,8 +229,8 @@ class Modulation:
             raise InputError(
                 "bounds=True is for media without shading, which is an illustration; use shading=0"
             )
-        if self.color is not None:
-            colors, mean_colors = self.color.panel_colors(panel, context)
+        if self.paint is not None:
+            colors, mean_colors = self.paint.panel_colors(panel, context)
             columns = zip(emission, means.emissivity, colors, mean_colors, strict=True)
             means = MediumSample([panel.mean_product(*c) for c in columns], means.extinction)
             sources = [None if s is None else s * c for s, c in zip(sources, colors, strict=True)]
@@ -241,40 +240,37 @@ class Modulation:
             means = MediumSample(
                 [panel.gated_mean(gate, *row) for row in rows], [gate * m for m in means.extinction]
             )
-        ranges = medium.ranges(panel.fields, context)
+        ranges = medium.coefficients(panel.fields, context)
         return [panel.bounds(ranges, means, sources)]
 
-    def visible(
-        self, panel: Panel, context: Context, seen: Mask, unresolved: Mask
-    ) -> tuple[Mask, Mask]:
-        """Return the masks of `Medium.visible`, given those of the medium without modulation."""
+    def visible(self, panel: Panel, seen: Mask, unresolved: Mask) -> tuple[Mask, Mask]:
+        """Return the masks of `BoundMedium.visible`, given those without modulation."""
         if self.fixed or panel.culling_only:
             return seen, unresolved
-        if self.color:
-            unresolved = unresolved | (seen & self.color.turns(panel, context, _DOUBT))
+        if self.paint:
+            unresolved = unresolved | (seen & self.paint.turns(panel, _DOUBT))
         if self.shade:
-            unresolved = unresolved | (seen & self.shade.turns(panel, context))
+            unresolved = unresolved | (seen & self.shade.turns(panel))
         if self.where is None:
             return seen, unresolved
         if panel.without_jumps and (self.stepped or self.soft):
-            seen = seen & (self._in_middle(panel, context) > 0.0)
+            seen = seen & (self._in_middle(panel) > 0.0)
             return seen, seen & unresolved
-        gates = [self._gate_at(panel, s, context) for s in NODES]
+        gates = [self._gate_at(panel, s) for s in NODES]
         least, largest = extremes(gates)
         # Between the nodes a gate that is none of them shows is at most as far from them again.
         seen = seen & ((largest > 0.0) | (panel.beyond(self.where) > 0.0))
         return seen, seen & (unresolved | (largest - least > _DOUBT))
 
-    def open(self, panel: Panel, context: Context, seen: Mask) -> Mask:
+    def open(self, panel: Panel, seen: Mask) -> Mask:
         """Return where the medium is seen and the gate may be open."""
         if self.where is None:
             return seen
-        gates = [self._gate_at(panel, s, context) for s in NODES]
-        return seen & (extremes(gates)[1] > 0.0)
+        return seen & (extremes([self._gate_at(panel, s) for s in NODES])[1] > 0.0)
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
         """Return where the gate may be open while the fields stay in ranges."""
-        return True if self.where is None else self.gate(fields, context).hi > 0.0
+        return True if self.where is None else self.gate(ranges, context).hi > 0.0
 
     def key(self) -> tuple[Any, ...]:
         """Return a hashable value that identifies it."""
@@ -282,7 +278,7 @@ class Modulation:
         return (self.gate_key(), color, self.shade.key() if self.shade else None)
 
     def gate_key(self) -> str | None:
-        """Return a key of all that `visible_in` depends on."""
+        """Return a key of all that `may_show` depends on."""
         return self.where.text if self.where else None
 
     def gate(self, fields: dict[str, Any], context: Context) -> Float:
@@ -297,35 +293,35 @@ class Modulation:
         gate, *paint = self._painted(self._narrow_gate(fields, context), fields, context)
         return [gate, *(paint or [gate] * self.channels)]
 
-    def at_node(self, panel: Panel, s: float, context: Context) -> list[Float]:
+    def at_node(self, panel: Panel, s: float) -> list[Float]:
         """Return the factors, the gate first, at a place of a panel; computed once.
 
         Nothing if they are one.
         """
         if self.fixed:
             return []
-        return kept(panel, (id(self), s), lambda: self._at(panel, panel.fields(s), context))
+        return kept(panel, (id(self), s), lambda: self._at(panel, panel.fields(s)))
 
-    def _gate_at(self, panel: Panel, s: float, context: Context) -> Float:
+    def _gate_at(self, panel: Panel, s: float) -> Float:
         key = (id(self), "gate", s)
-        return kept(panel, key, lambda: self._narrow_gate(panel.fields(s), context))
+        return kept(panel, key, lambda: self._narrow_gate(panel.fields(s), panel.context))
 
     def _is_decided(self, panel: Panel) -> bool:
         return self.stepped and panel.without_jumps
 
-    def _at(self, panel: Panel, fields: dict[str, Any], context: Context) -> list[Float]:
-        light = self.shade.seen(fields, panel, context) if self.shade else None
+    def _at(self, panel: Panel, fields: dict[str, Any]) -> list[Float]:
+        light = self.shade.seen(fields, panel) if self.shade else None
         if self._is_decided(panel):
-            gate = self._in_middle(panel, context)
+            gate = self._in_middle(panel)
         else:
-            gate = self._narrow_gate(fields, context)
-        return self._painted(gate, fields, context, light)
+            gate = self._narrow_gate(fields, panel.context)
+        return self._painted(gate, fields, panel.context, light)
 
     def _narrow_gate(self, fields: dict[str, Any], context: Context) -> Float | None:
         return context.narrow(self.gate(fields, context)) if self.where else None
 
-    def _in_middle(self, panel: Panel, context: Context) -> Float:
-        return self._gate_at(panel, 0.5, context)
+    def _in_middle(self, panel: Panel) -> Float:
+        return self._gate_at(panel, 0.5)
 
     def _painted(
         self,
@@ -334,7 +330,7 @@ class Modulation:
         context: Context,
         light: Float | None = None,
     ) -> list[Float]:
-        paint = self.color.seen(fields, context) if self.color else []
+        paint = self.paint.seen(fields, context) if self.paint else []
         if light is not None:
             paint = [c * light for c in paint] if paint else [light] * self.channels
         if gate is None:

@@ -31,9 +31,11 @@ from .arguments import (
     named,
     scalar,
 )
+from .bound import Binding, BoundMedium
 from .color_by import Colors
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .jumps import Jump
 from .modulation import Modulation, modulated
 from .panel import Middle, Panel, extremes, kept, middle_of, third_differences
 from .quadrature import doubled, inverse_slope
@@ -46,18 +48,6 @@ if TYPE_CHECKING:
 _DOUBT = 0.1
 # Error of the mean by kinks at the walls of cells, as a part of the second difference in widths.
 _KINKS = 0.2
-
-
-@dataclass
-class ShapeNumbers:
-    """Kernel constants: lengths in x, `reach` in widths, the others in the units of means."""
-
-    center: Float
-    narrowness: Float
-    reach: Float
-    per_length: Float
-    color: list[Float]
-    opacity: list[Float]
 
 
 class Shaped(Medium):
@@ -143,143 +133,6 @@ class Shaped(Medium):
         """Return the distance from the centre, in widths, where the shape falls below `faint`."""
         raise NotImplementedError
 
-    # --- numbers --------------------------------------------------------------------------------
-
-    def plain_numbers(self, context: Context) -> tuple[float, float, float]:
-        """Return centre, width and path length as plain numbers, in the units of a volume."""
-        return (*self._center_and_width(context), length_in(self.path_length, context.unit))
-
-    def _center_and_width(self, context: Context) -> tuple[float, float]:
-        unit = context.unit_of(self.expr)
-        center = float(plain(self.center, unit, "center"))
-        return center, float(plain(self.width, unit, self.width_name))
-
-    def numbers(self, context: Context) -> ShapeNumbers:
-        """Return all numbers as kernel constants."""
-
-        def make() -> ShapeNumbers:
-            center, width, length = self.plain_numbers(context)
-            narrow = context.narrow_number
-            return ShapeNumbers(
-                center=context.number(center),
-                narrowness=narrow(1.0 / width),
-                reach=narrow(self.reach(context.faint)),
-                per_length=narrow(context.scale / length),
-                color=[narrow(h / context.radiance) for h in self.color],
-                opacity=[narrow(h) for h in self.opacity],
-            )
-
-        return context.keep(id(self), make)
-
-    def features(self) -> tuple[Feature, ...]:
-        shell = Colors((self.center,), (self.color,), self.width)
-        own = Feature(self.expr, self.width, scalar=True, colors=shell)
-        return (own, *self.modulation.features())
-
-    def emission_range(self) -> tuple[float, float]:
-        return min(self.color), max(self.color)
-
-    def strongest(self) -> tuple[float, float]:
-        return max(map(abs, self.color)), max(self.opacity)
-
-    def shape_key(self) -> tuple[Any, ...]:
-        """Return a key of all that `per_length` depends on, including units."""
-        numbers = map(named, (self.center, self.width, self.path_length))
-        return (type(self).__name__, self.expr.text, *numbers)
-
-    def visible_key(self) -> Any:
-        return (*self.shape_key()[:-1], self.modulation.gate_key())
-
-    def key(self) -> Any:
-        return (*self.shape_key(), self.color, self.opacity, self.modulation.key())
-
-    # --- at places ------------------------------------------------------------------------------
-
-    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        shape = self.per_length(fields, context)
-        sample = self.split([context.number(h) * shape for h in (*self.color, *self.opacity)])
-        return self.modulation.coefficients(sample, fields, context)
-
-    def per_length(self, fields: dict[str, Any], context: Context) -> Float:
-        """Return the shape per path length: the factor of colour and opacity."""
-        center, width, length = self.plain_numbers(context)
-        x = context.evaluate(self.expr, fields)
-        shape = self.shape(context.ops, x - context.number(center), context.number(width))
-        return context.number(1.0 / length) * shape
-
-    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self.coefficients(fields, context)
-
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
-        center, width = self._center_and_width(context)
-        reach = self.reach(context.faint) * width
-        x = context.evaluate(self.expr, fields)
-        seen = x.nan | ((x.lo <= center + reach) & (x.hi >= center - reach))
-        return seen & self.modulation.visible_in(fields, context)
-
-    def prominence(self, x: Float, context: Context) -> Float:
-        center, width = (context.kept_number(v) for v in self._center_and_width(context))
-        return self.shape(context.ops, x - center, width)
-
-    def profile(
-        self, unit: Unit, extent: Callable[[], tuple[float, float]]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        center = plain(self.center, unit, "center")
-        width = plain(self.width, unit, self.width_name)
-        offsets = width * self.profile_places
-        return center + offsets, np.asarray(self.shape(NumpyOps(), offsets, width))
-
-    # --- on panels ------------------------------------------------------------------------------
-
-    def means(self, panel: Panel, context: Context) -> MediumSample:
-        shape, own = self.mean_per_length(panel, context), self.numbers(context)
-        sample = self.split([h * shape for h in (*own.color, *own.opacity)])
-        if self.modulation.fixed:
-            return sample
-        first, last = self._offsets(panel.ends(self.expr), context)
-        middle = self.middle(first, last, self.mean_shape(first, last, context.faint))
-        return self.modulation.means(sample, panel, context, middle)
-
-    def integrate(self, panel: Panel, context: Context) -> Halves:
-        own = self.numbers(context)
-        shapes = self.halves_per_length(panel, context)
-        found = Halves(
-            *(self.split([h * shape for h in (*own.color, *own.opacity)]) for shape in shapes)
-        )
-        if self.modulation.fixed:
-            return found
-        nodes = self._offsets(panel.known(self.expr), context)
-        middles = [middle for _, middle in self.centers(nodes, context.faint)]
-        return self.modulation.integrate(found, panel, middles, context)
-
-    def halves_per_length(self, panel: Panel, context: Context) -> list[Float]:
-        """Return the means of the shape over both halves per path length, and their error."""
-
-        def make() -> list[Float]:
-            nodes = self._offsets(panel.known(self.expr), context)
-            seen = self._seen(*extremes(nodes), context)
-            found = branch((nodes,), seen, self._halves(context), _none)
-            # Where the scalar has kinks, at walls of cells or of its own, they show in the nodes.
-            kinks = extremes([dr.abs(a - 2.0 * b + c) for a, b, c in _triples(nodes)])[1]
-            mean, kinked = 0.5 * (found[0] + found[1]), panel.many | (not self.expr.smooth)
-            found[2] = found[2] + dr.select(kinked, _KINKS * kinks * mean, 0.0)
-            # Where there is no value there is nothing; beside that panels are narrow.
-            usable, nowhere = (
-                functools.reduce(how, map(test, nodes))
-                for how, test in ((operator.and_, dr.isfinite), (operator.and_, dr.isnan))
-            )
-            error = dr.select(usable, found[2], dr.select(nowhere, 0.0, 1.0))
-            found = [*(dr.select(dr.isfinite(mean), mean, 0.0) for mean in found[:2]), error]
-            return [self.numbers(context).per_length * value for value in found]
-
-        return kept(panel, (id(self), "halves"), make)
-
-    def _halves(self, context: Context) -> Callable[[list[Float]], list[Float]]:
-        def found(nodes: list[Float]) -> list[Float]:
-            return self.halves(nodes, context.faint)
-
-        return found
-
     def halves(self, nodes: list[Float], faint: float) -> list[Float]:
         """Return the means of the shape over both halves, and their error, from five distances.
 
@@ -291,14 +144,21 @@ class Shaped(Medium):
         return list(doubled(0.5 * (lines[0] + lines[1]), first, last, 2, nodes[0] != nodes[0]))
 
     def by_centers(self, nodes: list[Float], faint: float) -> list[Float]:
-        """Return the same where centres of mass are known, for scalars that are cubics."""
+        """Return the same where centres of mass are known, for scalars that are cubics.
+
+        With x(s) the scalar along a half of the panel and Φ the integral of the shape over x, the
+        mean over s is ∫ Φ'(x) / x'(s) dx. For a line x' is constant, and the mean is ΔΦ / Δx. For
+        a cubic that is multiplied by the mean of Δx / x' with the shape as its weight:
+        `inverse_slope` expands 1/x' around the shape's centre of mass, to the order of its
+        variance. Where x(s) turns, the error is the whole change of the shape.
+        """
         cubics = third_differences(nodes)
         quartic, means, errors = cubics[1] - cubics[0], [], []
         rows = self.centers(nodes, faint)
-        for own, cubic, (mean, middle) in zip((nodes[:3], nodes[2:]), cubics, rows, strict=True):
-            way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
-            factor, error, good = inverse_slope(own, cubic, quartic, middle.place, way)
-            change = self.change(*extremes(own))
+        for half, cubic, (mean, center) in zip((nodes[:3], nodes[2:]), cubics, rows, strict=True):
+            deviation = dr.sqrt(center.spread * center.place * (1.0 - center.place))
+            factor, error, good = inverse_slope(half, cubic, quartic, center.place, deviation)
+            change = self.change(*extremes(half))
             good &= change > 0.0
             means.append(mean * dr.select(good, factor, 1.0))
             error = mean * error
@@ -313,11 +173,182 @@ class Shaped(Medium):
             found.append((mean, self.middle(first, last, mean)))
         return found
 
-    def mean_per_length(self, panel: Panel, context: Context) -> Float:
+    def mean_bounds(
+        self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
+    ) -> TracedInterval:
+        """Return an interval, from 0 to 1, of the mean of the shape: by default, of its values."""
+        found: TracedInterval = self.shape(
+            context.ops, enclosure.values - context.number(center), context.number(width)
+        )
+        return found
+
+    # --- the recipe -----------------------------------------------------------------------------
+
+    def bind(self, binding: Binding) -> BoundShaped:
+        return BoundShaped(self, binding)
+
+    def features(self) -> tuple[Feature, ...]:
+        shell = Colors((self.center,), (self.color,), self.width)
+        scalar = Feature(self.expr, self.width, scalar=True, colors=shell)
+        return (scalar, *self.modulation.features())
+
+    def emission_range(self) -> tuple[float, float]:
+        return min(self.color), max(self.color)
+
+    def strongest(self) -> tuple[float, float]:
+        return max(map(abs, self.color)), max(self.opacity)
+
+    def shape_key(self) -> tuple[Any, ...]:
+        """Return a key of all that the shape per path length depends on, including units."""
+        numbers = map(named, (self.center, self.width, self.path_length))
+        return (type(self).__name__, self.expr.text, *numbers)
+
+    def visible_key(self) -> Any:
+        return (*self.shape_key()[:-1], self.modulation.gate_key())
+
+    def key(self) -> Any:
+        return (*self.shape_key(), self.color, self.opacity, self.modulation.key())
+
+    def profile(
+        self, unit: Unit, extent: Callable[[], tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        center = plain(self.center, unit, "center")
+        width = plain(self.width, unit, self.width_name)
+        offsets = width * self.profile_places
+        return center + offsets, np.asarray(self.shape(NumpyOps(), offsets, width))
+
+
+@dataclass
+class ShapeNumbers:
+    """Kernel constants: lengths in x, `reach` in widths, the others in the kernel's units."""
+
+    center: Float
+    narrowness: Float
+    reach: Float
+    per_length: Float
+    color: list[Float]
+    opacity: list[Float]
+
+
+class BoundShaped(BoundMedium):
+    """The numbers of a `Shaped` medium: centre and width in the unit of x.
+
+    Attributes
+    ----------
+    form : Shaped
+        The mathematics of the shape.
+    per_length : float
+        Path lengths per unit of length.
+    """
+
+    def __init__(self, medium: Shaped, binding: Binding) -> None:
+        self.form, self.expr, self._part = medium, medium.expr, binding.part
+        self.center = binding.number(medium.center, self.expr, "center")
+        self.width = binding.number(medium.width, self.expr, medium.width_name)
+        self.per_length = binding.length / length_in(medium.path_length, binding.unit)
+        self.color = binding.in_units(medium.color)
+        self.opacity = binding.some(medium.opacity)
+        self.modulation = medium.modulation.bind(binding)
+
+    def numbers(self, context: Context) -> ShapeNumbers:
+        """Return all numbers as kernel constants."""
+
+        def make() -> ShapeNumbers:
+            narrow = context.narrow_number
+            return ShapeNumbers(
+                center=context.number(self.center),
+                narrowness=narrow(1.0 / self.width),
+                reach=narrow(self.form.reach(context.faint)),
+                per_length=narrow(self.per_length),
+                color=[narrow(h) for h in self.color],
+                opacity=[narrow(h) for h in self.opacity],
+            )
+
+        return context.keep((self._part, "numbers"), make)
+
+    # --- at places ------------------------------------------------------------------------------
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        shape, number = self.shape(fields, context), context.number
+        sample = MediumSample(
+            [number(h) * shape for h in self.color], [number(h) * shape for h in self.opacity]
+        )
+        return self.modulation.coefficients(sample, fields, context)
+
+    def shape(self, fields: dict[str, Any], context: Context) -> Float:
+        """Return the shape per path length: the factor of colour and opacity."""
+        offset = context.evaluate(self.expr, fields) - context.number(self.center)
+        shape = self.form.shape(context.ops, offset, context.number(self.width))
+        return context.number(self.per_length) * shape
+
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
+        reach = self.form.reach(context.faint) * self.width
+        x = context.evaluate(self.expr, ranges)
+        seen = x.nan | ((x.lo <= self.center + reach) & (x.hi >= self.center - reach))
+        return seen & self.modulation.may_show(ranges, context)
+
+    def prominence(self, x: Float, context: Context) -> Float:
+        """Return the shape at a value of x: steps may be wide where it is small."""
+        center, width = (context.kept_number(v) for v in (self.center, self.width))
+        return self.form.shape(context.ops, x - center, width)
+
+    # --- on panels ------------------------------------------------------------------------------
+
+    def mean(self, panel: Panel) -> MediumSample:
+        sample = self._times(self.mean_shape(panel), panel.context)
+        if self.modulation.fixed:
+            return sample
+        first, last = self._offsets(panel.ends(self.expr), panel.context)
+        mean = self.form.mean_shape(first, last, panel.context.faint)
+        return self.modulation.mean(sample, panel, self.form.middle(first, last, mean))
+
+    def halves(self, panel: Panel) -> Halves:
+        shapes = self.half_shapes(panel)
+        found = Halves(*(self._times(shape, panel.context) for shape in shapes))
+        if self.modulation.fixed:
+            return found
+        nodes = self._offsets(panel.known(self.expr), panel.context)
+        middles = [middle for _, middle in self.form.centers(nodes, panel.context.faint)]
+        return self.modulation.halves(found, panel, middles)
+
+    def _times(self, shape: Float, context: Context) -> MediumSample:
+        numbers = self.numbers(context)
+        return MediumSample(
+            [h * shape for h in numbers.color], [h * shape for h in numbers.opacity]
+        )
+
+    def half_shapes(self, panel: Panel) -> list[Float]:
+        """Return the means of the shape over both halves per path length, and their error."""
+        context = panel.context
+
+        def halves(nodes: list[Float]) -> list[Float]:
+            return self.form.halves(nodes, context.faint)
+
+        def make() -> list[Float]:
+            nodes = self._offsets(panel.known(self.expr), context)
+            seen = self._seen(*extremes(nodes), context)
+            found = branch((nodes,), seen, halves, _none)
+            # Where the scalar has kinks, at walls of cells or in the expression, nodes show them.
+            kinks = extremes([dr.abs(a - 2.0 * b + c) for a, b, c in _triples(nodes)])[1]
+            mean, kinked = 0.5 * (found[0] + found[1]), panel.many | (not self.expr.smooth)
+            found[2] = found[2] + dr.select(kinked, _KINKS * kinks * mean, 0.0)
+            # Where there is no value there is nothing; beside that panels are narrow.
+            usable, nowhere = (
+                functools.reduce(how, map(test, nodes))
+                for how, test in ((operator.and_, dr.isfinite), (operator.and_, dr.isnan))
+            )
+            error = dr.select(usable, found[2], dr.select(nowhere, 0.0, 1.0))
+            found = [*(dr.select(dr.isfinite(mean), mean, 0.0) for mean in found[:2]), error]
+            return [self.numbers(context).per_length * value for value in found]
+
+        return kept(panel, (id(self), "halves"), make)
+
+    def mean_shape(self, panel: Panel) -> Float:
         """Return the mean of the shape per path length; computed once."""
+        context = panel.context
 
         def mean(first: Float, last: Float) -> Float:
-            return self.mean_shape(first, last, context.faint)
+            return self.form.mean_shape(first, last, context.faint)
 
         def make() -> Float:
             ends = self._offsets(panel.ends(self.expr), context)
@@ -328,39 +359,17 @@ class Shaped(Medium):
         return kept(panel, (id(self), "mean"), make)
 
     def _offsets(self, values: Iterable[Float], context: Context) -> list[Float]:
-        own = self.numbers(context)
-        return [context.narrow(x - own.center) * own.narrowness for x in values]
+        numbers = self.numbers(context)
+        return [context.narrow(x - numbers.center) * numbers.narrowness for x in values]
 
     def _seen(self, low: Float, high: Float, context: Context) -> Mask:
         """Return where it is not neglected between two distances; where there is NaN, it shows."""
         reach = self.numbers(context).reach
         return ~((low > reach) | (high < -reach))
 
-    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
-        center, width, length = self.plain_numbers(context)
-        number, per_length = context.number, context.number(1.0 / length)
-        shape = self.mean_bounds(panel.enclosure(self.expr), center, width, context) * per_length
-        means = self.split([number(h) * shape for h in (*self.color, *self.opacity)])
-        ranged = self.per_length(panel.fields, context)
-        opacities = self.opacity * (self.channels if self.grey else 1)
-        sources = [
-            number(h / o) if o > 0 else None for h, o in zip(self.color, opacities, strict=True)
-        ]
-        emission = [number(h) * ranged for h in self.color]
-        return self.modulation.panel_bounds(self, emission, means, sources, panel, context)
-
-    def mean_bounds(
-        self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
-    ) -> TracedInterval:
-        """Return an interval, from 0 to 1, of the mean of the shape: by default, of its values."""
-        found: TracedInterval = self.shape(
-            context.ops, enclosure.values - context.number(center), context.number(width)
-        )
-        return found
-
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
-        own = self.numbers(context)
-        reach = own.reach
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
+        context = panel.context
+        reach = self.numbers(context).reach
         nodes = panel.range(self.expr)
         below, above, low, high = self._offsets((*nodes, *panel.hull(self.expr)), context)
         seen = self._seen(low, high, context)
@@ -369,7 +378,25 @@ class Shaped(Medium):
         # Between log10 of zero and a value there is all of the shell, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
         unresolved = over | under | (seen & endless)
-        return self.modulation.visible(panel, context, seen, unresolved)
+        return self.modulation.visible(panel, seen, unresolved)
+
+    def jumps(self) -> list[Jump]:
+        return self.modulation.jumps()
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        number, form = context.number, self.form
+        shape = form.mean_bounds(panel.enclosure(self.expr), self.center, self.width, context)
+        shape = shape * number(self.per_length)
+        means = MediumSample(
+            [number(h) * shape for h in self.color], [number(h) * shape for h in self.opacity]
+        )
+        ranged = self.shape(panel.fields, context)
+        opacities = [*self.opacity] * (len(self.color) if len(self.opacity) == 1 else 1)
+        sources = [
+            number(h / o) if o > 0 else None for h, o in zip(self.color, opacities, strict=True)
+        ]
+        emission = [number(h) * ranged for h in self.color]
+        return self.modulation.panel_bounds(self, emission, means, sources, panel, context)
 
 
 def _nothing(first: Float, last: Float) -> Float:

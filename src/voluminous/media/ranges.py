@@ -5,18 +5,20 @@ The formulas of a medium, evaluated on intervals in a `RangeContext`, give enclo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..expressions import Expression, IntervalOps
+from ..expressions import IntervalOps
 from ..expressions.interval import Interval
 from ..expressions.interval_ops import interpolate_ranges
-from ..units import Unit
 from .context import Context, MediumSample
+
+if TYPE_CHECKING:
+    from .bound import BoundMedium
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,16 @@ class Bounds:
 
 
 class RangeContext(Context):
-    """Context for evaluating a medium on intervals; see `Context` for the arguments."""
+    """Context for evaluating a medium on intervals; see `Context`.
 
-    def __init__(
-        self, unit: Unit, unit_of: Callable[[Expression], Unit], faint: float = 1e-8
-    ) -> None:
-        super().__init__(Interval.of, Interval.of, unit, unit_of, faint=faint)
+    With `on_rays` coefficients are bounds of those on any ray; else of those at places.
+    """
+
+    encloses = True
+
+    def __init__(self, faint: float = 1e-8, *, on_rays: bool = False) -> None:
+        super().__init__(Interval.of, Interval.of, faint=faint)
+        self.on_rays = on_rays
 
     @property
     def ops(self) -> IntervalOps:
@@ -95,3 +101,13 @@ def _interval(name: str, lo: Any, hi: Any) -> Interval:
             f"{low[wrong][0]:g} and {high[wrong][0]:g}; give lo first, then hi"
         )
     return Interval(low, high)
+
+
+def largest(medium: BoundMedium, ranges: dict[str, Interval], faint: float) -> MediumSample:
+    """Return upper bounds of |j| and α on a ray while the fields stay in ranges (NumPy)."""
+    context = RangeContext(faint, on_rays=True)
+
+    def most(value: Interval) -> np.ndarray:
+        return np.where(value.nan, np.inf, value.size)
+
+    return MediumSample.of(most, medium.coefficients(ranges, context))

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import precision_of
 from ..backend.types import Float, Mask
 from ..expressions import Ops
 from ..expressions.traced_interval import TracedInterval
-from .context import Context
+from .bound import Binding
 from .jumps import Jump, passes
 from .panel import Middle, middle_of
-from .profiles import Shaped
+from .profiles import BoundShaped, Shaped
 
 if TYPE_CHECKING:
     from ..bounds.enclosure import Enclosure, EnclosureContext
@@ -65,18 +64,8 @@ class Rectangle(Shaped):
     def mean_shape(self, first: Float, last: Float, faint: float) -> Float:
         return box_mean(first, last)
 
-    def jumps(self, context: Context) -> list[Jump]:
-        """Return both sides in double precision, and the jumps of the gate.
-
-        Halved panels instead left 3 % of the pixels of noise beyond their error at a tolerance of
-        1e-4, 16 % at 1e-8. In single precision places are rounded more than thin slabs allow, and
-        pictures take 1.2 to 1.6 times as long.
-        """
-        center, width, _ = self.plain_numbers(context)
-        sides = [context.kept_number(center + way * width) for way in (-1.0, 1.0)]
-        single = precision_of(type(context.narrow(sides[0]))) == "single"
-        own = [] if single else [Jump(self.expr, side) for side in sides]
-        return [*own, *super().jumps(context)]
+    def bind(self, binding: Binding) -> BoundRectangle:
+        return BoundRectangle(self, binding)
 
     def halves(self, nodes: list[Float], faint: float) -> list[Float]:
         return self.by_centers(nodes, faint)
@@ -87,15 +76,6 @@ class Rectangle(Shaped):
 
     def middle(self, first: Float, last: Float, mean: Float) -> Middle:
         return box_middle(first, last)
-
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
-        seen, unresolved = super().visible(panel, context)
-        own = self.numbers(context)
-        half_width = 1.0 / own.narrowness
-        for edge in (own.center - half_width, own.center + half_width):
-            possible, shown = passes(panel, self.expr, edge)
-            unresolved |= seen & (possible > shown)
-        return seen, unresolved
 
     def mean_bounds(
         self, enclosure: Enclosure, center: float, width: float, context: EnclosureContext
@@ -113,14 +93,42 @@ class Rectangle(Shaped):
         return 1.0
 
 
+class BoundRectangle(BoundShaped):
+    """The numbers of a `Rectangle`."""
+
+    def __init__(self, medium: Rectangle, binding: Binding) -> None:
+        super().__init__(medium, binding)
+        self._sides = [self.center + sign * self.width for sign in (-1.0, 1.0)]
+        self._single = binding.precision == "single"
+
+    def jumps(self) -> list[Jump]:
+        """Return both sides in double precision, and the jumps of the gate.
+
+        Halved panels instead left 3 % of the pixels of noise beyond their error at a tolerance of
+        1e-4, 16 % at 1e-8. In single precision places are rounded more than thin slabs allow, and
+        pictures take 1.2 to 1.6 times as long.
+        """
+        sides = [] if self._single else [Jump(self.expr, side) for side in self._sides]
+        return [*sides, *super().jumps()]
+
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
+        seen, unresolved = super().visible(panel)
+        numbers = self.numbers(panel.context)
+        half_width = 1.0 / numbers.narrowness
+        for edge in (numbers.center - half_width, numbers.center + half_width):
+            possible, shown = passes(panel, self.expr, edge)
+            unresolved |= seen & (possible > shown)
+        return seen, unresolved
+
+
 def box_mean(first: Any, last: Float) -> Float:
     """Return the mean of a shape that is one where |z| <= 1 and zero elsewhere."""
     low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
     inside = dr.select(high < 1.0, high, 1.0) - dr.select(low > -1.0, low, -1.0)
-    way = high - low
+    width = high - low
     flat = dr.select(dr.abs(first) <= 1.0, 1.0, 0.0)
-    mean = dr.select(inside > 0.0, inside, 0.0) / dr.select(way > 0.0, way, 1.0)
-    return dr.select(way > 0.0, mean, flat * 1.0)
+    mean = dr.select(inside > 0.0, inside, 0.0) / dr.select(width > 0.0, width, 1.0)
+    return dr.select(width > 0.0, mean, flat * 1.0)
 
 
 def box_middle(first: Float, last: Float) -> Middle:
@@ -136,9 +144,9 @@ def box_middle(first: Float, last: Float) -> Middle:
 def box_extent(first: Float, last: Float) -> Float:
     """Return what part of the panel it is in which z is from -1 to 1."""
     low, high = _part_within(first, last)
-    way = dr.abs(last - first)
-    inside = dr.select((first >= -1.0) & (first <= 1.0), type(way)(1), 0.0)
-    return dr.select(way == 0.0, inside, (high - low) / dr.select(way == 0.0, 1.0, way))
+    width = dr.abs(last - first)
+    inside = dr.select((first >= -1.0) & (first <= 1.0), type(width)(1), 0.0)
+    return dr.select(width == 0.0, inside, (high - low) / dr.select(width == 0.0, 1.0, width))
 
 
 def _part_within(first: Float, last: Float) -> tuple[Float, Float]:

@@ -113,19 +113,20 @@ class Shade:
             return type(values[0])(low, where(anywhere, 1.0, 1.0))
         return self._lit(values, context.number, context.kept_number(self.share))
 
-    def seen(self, fields: dict[str, Any], panel: Panel, context: Context) -> Float:
+    def seen(self, fields: dict[str, Any], panel: Panel) -> Float:
         """Return the factor on a ray, in the type that integrals are computed with.
 
         With the direction of the ray: near an observer inside the volume that to a cell's middle is
         another one.
         """
+        context = panel.context
         values = [context.evaluate(e, fields) for e in self.normal]
         if self.head:
-            way = list(panel.ahead or ())
-            most = extremes([dr.abs(w) for w in way])[1]
-            way = [w / dr.select(most > 0.0, most, 1.0) for w in way]
-            along = sum(v * w for v, w in zip(values, way, strict=True))
-            size = dr.sqrt(sum(w * w for w in way))
+            ray = list(panel.ahead or ())
+            most = extremes([dr.abs(w) for w in ray])[1]
+            ray = [w / dr.select(most > 0.0, most, 1.0) for w in ray]
+            along = sum(v * w for v, w in zip(values, ray, strict=True))
+            size = dr.sqrt(sum(w * w for w in ray))
             values.append(along / dr.select(size > 0.0, size, 1.0))
         return context.narrow(self._lit(values, context.number, context.kept_number(self.share)))
 
@@ -149,9 +150,9 @@ class Shade:
         cosine = where(there, lit / where(size > 0.0, size, 1.0), 0.0)
         return (1.0 - share) + share * ops.minimum(cosine, 1.0)
 
-    def turns(self, panel: Panel, context: Context) -> Mask:
-        """Return where the light changes by so much that a few places do not show its way."""
-        low, high = extremes([self.seen(panel.fields(s), panel, context) for s in NODES])
+    def turns(self, panel: Panel) -> Mask:
+        """Return where the light changes by so much that a few places do not show how."""
+        low, high = extremes([self.seen(panel.fields(s), panel) for s in NODES])
         return high - low > _DOUBT
 
     def key(self) -> tuple[Any, ...]:
@@ -173,7 +174,7 @@ class Lamp:
     shading: float
     lights: tuple[Light, ...] = ((HEADLIGHT, 1.0),)
 
-    def shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
+    def shade(self, panel: Panel, middle: Middle) -> Any:
         """Return the light factor of a surface of finite width on a panel.
 
         It is the mean of two Gauss-Legendre nodes within the surface, in which the normal turns
@@ -181,20 +182,20 @@ class Lamp:
         """
         if self.shading == 0:
             return 1.0
-        share = self._share(context)
-        way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
+        share = self._share(panel.context)
+        deviation = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
         first, last = (
-            self._cosine(panel.fields(f), panel, context)
-            for f in (middle.place - way, middle.place + way)
+            self._cosine(panel.fields(f), panel)
+            for f in (middle.place - deviation, middle.place + deviation)
         )
         return 1.0 - share + 0.5 * share * (first + last)
 
-    def light(self, fields: dict[str, Any], panel: Panel, context: Context) -> Float:
+    def light(self, fields: dict[str, Any], panel: Panel) -> Float:
         """Return the light factor of the surface at a place of a panel, with these fields."""
         if self.shading == 0:
             return 1.0
-        share = self._share(context)
-        return 1.0 - share + share * self._cosine(fields, panel, context)
+        share = self._share(panel.context)
+        return 1.0 - share + share * self._cosine(fields, panel)
 
     def panel_light(self, panel: EnclosedPanel, context: EnclosureContext) -> TracedInterval:
         """Return an interval of the light factor on a panel."""
@@ -215,34 +216,35 @@ class Lamp:
         share: TracedInterval = context.number(self.shading)
         return (one - share) + share * limited
 
-    def turns(self, panel: Panel, context: Context) -> Mask:
-        """Return where the normal turns by so much that a few places do not show its way."""
+    def turns(self, panel: Panel) -> Mask:
+        """Return where the normal turns by so much that a few places do not show how."""
         if self.shading == 0:
             return panel.length < 0.0
-        low, high = extremes(self._lit(panel, context))
+        low, high = extremes(self._lit(panel))
         return high - low > _TURN
 
     def _share(self, context: Context) -> Float:
         return context.keep(("shading", self.shading), lambda: context.narrow_number(self.shading))
 
-    def _lit(self, panel: Panel, context: Context) -> list[Float]:
+    def _lit(self, panel: Panel) -> list[Float]:
         """Return the cosine of ray and normal at both ends and in the middle; computed once."""
         return kept(
             panel,
             ("lit", self.normal[0].text, self.lights),
-            lambda: [self._cosine(panel.fields(s), panel, context) for s in NODES],
+            lambda: [self._cosine(panel.fields(s), panel) for s in NODES],
         )
 
-    def _cosine(self, fields: dict[str, Any], panel: Panel, context: Context) -> Float:
+    def _cosine(self, fields: dict[str, Any], panel: Panel) -> Float:
+        context = panel.context
         across = _scaled([context.evaluate(e, fields) for e in self.normal], context)
         found = 0.0
         for direction, weight in self.lights:
             if direction == HEADLIGHT:
-                way = _scaled(list(panel.ahead or ()), context)
+                towards = _scaled(list(panel.ahead or ()), context)
             else:
-                way = [context.narrow_number(d) for d in direction]
-            size = dr.sqrt(_dot(across, across) * _dot(way, way))
-            cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
+                towards = [context.narrow_number(d) for d in direction]
+            size = dr.sqrt(_dot(across, across) * _dot(towards, towards))
+            cosine = dr.abs(_dot(across, towards)) / dr.select(size > 0.0, size, 1.0)
             cosine = dr.select(size > 0.0, cosine, 1.0)  # where there is no normal
             one = self.lights == ((HEADLIGHT, 1.0),)
             found = cosine if one else found + context.narrow_number(weight) * cosine

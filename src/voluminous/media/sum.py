@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..backend.types import Float, Mask
@@ -10,13 +13,15 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import page, table
+from ..units import Unit
+from .bound import Binding, BoundMedium, SourceRange, integrated
 from .context import Context, Feature, Halves, MediumSample
-from .contract import Medium, integrated
+from .contract import Medium
+from .panel import Panel, extremes
 
 if TYPE_CHECKING:
     from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
     from .jumps import Jump
-    from .panel import Panel
 
 
 class Sum(Medium):
@@ -52,11 +57,10 @@ class Sum(Medium):
     def components(self) -> tuple[Medium, ...]:
         return self.parts
 
-    def group(self, first: int, last: int) -> Medium:
-        return Sum(tuple(part.group(first, last) for part in self.parts))
-
-    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        return self._total([part.coefficients(fields, context) for part in self.parts])
+    def bind(self, binding: Binding) -> BoundSum:
+        numbers = ((*binding.part, k) for k in range(len(self.parts)))
+        parts = zip(self.parts, numbers, strict=True)
+        return BoundSum([part.bind(replace(binding, part=number)) for part, number in parts])
 
     def features(self) -> tuple[Feature, ...]:
         rows = [part.features() for part in self.parts]
@@ -66,69 +70,17 @@ class Sum(Medium):
         found = (e for part in self.parts for e in part.scalars())
         return tuple({e.text: e for e in found}.values())
 
-    def means(self, panel: Panel, context: Context) -> MediumSample:
-        return self._total([part.means(panel, context) for part in self.parts])
-
-    def integrate(self, panel: Panel, context: Context) -> Halves:
-        found = [integrated(part, panel, context) for part in self.parts]
-        rows = ([getattr(h, name) for h in found] for name in ("first", "last", "error"))
-        return Halves(*map(self._total, rows))
-
-    def jumps(self, context: Context) -> list[Jump]:
-        every = (jump for part in self.parts for jump in part.jumps(context))
-        return list({(jump.expr.text, id(jump.level)): jump for jump in every}.values())
-
-    def layer(self, panel: Panel, context: Context, place: Float) -> MediumSample | None:
-        found = [part.layer(panel, context, place) for part in self.parts]
-        some = [one for one in found if one is not None]
-        return self._total(some) if some else None
-
-    def warmth(self, panel: Panel, context: Context) -> list[Float] | None:
-        found = [part.warmth(panel, context) for part in self.parts]
-        known = [own for own in found if own is not None]
-        return [t for own in known for t in own] if len(known) == len(found) else None
-
     @property
     def surface_only(self) -> bool:
         return all(part.surface_only for part in self.parts)
 
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
-        masks = [part.visible(panel, context) for part in self.parts]
-        seen, unresolved = masks[0]
-        for a, b in masks[1:]:
-            seen, unresolved = seen | a, unresolved | b
-        return seen, unresolved
-
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
-        seen = self.parts[0].visible_in(fields, context)
-        for part in self.parts[1:]:
-            seen = seen | part.visible_in(fields, context)
-        return seen
+    def emission_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        units = (part.emission_unit(unit_of) for part in self.parts)
+        return next((unit for unit in units if unit is not None), None)
 
     def visible_key(self) -> Any:
         keys = tuple(part.visible_key() for part in self.parts)
         return None if None in keys else keys
-
-    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self._total([part.ranges(fields, context) for part in self.parts])
-
-    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self._total([part.largest(fields, context) for part in self.parts])
-
-    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
-        return [found for part in self.parts for found in part.panel_bounds(panel, context)]
-
-    def _total(self, solved: list[MediumSample]) -> MediumSample:
-        n = self.extinction_count  # a grey medium counts in all channels
-        rows = [
-            [*c.emissivity, *(c.extinction if len(c.extinction) == n else c.extinction * n)]
-            for c in solved
-        ]
-        return self.split([sum(own[1:], own[0]) for own in zip(*rows, strict=True)])
-
-    def intensity_unit(self, context: Context) -> Any:
-        units = (part.intensity_unit(context) for part in self.parts)
-        return next((unit for unit in units if unit is not None), None)
 
     def key(self) -> Any:
         keys = tuple(part.key() for part in self.parts)
@@ -140,6 +92,65 @@ class Sum(Medium):
 
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)
+
+
+class BoundSum(BoundMedium):
+    """The numbers of several media; a grey one counts in all channels."""
+
+    parts: Sequence[BoundMedium] = ()
+
+    def __init__(self, parts: Sequence[BoundMedium]) -> None:
+        self.parts = parts
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        return _total([part.coefficients(fields, context) for part in self.parts])
+
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
+        return functools.reduce(
+            operator.or_, (part.may_show(ranges, context) for part in self.parts)
+        )
+
+    def mean(self, panel: Panel) -> MediumSample:
+        return _total([part.mean(panel) for part in self.parts])
+
+    def halves(self, panel: Panel) -> Halves:
+        found = [integrated(part, panel) for part in self.parts]
+        return Halves(
+            _total([half.first for half in found]),
+            _total([half.last for half in found]),
+            _total([half.error for half in found]),
+        )
+
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
+        seen, unresolved = zip(*(part.visible(panel) for part in self.parts), strict=True)
+        return functools.reduce(operator.or_, seen), functools.reduce(operator.or_, unresolved)
+
+    def jumps(self) -> list[Jump]:
+        every = (jump for part in self.parts for jump in part.jumps())
+        return list({(jump.expr.text, jump.level): jump for jump in every}.values())
+
+    def sheet(self, panel: Panel, place: Float) -> MediumSample | None:
+        found = [part.sheet(panel, place) for part in self.parts]
+        some = [one for one in found if one is not None]
+        return _total(some) if some else None
+
+    def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
+        return [found for part in self.parts for found in part.panel_bounds(panel, context)]
+
+    def source_range(self, panel: Panel) -> SourceRange | None:
+        found = [part.source_range(panel) for part in self.parts]
+        known = [one for one in found if one is not None]
+        if len(known) < len(found):
+            return None
+        low, high = extremes([t for one in known for t in (one.low, one.high)])
+        return SourceRange(low, high, known[0].exponents)
+
+
+def _total(samples: list[MediumSample]) -> MediumSample:
+    count = max(len(sample.extinction) for sample in samples)
+    rows = [s.extinction * (count if len(s.extinction) == 1 else 1) for s in samples]
+    every = (MediumSample(s.emissivity, row) for s, row in zip(samples, rows, strict=True))
+    return MediumSample.of(lambda *values: sum(values[1:], values[0]), *every)
 
 
 def with_each(medium: Medium, change: Callable[[Medium], Medium]) -> Medium:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -25,10 +25,11 @@ from .arguments import (
     length_in,
     named,
 )
+from .bound import Binding, BoundMedium
 from .color_by import ColorBy, Colors
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
-from .jumps import NOISE, passes
+from .jumps import NOISE, Jump, passes
 from .modulation import Modulation
 from .panel import PLACES, Panel, extremes, kept, noise_of
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
@@ -37,8 +38,6 @@ from .shading import given_shade
 if TYPE_CHECKING:
     from ..bounds.enclosure import EnclosedPanel, EnclosureContext, PanelBounds
 
-# Emission and extinction are proportional if they differ by less than this, relative to the peaks.
-_EVEN = 1e-9
 # Structures are grouped in classes of width; ratio of one class to the next.
 _CLASS, _CLASSES = 8.0, 3
 # Most jumps for which crossings are searched, the largest first: each adds to every kernel.
@@ -151,12 +150,8 @@ class Table(Medium):
         """The largest extinction, or one for each channel."""
         return tuple(self.opacities.max(axis=0).tolist())
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        x = context.evaluate(self.expr, fields)
-        scale = 1.0 / length_in(self.path_length, context.unit)
-        columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
-        result = self.split(context.interpolate(x, self.nodes(context), columns))
-        return self.modulation.coefficients(result, fields, context)
+    def bind(self, binding: Binding) -> BoundMedium:
+        return BoundTable(self, binding)
 
     def features(self) -> tuple[Feature, ...]:
         steps = np.diff(self.values)
@@ -176,112 +171,8 @@ class Table(Medium):
     def strongest(self) -> tuple[float, float]:
         return max(self.color), max(self.opacity)
 
-    def means(self, panel: Panel, context: Context) -> MediumSample:
-        first, last = (self._place(panel, s, context) for s in (0.0, 1.0))
-        table = self._table(context, type(first.x))
-        means = zip(self.heights(context), table.means(first, last), strict=False)
-        sample = self.split([height * mean for height, mean in means])
-        if self.modulation.fixed:
-            return sample
-        middles = self._middles(context, table)
-        return self.modulation.means(sample, panel, context, middles.between(first, last))
-
-    def integrate(self, panel: Panel, context: Context) -> Halves:
-        """Return the means over both halves from parabolas through quarters."""
-        places = [self._place(panel, s, context) for s in PLACES]
-        a, b, c, d, e = (place.x for place in places)
-        turns = [a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e]
-        noise = 4.0 * noise_of(a, e)
-        one, both, other = (dr.select(dr.abs(t) > noise, 0.5 * t, 0.0) for t in turns)
-        bows = [1.5 * one - 0.5 * both, 0.5 * (one + both), 0.5 * (both + other)]
-        bows.append(1.5 * other - 0.5 * both)
-        table = self._table(context, type(a))
-        quarters = [
-            table.bent_means(*ends, bow) for ends, bow in zip(pairwise(places), bows, strict=True)
-        ]
-        found = []
-        for height, *own in zip(self.heights(context), *quarters, strict=False):
-            means, errors = zip(*own, strict=True)
-            half, quarter = 0.5 * height, 0.25 * height
-            error = quarter * (errors[0] + errors[1] + errors[2] + errors[3])
-            found.append((half * (means[0] + means[1]), half * (means[2] + means[3]), error))
-        result = Halves(*(self.split(list(values)) for values in zip(*found, strict=True)))
-        if self.modulation.fixed:
-            return result
-        middles = self._middles(context, table)
-        ends = (places[:3:2], places[2::2])
-        return self.modulation.integrate(
-            result, panel, [middles.between(*own) for own in ends], context
-        )
-
-    def _middles(self, context: Context, table: PiecewiseLinear) -> TableMiddles:
-        return context.keep(
-            (id(self), "middles"),
-            lambda: TableMiddles(table.real, self.nodes(context), self._weight),
-        )
-
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
-        x = context.evaluate(self.expr, fields)
-        found = context.interpolate(x, self.nodes(context), list(self.shape.T))
-        seen: Any = x.nan
-        for value in found:
-            seen = seen | (value.size > context.faint)
-        return seen & self.modulation.visible_in(fields, context)
-
-    def prominence(self, x: Float, context: Context) -> Float:
-        (most,) = context.interpolate(x, self.nodes(context), [np.abs(self.shape).max(axis=1)])
-        return most
-
     def visible_key(self) -> Any:
         return (*self._entries(), self.modulation.gate_key())
-
-    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        return self.coefficients(fields, context)
-
-    @property
-    def even(self) -> bool:
-        """Whether the depth order does not matter."""
-        shown = np.flatnonzero(np.abs(self.rows).max(axis=0))
-        absorbs = bool((shown >= self.channels).any())
-        return not absorbs or bool(np.ptp(self.shape[:, shown], axis=1).max() < _EVEN)
-
-    @property
-    def _weight(self) -> np.ndarray:
-        return np.asarray(np.abs(self.shape).mean(axis=1))
-
-    def _table(self, context: Context, real: Any) -> PiecewiseLinear:
-        def make() -> PiecewiseLinear:
-            columns = self.shape
-            if not self.modulation.fixed:
-                columns = np.concatenate([columns, self._weight[:, None]], axis=1)
-            return PiecewiseLinear(real, self.nodes(context), columns)
-
-        return context.keep((id(self), "table"), make)
-
-    def _place(self, panel: Panel, s: float, context: Context) -> Place:
-        def make() -> Place:
-            x = context.narrow(panel.scalar(self.expr, s))
-            return self._table(context, type(x)).at(x)
-
-        return kept(panel, (id(self), s), make)
-
-    def heights(self, context: Context) -> list[Float]:
-        """Return the peak of each column in the units of `means`, as kernel constants."""
-
-        def make() -> list[Float]:
-            units = [context.radiance] * self.channels + [1.0] * self.extinction_count
-            length = length_in(self.path_length, context.unit)
-            factors = self.peaks / np.array(units) * (context.scale / length)
-            return [context.narrow_number(float(h)) for h in factors]
-
-        return context.keep((id(self), "heights"), make)
-
-    def nodes(self, context: Context) -> np.ndarray:
-        """Return the values of x in the unit of the expression."""
-        if self.unit is None:
-            return np.ascontiguousarray(self.values)
-        quantity = self.values * self.unit
-        return np.ascontiguousarray(plain(quantity, context.unit_of(self.expr), "values"))
 
     def profile(
         self, unit: Any, extent: Callable[[], tuple[float, float]]
@@ -313,21 +204,144 @@ class Table(Medium):
         values = numbers if self.unit is None else [named(n * self.unit) for n in numbers]
         return {**super().describe(), "values": values}
 
+
+class BoundTable(BoundMedium):
+    """The numbers of a `Table`: the drawn columns, those of the colours first.
+
+    Attributes
+    ----------
+    nodes : float array, shape (n,)
+        Values of x in the unit of the expression.
+    columns : float array, shape (n, column)
+        Entries over their largest magnitude in each column.
+    heights : float array, shape (column,)
+        These magnitudes, in the kernel's units.
+    """
+
+    def __init__(self, medium: Table, binding: Binding) -> None:
+        self.expr, self.modulation = medium.expr, medium.modulation.bind(binding)
+        self.nodes, self._part = np.ascontiguousarray(medium.values), binding.part
+        if medium.unit is not None:
+            values = plain(medium.values * medium.unit, binding.unit_of(self.expr), "values")
+            self.nodes = np.ascontiguousarray(values)
+        drawn = np.arange(medium.channels)[binding.channels]
+        self._emissions = len(drawn)
+        drawn = np.append(drawn, medium.channels + (np.zeros(1, int) if medium.grey else drawn))
+        units = [*binding.units(self._emissions), *[1.0] * (len(drawn) - self._emissions)]
+        per_length = binding.length / length_in(medium.path_length, binding.unit)
+        self.columns = medium.shape[:, drawn]
+        self.heights = medium.peaks[drawn] / np.array(units) * per_length
+        self._rows = medium.rows[:, drawn] * (per_length / np.array(units))
+
+    def split(self, values: Sequence[Float]) -> MediumSample:
+        """Return values of the columns as coefficients."""
+        k = self._emissions
+        return MediumSample([*values[:k]], [*values[k:]])
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        result = self.values(context.evaluate(self.expr, fields), context)
+        return self.modulation.coefficients(result, fields, context)
+
+    def values(self, x: Float, context: Context) -> MediumSample:
+        """Return the entries at values of x, or intervals of them."""
+        return self.split(context.interpolate(x, self.nodes, [*self._rows.T]))
+
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
+        x = context.evaluate(self.expr, ranges)
+        seen: Any = x.nan
+        for value in context.interpolate(x, self.nodes, list(self.columns.T)):
+            seen = seen | (value.size > context.faint)
+        return seen & self.modulation.may_show(ranges, context)
+
+    def prominence(self, x: Float, context: Context) -> Float:
+        """Return the largest entry at a value of x: steps may be wide where it is small."""
+        (most,) = context.interpolate(x, self.nodes, [np.abs(self.columns).max(axis=1)])
+        return most
+
+    def jumps(self) -> list[Jump]:
+        return self.modulation.jumps()
+
     def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
-        length = length_in(self.path_length, context.unit)
-        nodes = self.nodes(context)
-        heights = [context.number(float(h)) for h in self.peaks / length]
-        means = panel.table_means(self.expr, nodes, self.shape)
-        means = [h * mean for h, mean in zip(heights, means, strict=True)]
-        columns = [*(self.rows / length).T]
-        values = self.split(context.interpolate(panel.enclosure(self.expr).values, nodes, columns))
-        alphas = values.extinction * (self.channels if self.grey else 1)
+        heights = [context.number(float(h)) for h in self.heights]
+        means = panel.table_means(self.expr, self.nodes, self.columns)
+        scaled = self.split([h * mean for h, mean in zip(heights, means, strict=True)])
+        values = self.values(panel.enclosure(self.expr).values, context)
+        alphas = values.extinction * (self._emissions if len(values.extinction) == 1 else 1)
         sources = [j / a for j, a in zip(values.emissivity, alphas, strict=True)]
         modulated = self.modulation.panel_bounds
-        return modulated(self, values.emissivity, self.split(means), sources, panel, context)
+        return modulated(self, values.emissivity, scaled, sources, panel, context)
 
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+    # --- on panels ------------------------------------------------------------------------------
+
+    def mean(self, panel: Panel) -> MediumSample:
+        first, last = (self._place(panel, s) for s in (0.0, 1.0))
+        table = self._table(panel.context, type(first.x))
+        means = zip(self._numbers(panel.context), table.means(first, last), strict=False)
+        sample = self.split([height * mean for height, mean in means])
+        if self.modulation.fixed:
+            return sample
+        middles = self._middles(panel.context, table)
+        return self.modulation.mean(sample, panel, middles.between(first, last))
+
+    def halves(self, panel: Panel) -> Halves:
+        """Return the means over both halves from parabolas through quarters."""
+        places = [self._place(panel, s) for s in PLACES]
+        a, b, c, d, e = (place.x for place in places)
+        turns = [a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e]
+        noise = 4.0 * noise_of(a, e)
+        one, both, other = (dr.select(dr.abs(t) > noise, 0.5 * t, 0.0) for t in turns)
+        bows = [1.5 * one - 0.5 * both, 0.5 * (one + both), 0.5 * (both + other)]
+        bows.append(1.5 * other - 0.5 * both)
+        table = self._table(panel.context, type(a))
+        quarters = [
+            table.bent_means(*ends, bow) for ends, bow in zip(pairwise(places), bows, strict=True)
+        ]
+        found = []
+        for height, *parts in zip(self._numbers(panel.context), *quarters, strict=False):
+            means, errors = zip(*parts, strict=True)
+            half, quarter = 0.5 * height, 0.25 * height
+            error = quarter * (errors[0] + errors[1] + errors[2] + errors[3])
+            found.append((half * (means[0] + means[1]), half * (means[2] + means[3]), error))
+        result = Halves.of(self.split(found))
+        if self.modulation.fixed:
+            return result
+        middles, ends = self._middles(panel.context, table), (places[:3:2], places[2::2])
+        return self.modulation.halves(result, panel, [middles.between(*pair) for pair in ends])
+
+    def _middles(self, context: Context, table: PiecewiseLinear) -> TableMiddles:
+        return context.keep(
+            (self._part, "middles"), lambda: TableMiddles(table.real, self.nodes, self._weight)
+        )
+
+    @property
+    def _weight(self) -> np.ndarray:
+        return np.asarray(np.abs(self.columns).mean(axis=1))
+
+    def _table(self, context: Context, real: Any) -> PiecewiseLinear:
+        def make() -> PiecewiseLinear:
+            columns = self.columns
+            if not self.modulation.fixed:
+                columns = np.concatenate([columns, self._weight[:, None]], axis=1)
+            return PiecewiseLinear(real, self.nodes, columns)
+
+        return context.keep((self._part, "table"), make)
+
+    def _place(self, panel: Panel, s: float) -> Place:
+        def make() -> Place:
+            x = panel.context.narrow(panel.scalar(self.expr, s))
+            return self._table(panel.context, type(x)).at(x)
+
+        return kept(panel, (id(self), s), make)
+
+    def _numbers(self, context: Context) -> list[Float]:
+        """Return the heights as kernel constants."""
+        return context.keep(
+            (self._part, "heights"), lambda: [context.narrow_number(float(h)) for h in self.heights]
+        )
+
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
         """Return where an entry may be noticeable, and where a panel's ends may miss that."""
+        context = panel.context
         low, high = (context.narrow(x) for x in panel.hull(self.expr))
         below, above = (context.narrow(x) for x in panel.range(self.expr))
         parts = self._kernel_numbers(context, type(low))
@@ -344,11 +358,11 @@ class Table(Medium):
             # Any excess beyond a jump counts, however small.
             possible, shown = passes(panel, self.expr, edge)
             unresolved |= seen & (possible > shown)
-        return self.modulation.visible(panel, context, seen, unresolved)
+        return self.modulation.visible(panel, seen, unresolved)
 
     def _kernel_numbers(self, context: Context, real: Any) -> _Parts:
         def make() -> _Parts:
-            nodes, shape = self.nodes(context), self.shape
+            nodes, shape = self.nodes, self.columns
             opaque = functools.partial(dr.opaque, real)
             first, last = map(opaque, visible_range(nodes, shape, context.faint))
             rows = [(_DOUBT * w, *ends) for w, *ends in structures(nodes, shape)]
@@ -360,7 +374,7 @@ class Table(Medium):
                 jumps=[context.number(x) for x in jumps(nodes, shape)],
             )
 
-        return context.keep((id(self), "parts"), make)
+        return context.keep((self._part, "parts"), make)
 
     def _entered(self, parts: _Parts, panel: Panel) -> Mask:
         """Return where x reaches visible entries, but neither end does.

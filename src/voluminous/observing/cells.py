@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ..backend import dr, from_host, get_backend
 from ..cameras import Orthographic
 from ..geometry import CARTESIAN
+from ..media.bound import Binding
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
 from ..rendering.sources.channel_layout import PerChannel, channel_groups
@@ -105,9 +107,10 @@ def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
     corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1)
     whole = isinstance(camera, Rings) or not beside(corners).any()
     groups = channel_groups(medium.channels)
-    parts = [medium.group(group.start, group.stop) for group in groups]
-    evaluators = [CellEvaluator(bands.volume, p, PerChannel(p), backend) for p in parts]
-    sums = np.zeros((len(groups), 2, parts[0].channels))
+    binding = Binding.to(bands.volume, grid.scale)
+    layouts = [PerChannel(medium, replace(binding, channels=group)) for group in groups]
+    evaluators = [CellEvaluator(bands.volume, medium, layout, backend) for layout in layouts]
+    sums = np.zeros((len(groups), 2, layouts[0].emissions))
     for first in range(0, grid.size, SLAB):
         last = min(first + SLAB, grid.size)
         if volumes is None:

@@ -26,7 +26,7 @@ from ..rendering.options import check_in_pieces, check_options
 from ..rendering.outline import Outline
 from ..rendering.sources.channel_layout import fits_single, in_units_of
 from ..spectral.lines import Lines
-from ..spectral.medium import Bands, SpectralMedium, hottest
+from ..spectral.medium import Bands, SpectralMedium, hottest, some_channels
 from ..units import unit_of
 from ..volume import Volume
 from .cells import beside_cells, warn_of_scattering
@@ -171,7 +171,7 @@ def observe(
         with keeping(empty):
             return render(
                 volume,
-                tuned if part == slice(0, count) else tuned.group(part.start, part.stop),
+                tuned if part == slice(0, count) else some_channels(tuned, part),
                 camera,
                 objects=tuple(lit(thing, own) for thing in things),
                 background=light[..., part] if light.ndim and light.shape[-1] == count else light,

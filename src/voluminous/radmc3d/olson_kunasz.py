@@ -14,6 +14,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Hashable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,13 @@ from ..backend.functions import attenuation, horner, loop, precision_of
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
-from ..media.context import Context, no_unit
+from ..media.bound import Binding
+from ..media.context import Context
 from ..media.contract import Medium
 from ..rendering.sources.channel_layout import PerChannel
 from ..schemes.base import Coefficients, Solution, Source, VertexScheme
 from ..schemes.path import Path, empty_path, over
-from ..spectral.lines import Lines
+from ..spectral.lines import BoundLines, Lines
 
 # Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
 _SERIES_BELOW = 1e-6
@@ -203,18 +205,15 @@ class GasStates(PerChannel):
     ----------
     context : Context
         With which these are evaluated.
-    scale : float
-        The grid's.
     """
 
     context: Context
-    scale: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        parts = self.medium.components()
-        self.lines = [part for part in parts if isinstance(part, Lines)]
-        self.others = [part for part in parts if not isinstance(part, Lines)]
+        parts = self.bound.parts
+        self.lines = [part.medium for part in parts if isinstance(part, BoundLines)]
+        self.others = [part for part in parts if not isinstance(part, BoundLines)]
         self.count = sum(part.state_count for part in self.lines)
         self.count += 2 * self.emissions * bool(self.others)
 
@@ -222,36 +221,40 @@ class GasStates(PerChannel):
     def signed(self) -> int:
         return self.count
 
+    def bind(self, unit: np.ndarray) -> None:
+        """Take the units of channels, which `split` brings in: a table has none."""
+        self.unit = np.broadcast_to(unit, self.emissions)
+        self.bound = self.medium.bind(self.binding)
+
     @classmethod
-    def on(cls, medium: Medium, backend: Backend, scale: float) -> GasStates:
-        """Return it for a device, a precision, and the scale of a grid."""
-        states, real = cls(medium), backend.Float
-        number = functools.partial(dr.opaque, real)
-        states.context, states.scale = Context(real, number, None, no_unit), scale
+    def on(cls, medium: Medium, backend: Backend, binding: Binding) -> GasStates:
+        """Return it for a device and a precision."""
+        states, real = cls(medium, binding), backend.Float
+        states.context = Context(real, functools.partial(dr.opaque, real))
         return states
 
     def group(self, channels: slice) -> PerChannel:
-        part = GasStates(self.medium.group(channels.start, channels.stop), self.unit[channels])
-        part.spectral, part.context, part.scale = self.spectral, self.context, self.scale
+        part = GasStates(self.medium, replace(self.binding, channels=channels))
+        part.unit, part.context = self.unit[channels], self.context
         return part
 
     def key(self) -> Hashable:
         key = self.medium.key()
         return None if key is None else ("states", key)
 
-    def table_values(self, fields: dict[str, Float], context: Context, scale: Float) -> list[Float]:
+    def table_values(self, fields: dict[str, Float], context: Context) -> list[Float]:
         found = [v for part in self.lines for v in part.states(fields, context)]
         if self.others:
             samples = [part.coefficients(fields, context) for part in self.others]
             for rows in ([s.emissivity for s in samples], [s.extinction for s in samples]):
                 sums = (sum(own[1:], own[0]) for own in zip(*rows, strict=True))
-                found += [v * scale for v in sums]
+                found += sums
         return found
 
     def split(self, values: list[Float], channel: int | None = None) -> Coefficients:
         """Return j and α per unit of the scale from the state of the gas, of one channel or all."""
         chosen = list(range(self.emissions)) if channel is None else [channel]
-        zero, scale = values[0] * 0.0, self.context.kept_number(self.scale)
+        zero, scale = values[0] * 0.0, self.context.kept_number(self.binding.length)
         j, alpha = [zero for _ in chosen], [zero for _ in chosen]
         for part, own in self._of_lines():
             sample = part.from_states(values[own], chosen, self.context)

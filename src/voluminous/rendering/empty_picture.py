@@ -10,6 +10,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
+from ..media.bound import Binding
 from ..media.ranges import RangeContext
 from ..units import unit_name
 from .job import RenderJob
@@ -26,14 +27,14 @@ _NOT_MET = (
 def warn_of_nothing(job: RenderJob) -> None:
     """Warn that no pixel shows the medium."""
     volume, medium, statistics = job.volume, job.medium, job.cache.statistics
-    context = RangeContext(volume.unit, volume.expression_unit, _TAIL)
+    context = RangeContext(_TAIL)
     with np.errstate(all="ignore"):
         ranges = {name: statistics.range_of(name) for name in medium.names}
         reason = _NOT_MET
-        if not np.any(medium.visible_in(ranges, context)):
+        if not np.any(medium.bind(Binding.to(volume)).may_show(ranges, context)):
             values = []
             for expr in dict.fromkeys(medium.scalars()):
-                x, unit = context.evaluate(expr, ranges), unit_name(context.unit_of(expr))
+                x, unit = context.evaluate(expr, ranges), unit_name(volume.expression_unit(expr))
                 ends = f"{float(x.lo):.6g} to {float(x.hi):.6g}{f' {unit}' if unit else ''}"
                 values.append(f"{expr.text} is from {ends} in this volume")
             reason = "; ".join(dict.fromkeys(values) or ["it is transparent in this volume"])

@@ -16,8 +16,9 @@ from ..errors import InputError
 from ..expressions.interval import Interval
 from ..fields import COORDINATES, coordinate_extremes
 from ..geometry import FIRST_INCL, FIRST_PHI, mirror_images, position
+from ..media.bound import Binding
 from ..media.contract import Medium
-from ..media.ranges import RangeContext
+from ..media.ranges import RangeContext, largest
 from ..volume import Volume
 from .cache import Cache
 from .empty_picture import warn_of_nothing
@@ -186,12 +187,12 @@ def _visible_cells(job: RenderJob, source: Any) -> np.ndarray:
     Rays in a coarse picture miss small cells. Where bounds of what a cell shows are infinite, or
     undefined, it may.
     """
-    context = RangeContext(job.volume.unit, job.volume.expression_unit, _WISPS)
+    context, bound = RangeContext(_WISPS), job.medium.bind(Binding.to(job.volume))
     center, axes, found = job.frame.vectors[0], job.frame.vectors[1:4], []
     with np.errstate(all="ignore"):
         for fields, centers, reach in _parts(job, source):
-            seen = np.broadcast_to(job.medium.visible_in(fields, context), reach.shape)
-            most = job.medium.largest(fields, context)
+            seen = np.broadcast_to(bound.may_show(fields, context), reach.shape)
+            most = largest(bound, fields, _WISPS)
             depth = reach * sum(most.extinction)
             light = reach * sum(most.emissivity) / (1.0 + depth)
             for image in mirror_images(job.volume.grid):

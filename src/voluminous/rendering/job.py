@@ -8,6 +8,7 @@ from typing import Any
 
 from ..backend import Backend, dr
 from ..cameras.contract import Camera, Frame
+from ..media.bound import Binding
 from ..media.context import Tape
 from ..media.contract import Medium
 from ..packages import version
@@ -104,7 +105,8 @@ class RenderJob:
 
     def _make_source(self, faintest: bool) -> Any:
         scheme, cache, whole = self.scheme, self.cache, self.hidden is None
-        numbers = choose_layout(self.medium, scheme, self.backend, self.volume.grid.scale)
+        binding = Binding.to(self.volume, self.volume.grid.scale, self.backend.precision)
+        numbers = choose_layout(self.medium, scheme, self.backend, binding)
         known = self.backend, cache.statistics, self.tape
         evaluator = CellEvaluator(self.volume, self.medium, numbers, *known)
         parts = self.pieces is not None

@@ -13,6 +13,7 @@ from ..cameras.contract import check_camera
 from ..errors import InputError
 from ..expressions.interval import Interval
 from ..levels import kept_level
+from ..media.bound import Binding
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..volume import Volume
@@ -116,9 +117,9 @@ def _visible_boxes(volume: Volume, medium: Medium) -> tuple[np.ndarray, np.ndarr
     if len({table.lo.shape for table in tables.values()}) != 1:
         return whole[:1], whole[1:]
     plain = calibrated(medium, volume, Cache(volume).measurements)
-    context = RangeContext(volume.unit, volume.expression_unit)
+    bound = plain.bind(Binding.to(volume))
     with np.errstate(all="ignore"):
-        seen = np.asarray(plain.visible_in(tables, context))
+        seen = np.asarray(bound.may_show(tables, RangeContext()))
     place = np.argwhere(np.broadcast_to(seen, next(iter(tables.values())).lo.shape))
     low = place * store.chunks
     high = np.minimum(low + store.chunks, grid.shape)

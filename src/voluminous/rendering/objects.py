@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..media.ranges import RangeContext
+from ..media.details import intensity_unit
 from ..objects import SceneObject
 from ..objects.contract import REACH, Layers, PointLights, View
 from .job import RenderJob
@@ -89,7 +89,7 @@ def with_objects(
         job.backend,
         channels,
         total,
-        job.medium.intensity_unit(RangeContext(job.volume.unit, job.volume.expression_unit)),
+        intensity_unit(job.medium, job.volume),
         lambda: float(np.max(np.abs(planes.emission + planes.transparency * background))),
     )
     # Those at their true depth, and those in the foreground.

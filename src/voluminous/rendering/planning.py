@@ -14,6 +14,7 @@ from ..calibration.open_numbers import in_plain_numbers
 from ..cameras.contract import Camera, check_camera
 from ..errors import InputError
 from ..files import url_of
+from ..media.bound import Binding
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
@@ -225,9 +226,9 @@ def _planned(
     volume, grid, frame = pieces.outline, pieces.grid, camera.frame(pieces.grid)
     assert isinstance(volume, _Sketch)
     names = [name for name in medium.names if name in volume]
-    context = RangeContext(volume.unit, volume.expression_unit, _FAINTEST[scheme.name])
+    bound, context = medium.bind(Binding.to(volume)), RangeContext(_FAINTEST[scheme.name])
     with np.errstate(all="ignore"):
-        shown = medium.visible_in(pieces.ranges_of_chunks(medium.names), context)
+        shown = bound.may_show(pieces.ranges_of_chunks(medium.names), context)
     seen = np.array(np.broadcast_to(shown, volume.chunk_counts))
     seen &= in_picture(camera, pieces, *_chunks(pieces)).reshape(seen.shape)
     boxes = list(pieces.boxes(*_origins(camera, pieces)))

@@ -43,11 +43,14 @@ def prepare(
     medium: Medium,
     camera: Camera,
     options: RenderOptions,
+    *,
+    derivatives: bool = False,
     pieces: Pieces | None = None,
 ) -> tuple[RenderJob, dict[str, int]]:
     """Return everything that a picture needs, and the number of missing values in each field.
 
-    See `voluminous.render` for the arguments and errors.
+    See `voluminous.render` for the arguments and errors; with `derivatives` what is drawn can be
+    differentiated.
     """
     if not isinstance(volume, Volume):
         raise InputError(
@@ -121,7 +124,7 @@ def prepare(
         camera=camera,
         frame=frame,
         scheme=solver,
-        backend=get_backend(options.device, precision),
+        backend=get_backend(options.device, precision, derivatives),
         cutoff=check_cutoff(options.cutoff),
         tolerance=allowed,
         progress=options.progress if callable(options.progress) else silent,

@@ -143,7 +143,7 @@ def make_tracer(
 
 def _kernels(job: RenderJob, tracer: RayTracer, faintest: bool) -> KernelCache | None:
     """Return the cache of traced batches: the volume's, if all its dependencies have keys."""
-    if job.backend.device != "cpu" or job.backend.derivatives:
+    if job.backend.device != "cpu" or job.tape is not None:
         return None
     source, ending = tracer.source, tracer.ending
     key = job.key(

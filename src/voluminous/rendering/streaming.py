@@ -221,11 +221,9 @@ class StreamingTracer(RayTracer):
         return np.broadcast_to(shown, self.pieces.outline.chunk_counts)
 
     def _visible_in(self, ranges: dict[str, Interval]) -> np.ndarray:
-        volume = self.job.volume
         faint = self.source.context.faint if self.pieces.dual else _FAINTEST
-        context = RangeContext(volume.unit, volume.expression_unit, faint)
         with np.errstate(all="ignore"):
-            return np.asarray(self.job.medium.visible_in(ranges, context))
+            return np.asarray(self.source.numbers.bound.may_show(ranges, RangeContext(faint)))
 
     def walk_in(self, box: CellBox) -> Any:
         """Return the walk confined to a box of cells."""

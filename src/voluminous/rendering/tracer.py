@@ -16,6 +16,7 @@ import numpy as np
 from ..backend import clone_inputs, copy_into, dr, from_host
 from ..backend.functions import flush_subnormal
 from ..backend.types import Float
+from ..errors import InputError
 from ..grids.contract import Ray
 from ..schemes.path import Path, empty_path
 from .march import Cutoff, MarchState, RayState, march
@@ -346,6 +347,12 @@ class RayTracer:
 
     def march(self, ray: Ray) -> MarchState:
         """Return the final state of rays, not evaluated."""
+        tape = self.job.tape
+        if tape is not None and any(map(dr.grad_enabled, tape.numbers.values())):
+            raise InputError(
+                "in the loop over cells a medium's numbers have no derivatives in forward mode; "
+                "take rendering.replay.gradient, or dr.suspend_grad()"
+            )
         before, backward = RayState(self.nothing()), self.job.backward
         state = march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
         if self.results:

@@ -85,7 +85,7 @@ class PostClassified(Scheme):
         inside = source.looks_inside
         places = [(ray.fields.own(s) if inside else {}) for s in PLACES]
         scalars_only = source.panel(places, values, segment.length, where=PLACES, culling_only=True)
-        visible, _ = source.medium.visible(scalars_only, source.context)
+        visible, _ = source.bound.visible(scalars_only)
         numbers, (allowed, dim) = source.numbers, source.tolerance
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
         through = dr.detach(through)  # what is accepted has no derivative
@@ -147,7 +147,7 @@ class _Ray:
         """
         panel = self.panel(begin, width, places)
         panel.without_jumps = bool(self.source.jumps)
-        _, unresolved = self.source.medium.visible(panel, self.source.context)
+        _, unresolved = self.source.bound.visible(panel)
         return solve_with_error(self.source, panel, limits.seen(front)), unresolved
 
 

@@ -58,7 +58,7 @@ class PreIntegrated(Scheme):
         fields = source.along(segment)
         ends = [begin_values(source, fields, carried), source.evaluated(fields.own(1.0))]
         scalars_only = source.panel([], ends, segment.length, straight=True, culling_only=True)
-        visible, _ = source.medium.visible(scalars_only, source.context)
+        visible, _ = source.bound.visible(scalars_only)
         numbers = source.numbers
         nothing = empty_path(type(segment.length), numbers.emissions, numbers.extinctions)
 

@@ -86,7 +86,7 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
             through = any_attenuation(found.depth[k])[1]
             wrong.append(dr.fma(found.emission[c] * off[1][k], through, j * through) * panel.length)
     if not source.constant_source_function:
-        shares = numbers.shares(solved, panel, source.context)
+        shares = numbers.shares(solved, panel)
         uneven = [
             [_most_uneven(*ends) for ends in zip(*halves, strict=True)]
             for halves in zip(*shares, strict=True)
@@ -103,11 +103,11 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
     if not source.constant_source_function:
         ordering, occluded = _ordering_error(source, shares, uneven), _occluded(front, back)
         error = error + most(ordering) + numbers.brightness(occluded)
-        spread = source.medium.source_spread(panel, source.context)
-        if spread is not None:
+        source_range = source.bound.source_range(panel)
+        if source_range is not None:
             # What is seen of an opaque panel is a mean of the source function, whatever the order;
             # more matter than was found would add what comes through.
-            rows = zip(found.transparency, spread, found.emission, strict=True)
+            rows = zip(found.transparency, source_range.spread(), found.emission, strict=True)
             most_wrong = [
                 dr.abs(b) * (s + theta / dr.select(theta < 1.0, 1.0 - theta, 1e-6))
                 for theta, s, b in rows

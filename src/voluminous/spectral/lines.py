@@ -16,11 +16,12 @@ from ..backend.types import Float, Mask
 from ..errors import InputError, unknown_name
 from ..expressions.interval import Interval
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
+from ..media.bound import Binding
 from ..media.context import Context, Feature, Halves, MediumSample
 from ..media.gaussian import Gaussian, gaussian_mean
 from ..media.panel import Panel, extremes, kept, third_differences
 from ..media.quadrature import boole, midway, parabola, simpson
-from .medium import Bands, InCgs, SpectralMedium, given_field, model_of
+from .medium import Bands, BoundSpectral, InCgs, SpectralMedium, given_field, model_of
 
 if TYPE_CHECKING:
     from ..physics.molecule import Molecule
@@ -315,6 +316,9 @@ class Lines(SpectralMedium):
             nodes = np.geomspace(0.99 * cold, 1.01 * hot, _NODES)
         return nodes, np.asarray(molecule.partition_function(nodes, constants))
 
+    def bound(self, binding: Binding) -> BoundSpectral:
+        return BoundLines(self, binding)
+
     # --- at places ------------------------------------------------------------------------------
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
@@ -512,7 +516,7 @@ class Lines(SpectralMedium):
                     most[place] = most[place] + r * b * shape[1]
         missing = density.nan | warm.nan | turbulence.nan
         found = [Interval(a, b, missing) for a, b in zip(least, most, strict=True)]
-        return self.split(found)
+        return MediumSample(found[: self.channels], found[self.channels :])
 
     def _widths(self, fields: dict[str, Interval], context: Context) -> tuple[Any, Any]:
         _, warm, turbulence = (q.value(fields, context) for q in self._fields)
@@ -524,30 +528,36 @@ class Lines(SpectralMedium):
         parts = [q.value(fields, context).size for q in self._moves]
         return np.sqrt(sum((v * v for v in parts), np.float64(0.0)))
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
-        density, _, _ = (q.value(fields, context) for q in self._fields)
-        _, wide = self._widths(fields, context)
-        near = self._speed(fields, context) + _reach(context) * wide
+
+class BoundLines(BoundSpectral):
+    """The numbers of `Lines` in a kernel's units."""
+
+    medium: Lines
+
+    def may_show(self, ranges: dict[str, Interval], context: Context) -> Mask:
+        lines = self.medium
+        density, _, _ = (q.value(ranges, context) for q in lines._fields)
+        _, wide = lines._widths(ranges, context)
+        near = lines._speed(ranges, context) + _reach(context) * wide
         seen = np.zeros(np.shape(near), bool)
-        if self._shifts.size:
-            for shift in np.unique(np.abs(self._shifts)):
+        if lines._shifts.size:
+            for shift in np.unique(np.abs(lines._shifts)):
                 seen = seen | ~(shift > near)
-        there = density.nan | (density.size > 0.0) | (self.populations is not None)
+        there = density.nan | (density.size > 0.0) | (lines.populations is not None)
         return np.asarray(seen & there)
 
-    # --- on panels ------------------------------------------------------------------------------
-
-    def visible(self, panel: Panel, context: Context) -> tuple[Mask, Mask]:
+    def visible(self, panel: Panel) -> tuple[Mask, Mask]:
+        context = panel.context
         if not panel.places:  # without error control panels are looked at without their fields
-            return super().visible(panel, context)
-        states = self._along(panel, context)
+            return super().visible(panel)
+        states = self._along(panel)
         narrow = [state.narrowness for state in states]
         speed = [state.velocity * n for state, n in zip(states, narrow, strict=True)]
         low, high = extremes(speed)
         sharp = extremes(narrow)
         more = 0.25 * (high - low)
         seen, reach = panel.length < 0.0, context.narrow_number(_reach(context))
-        for shifts in self._shifts:
+        for shifts in self.medium._shifts:
             ends = [context.narrow_number(float(end)) for end in (shifts.min(), shifts.max())]
             first, last = (
                 end * dr.select((end > 0.0) == up, sharp[1], sharp[0])
@@ -557,11 +567,12 @@ class Lines(SpectralMedium):
         unknown = dr.isnan(low + high)
         return seen | unknown, panel.length < 0.0
 
-    def _along(self, panel: Panel, context: Context) -> list[LineState]:
+    def _along(self, panel: Panel) -> list[LineState]:
         """Return the gas at the places of a panel, in the type of integrals; computed once."""
+        context = panel.context
 
         def state(s: float) -> LineState:
-            found = self._state(panel.fields(s), context)
+            found = self.medium._state(panel.fields(s), context)
             narrow = context.narrow
             return LineState(
                 narrow(found.narrowness),
@@ -575,11 +586,12 @@ class Lines(SpectralMedium):
 
         return kept(panel, (id(self), "states"), states)
 
-    def means(self, panel: Panel, context: Context) -> MediumSample:
-        first, middle, last = self._along(panel, context)
+    def mean(self, panel: Panel) -> MediumSample:
+        context = panel.context
+        first, middle, last = self._along(panel)
         found = _Sums(self, context)
         ends = [(s.narrowness, s.velocity * s.narrowness) for s in (first, last)]
-        for k in range(len(self._lines)):
+        for k in range(len(self.medium._lines)):
             rows = ([getattr(s, name)[k] for s in (first, middle, last)] for name in _NAMES)
             bright, dense = (simpson(*row) for row in rows)
             for c, shift in enumerate(found.shifts[k]):
@@ -588,20 +600,21 @@ class Lines(SpectralMedium):
                 found.add(c, [shape * bright], [shape * dense])
         return found.samples()[0]
 
-    def integrate(self, panel: Panel, context: Context) -> Halves:
+    def halves(self, panel: Panel) -> Halves:
         """Return means of the lines' profiles times what they are multiplied by.
 
         Where the velocity changes by less than the line's width Boole's rule does it; elsewhere the
         profile is integrated in closed form, and its factor taken at its centre of mass.
         """
-        states, found = self._along(panel, context), _Sums(self, context)
+        context = panel.context
+        states, found = self._along(panel), _Sums(self, context)
         narrow = [s.narrowness for s in states]
         speed = [s.velocity * n for s, n in zip(states, narrow, strict=True)]
         change = extremes([dr.abs(b - a) for a, b in pairwise(speed)])[1]
-        for k in range(len(self._lines)):
+        for k in range(len(self.medium._lines)):
             bright, dense = ([getattr(s, name)[k] for s in states] for name in _NAMES)
             shifts = found.shifts[k]
-            widest = context.narrow_number(float(np.abs(self._shifts[k]).max()))
+            widest = context.narrow_number(float(np.abs(self.medium._shifts[k]).max()))
             change = change + widest * extremes([dr.abs(b - a) for a, b in pairwise(narrow)])[1]
 
             def smooth(rows: list[list[Float]], shifts: list[Float] = shifts) -> list[Float]:
@@ -614,7 +627,7 @@ class Lines(SpectralMedium):
 
             rows = [narrow, speed, bright, dense]
             values = branch((rows,), change < _SMOOTH, smooth, steep)
-            for c in range(self.channels):
+            for c in range(self.medium.channels):
                 found.add(c, values[6 * c : 6 * c + 3], values[6 * c + 3 : 6 * c + 6])
         return Halves(*found.samples())
 
@@ -688,15 +701,15 @@ def _reach(context: Context) -> float:
 class _Sums:
     """Sums over lines, per channel, of values over the first half, the last half, and errors."""
 
-    def __init__(self, medium: Lines, context: Context) -> None:
-        self.medium, self.context = medium, context
+    def __init__(self, bound: BoundLines, context: Context) -> None:
+        self.bound, self.context, lines = bound, context, bound.medium
         narrow = context.narrow_number
         self.shifts = context.keep(
-            (id(medium), "shifts"),
-            lambda: [[narrow(float(v)) for v in row] for row in medium._shifts],
+            (bound._part, "shifts"),
+            lambda: [[narrow(float(v)) for v in row] for row in lines._shifts],
         )
-        self.bright: list[list[Float]] = [[] for _ in range(medium.channels)]
-        self.dense: list[list[Float]] = [[] for _ in range(medium.channels)]
+        self.bright: list[list[Float]] = [[] for _ in range(lines.channels)]
+        self.dense: list[list[Float]] = [[] for _ in range(lines.channels)]
 
     def add(self, c: int, bright: list[Float], dense: list[Float]) -> None:
         for sums, new in ((self.bright, bright), (self.dense, dense)):
@@ -704,17 +717,17 @@ class _Sums:
 
     def samples(self) -> list[MediumSample]:
         """Return the sums in the units of means."""
-        context, medium = self.context, self.medium
+        context, bound = self.context, self.bound
         zero = context.narrow_number(0.0)
         count = max((len(row) for row in self.bright), default=0) or 3
-        units = context.keep(
-            (id(medium), "units"),
-            lambda: [
-                context.narrow_number(float(v))
-                for v in medium._ratio * context.scale / context.radiance
-            ],
+        ratios = zip(bound.medium._ratio, bound.factors, strict=True)
+        units, dense = context.keep(
+            (bound._part, "units"),
+            lambda: (
+                [context.narrow_number(float(ratio * factor)) for ratio, factor in ratios],
+                context.narrow_number(bound.binding.length),
+            ),
         )
-        dense = context.narrow_number(context.scale)
         samples = []
         for n in range(count):
             j = [u * (row[n] if row else zero) for u, row in zip(units, self.bright, strict=True)]

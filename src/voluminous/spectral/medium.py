@@ -19,10 +19,12 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..media.arguments import named
+from ..media.bound import Binding, BoundMedium, SourceRange, Wrapped
 from ..media.context import Context, Feature, MediumSample
 from ..media.contract import Medium
 from ..media.function import Function
 from ..media.panel import extremes
+from ..media.sum import with_each
 from ..units import as_given, is_quantity, parse_unit, plain
 
 if TYPE_CHECKING:
@@ -159,9 +161,17 @@ class SpectralMedium(Medium):
         """Return a copy with bands, and all numbers that depend on them."""
         return self.changed(bands=bands, channels=len(bands.frequencies))
 
-    def group(self, first: int, last: int) -> Medium:
+    def bind(self, binding: Binding) -> BoundMedium:
         assert self.bands is not None
-        return self.at_frequencies(self.bands.some(first, last))
+        first, last, _ = binding.channels.indices(self.channels)
+        medium = self
+        if last - first < self.channels:
+            medium = self.at_frequencies(self.bands.some(first, last))
+        return medium.bound(replace(binding, channels=slice(None)))
+
+    def bound(self, binding: Binding) -> BoundSpectral:
+        """Return its numbers, of all channels."""
+        return BoundSpectral(self, binding)
 
     def features(self) -> tuple[Feature, ...]:
         return tuple(Feature(q.expr) for q in self.quantities() if q.expr.names)
@@ -169,27 +179,6 @@ class SpectralMedium(Medium):
     def heat(self) -> Sequence[InCgs]:
         """Return the temperatures of what emits, once it has frequencies."""
         return ()
-
-    def warmth(self, panel: Panel, context: Context) -> list[Float] | None:
-        heat = self.heat()
-        if not heat:
-            return None
-        rows = ([q.value(panel.fields(s), context) for s in panel.where] for q in heat)
-        low, high = extremes([context.narrow(t + panel.length * 0.0) for row in rows for t in row])
-        over = _OVERSHOOT * (high - low)
-        return [low - over, high + over]
-
-    def spread_between(self, warmth: list[Float], context: Context) -> list[Float] | None:
-        """Return (T₂ - T₁)/T₁ (1 + hν/kT₁): d ln B/d ln T = x/(1 - e^-x) is at most 1 + x."""
-        assert self.bands is not None
-        exponents = self.bands.constants.planck_exponent * self.bands.frequencies
-        low, high = extremes(warmth)
-        cold = 1.0 / dr.select(low > 0.0, low, 1.0)
-        change = dr.select(low > 0.0, (high - low) * cold, 1e6)
-        steep = context.keep(
-            (id(self), "hν/k"), lambda: [context.narrow_number(float(x)) for x in exponents]
-        )
-        return [change * dr.fma(x, cold, 1.0) for x in steep]
 
     def __call__(self, values: Any) -> tuple[Any, Any]:
         raise InputError(self._without_channels())
@@ -257,6 +246,25 @@ class SpectralMedium(Medium):
         return SpectralFunction(function, fields, parameters=parameters)
 
 
+class BoundSpectral(Wrapped):
+    """The numbers of a spectral medium in a kernel's units."""
+
+    medium: SpectralMedium
+
+    def source_range(self, panel: Panel) -> SourceRange | None:
+        heat, bands, context = self.medium.heat(), self.medium.bands, panel.context
+        if not heat or bands is None:
+            return None
+        rows = ([q.value(panel.fields(s), context) for s in panel.where] for q in heat)
+        low, high = extremes([context.narrow(t + panel.length * 0.0) for row in rows for t in row])
+        over = _OVERSHOOT * (high - low)
+        exponents = bands.constants.planck_exponent * bands.frequencies
+        numbers = context.keep(
+            (self._part, "hν/k"), lambda: [context.narrow_number(float(x)) for x in exponents]
+        )
+        return SourceRange(low - over, high + over, numbers)
+
+
 class SpectralFunction(SpectralMedium):
     """Emissivity and extinction by a function of fields and frequency."""
 
@@ -285,7 +293,7 @@ class SpectralFunction(SpectralMedium):
         bands, function = self.bands, self.function
         assert bands is not None
         arguments = [context.evaluate(e, fields) for e in function.inputs]
-        keywords = {k: context.kept_number(v) for k, v in function.parameters.items()}
+        keywords = {k: context.number(v) for k, v in function.parameters.items()}
         bright = self.row(context, "j", bands.length / bands.unit)
         length = context.kept_number(bands.length)
         found = MediumSample([], [])
@@ -368,6 +376,16 @@ def occupation(x: Float) -> Float:
     x = dr.select(x < coldest, x, dr.select(dr.isnan(x), x, coldest))
     theta, mean = any_attenuation(x)
     return theta / (x * mean)
+
+
+def some_channels(medium: Medium, channels: slice) -> Medium:
+    """Return the medium at some of its frequencies."""
+
+    def at_some(part: Any) -> Medium:
+        tuned: Medium = part.at_frequencies(part.bands.some(channels.start, channels.stop))
+        return tuned
+
+    return with_each(medium, at_some)
 
 
 def hottest(medium: Medium, bands: Bands) -> float | None:

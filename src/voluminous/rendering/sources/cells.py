@@ -61,7 +61,6 @@ class CellEvaluator:
         tape: Tape | None = None,
     ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
-        self.unit_of = volume.expression_unit
         self.backend, self.grid, self.tape = backend, volume.grid, tape
         self.statistics = statistics or VolumeStatistics(volume)
         check_fields(volume, medium)
@@ -93,15 +92,13 @@ class CellEvaluator:
             real=real,
             number=functools.partial(opaque, real),
             opaque=opaque,
-            unit=self.volume.unit,
-            unit_of=self.unit_of,
+            tape=tape,
         )
 
     def evaluate(self, fields: dict[str, Float], real: Any = None) -> list[Float]:
         """Return the numbers times the grid's scale, from field values (traced)."""
-        real = real or self.backend.Wide
-        scale, context = dr.opaque(real, self.grid.scale), self.context(real, self.tape)
-        return self.numbers.table_values(fields, context, scale)
+        context = self.context(real or self.backend.Wide, self.tape)
+        return self.numbers.table_values(fields, context)
 
     def classify(self, first: int, count: int) -> tuple[list[Float], Mask]:
         """Return the numbers of consecutive cells, and where they cannot be used (traced)."""
@@ -204,10 +201,9 @@ class CellEvaluator:
 
     def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
         """Return bounds of the numbers' magnitudes while the fields stay in ranges."""
-        context = RangeContext(self.volume.unit, self.unit_of)
         with np.errstate(all="ignore"):
-            ranges = self.numbers.ranges(fields, context)
-        return [np.maximum(np.abs(v.lo), np.abs(v.hi)) * self.grid.scale for v in ranges]
+            ranges = self.numbers.values(fields, RangeContext())
+        return [np.maximum(np.abs(v.lo), np.abs(v.hi)) for v in ranges]
 
 
 def check_fields(volume: Volume, medium: Medium) -> None:

@@ -6,7 +6,7 @@ import copy
 import functools
 import math
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -14,12 +14,11 @@ import numpy as np
 from ...backend import Backend, dr
 from ...backend.functions import any_attenuation
 from ...backend.types import Float
-from ...expressions.interval import Interval
 from ...media import Shaped
+from ...media.bound import Binding, BoundMedium, integrated
 from ...media.context import Context, MediumSample
-from ...media.contract import Medium, integrated
+from ...media.contract import Medium
 from ...media.panel import Panel
-from ...media.ranges import RangeContext
 from ...schemes.base import Coefficients, Scheme
 from ...schemes.path import Path, most
 from ..options import MOST_TOGETHER
@@ -110,28 +109,30 @@ class PerChannel:
     """
 
     medium: Medium
-    unit: np.ndarray = field(default_factory=lambda: np.ones(1))
+    binding: Binding
     weights: list[Float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.emissions = self.medium.channels
+        self.emissions = len(range(self.medium.channels)[self.binding.channels])
         self.extinctions = 1 if self.medium.grey else self.emissions
         self.count = self.emissions + self.extinctions
-        self.spectral = self.emissions > 1 and self.medium.spectral
-        self.unit = np.broadcast_to(self.unit, self.emissions)
+        self.spectral = self.medium.channels > 1 and self.medium.spectral
         self.peaks = np.ones(self.emissions)
+        self.bind(np.ones(1))
+
+    def bind(self, unit: np.ndarray) -> None:
+        """Take the units of channels."""
+        self.unit = np.broadcast_to(unit, self.emissions)
+        radiance: Any = self.unit if self.spectral else float(self.unit[0])
+        self.binding = replace(self.binding, radiance=radiance)
+        self.bound: BoundMedium = self.medium.bind(self.binding)
 
     def group(self, channels: slice) -> PerChannel:
         """Return the layout of some channels."""
-        medium = self.medium.group(channels.start, channels.stop)
-        part = PerChannel(medium, self.unit[channels], self.weights[channels])
-        part.spectral = self.spectral
+        part = PerChannel(self.medium, replace(self.binding, channels=channels))
+        part.bind(self.unit[channels])
+        part.weights = self.weights[channels]
         return part
-
-    @property
-    def radiance(self) -> Any:
-        """The units, or the unit of all colours."""
-        return self.unit if self.spectral else float(self.unit[0])
 
     @property
     def error_unit(self) -> float:
@@ -167,37 +168,28 @@ class PerChannel:
         """Number of values that may be negative: the first ones."""
         return self.emissions
 
-    def table_values(self, fields: dict[str, Float], context: Context, scale: Float) -> list[Float]:
-        """Return the values per unit of the grid's scale."""
-        return [v * scale for v in self.values(fields, context)]
+    def table_values(self, fields: dict[str, Float], context: Context) -> list[Float]:
+        """Return the values of tables."""
+        return self.values(fields, context)
 
     def key(self) -> Hashable:
         """Return the key of everything that the values depend on, besides the fields."""
         key: Hashable = self.medium.key()
         return key
 
-    def values(self, fields: dict[str, Float], context: Context) -> list[Float]:
-        """Return the values per unit length."""
-        sample = self.medium.coefficients(fields, context)
-        scale = [context.number(float(1.0 / u)) for u in np.atleast_1d(self.radiance)]
-        scale = scale if self.spectral else scale * self.emissions
-        emissivity = [s * j for s, j in zip(scale, sample.emissivity, strict=True)]
-        return [*emissivity, *sample.extinction]
+    def values(self, fields: dict[str, Any], context: Context) -> list[Any]:
+        """Return the values; or intervals that hold them, while the fields stay in theirs."""
+        with context.requests_of("coefficients"):
+            return self.bound.coefficients(fields, context).listed()
 
-    def means(self, panel: Panel, context: Context) -> list[Float]:
+    def means(self, panel: Panel) -> list[Float]:
         """Return the means of the values over a panel of a ray."""
-        return self.medium.means(panel, context).listed()
+        return self.bound.mean(panel).listed()
 
-    def integrate(self, panel: Panel, context: Context) -> tuple[list[Float], ...]:
+    def integrate(self, panel: Panel) -> tuple[list[Float], ...]:
         """Return the means over both halves of a panel, and their errors."""
-        found = self.medium.integrate(panel, context)
+        found = self.bound.halves(panel)
         return found.first.listed(), found.last.listed(), found.error.listed()
-
-    def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
-        """Return intervals that enclose the values while the fields stay in ranges."""
-        sample, scale = self.medium.ranges(fields, context), (1.0 / self.unit).tolist()
-        emissivity = [s * j for s, j in zip(scale, sample.emissivity, strict=True)]
-        return [*emissivity, *sample.extinction]
 
     def split(self, values: list[Float]) -> Coefficients:
         """Return j and α from the values (traced in the loop)."""
@@ -214,18 +206,16 @@ class PerChannel:
         part.weights = [w * f for w, f in pairs] or factors
         return part
 
-    def shares(
-        self, solved: Sequence[Path], panel: Panel, context: Context
-    ) -> list[list[list[tuple[Float, Float]]]]:
+    def shares(self, solved: Sequence[Path], panel: Panel) -> list[list[list[tuple[Float, Float]]]]:
         """Return brightness and optical depth of each part on both halves, per extinction."""
-        parts = self.medium.components()
+        parts = self.bound.parts
         if len(parts) == 1:
             if self.extinctions == 1:
                 return [[[(path.error[2], path.depth[0])]] for path in solved]
             return [
                 [list(zip(self.bright(path.emission), path.depth, strict=True))] for path in solved
             ]
-        found, length = [integrated(part, panel, context) for part in parts], 0.5 * panel.length
+        found, length = [integrated(part, panel) for part in parts], 0.5 * panel.length
         return [
             [self._share(getattr(one, name), length) for one in found] for name in ("first", "last")
         ]
@@ -265,7 +255,7 @@ class PerChannel:
         """Choose the units, given bounds of the numbers."""
         sizes = largest[: self.emissions] if self.spectral else [self.brightest(largest)]
         units = [unit_near(size if size < np.inf else self._color()) for size in sizes]
-        self.unit = np.broadcast_to(units, self.emissions)
+        self.bind(np.array(units))
 
     def in_units(self, largest: list[float]) -> list[float]:
         """Return bounds of the numbers in the kernel's unit."""
@@ -322,7 +312,7 @@ class SharedProfiles:
 
     Attributes
     ----------
-    parts : tuple of Shaped
+    bound : BoundMedium
         The media added.
     color : float array, shape (channel, part)
         Emission of each part in each channel, in the unit.
@@ -330,7 +320,7 @@ class SharedProfiles:
         Extinction of each part, and its emission in its brightest channel, as run-time numbers.
     """
 
-    parts: tuple[Any, ...]
+    bound: BoundMedium
     color: np.ndarray
     opacity: list[Float]
     peak: list[Float]
@@ -342,33 +332,31 @@ class SharedProfiles:
     peaks: ClassVar[np.ndarray] = np.ones(1)
 
     def __post_init__(self) -> None:
+        self.parts: Any = self.bound.parts
         self.emissions = self.count = len(self.parts)
-        self.radiance = self.error_unit = self.faintest_unit = self.unit
+        self.error_unit = self.faintest_unit = self.unit
 
     @property
     def signed(self) -> int:
         return self.emissions
 
-    def table_values(self, fields: dict[str, Float], context: Context, scale: Float) -> list[Float]:
-        return [v * scale for v in self.values(fields, context)]
+    def table_values(self, fields: dict[str, Float], context: Context) -> list[Float]:
+        return self.values(fields, context)
 
     def key(self) -> Hashable:
         # Tables do not contain colours and opacities, which may differ.
-        return tuple(part.shape_key() for part in self.parts)
+        return tuple(part.form.shape_key() for part in self.parts)
 
-    def values(self, fields: dict[str, Float], context: Context) -> list[Float]:
-        return [part.per_length(fields, context) for part in self.parts]
+    def values(self, fields: dict[str, Any], context: Context) -> list[Any]:
+        return [part.shape(fields, context) for part in self.parts]
 
-    def means(self, panel: Panel, context: Context) -> list[Float]:
-        return [part.mean_per_length(panel, context) for part in self.parts]
+    def means(self, panel: Panel) -> list[Float]:
+        return [part.mean_shape(panel) for part in self.parts]
 
-    def integrate(self, panel: Panel, context: Context) -> tuple[list[Float], ...]:
-        found = (part.halves_per_length(panel, context) for part in self.parts)
+    def integrate(self, panel: Panel) -> tuple[list[Float], ...]:
+        found = (part.half_shapes(panel) for part in self.parts)
         first, last, error = (list(values) for values in zip(*found, strict=True))
         return first, last, error
-
-    def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
-        return [part.per_length(fields, context) for part in self.parts]
 
     def split(self, values: list[Float]) -> Coefficients:
         alpha = self.opacity[0] * values[0]
@@ -382,9 +370,7 @@ class SharedProfiles:
             total = dr.fma(dr.abs(b), weight, total)
         return total
 
-    def shares(
-        self, solved: Sequence[Path], panel: Panel, context: Context
-    ) -> list[list[list[tuple[Float, Float]]]]:
+    def shares(self, solved: Sequence[Path], panel: Panel) -> list[list[list[tuple[Float, Float]]]]:
         return [self._shares(path) for path in solved]
 
     def _shares(self, path: Path) -> list[list[tuple[Float, Float]]]:
@@ -448,18 +434,20 @@ class SharedProfiles:
 ChannelLayout: TypeAlias = PerChannel | SharedProfiles
 
 
-def choose_layout(medium: Medium, scheme: Scheme, backend: Backend, scale: float) -> ChannelLayout:
+def choose_layout(
+    medium: Medium, scheme: Scheme, backend: Backend, binding: Binding
+) -> ChannelLayout:
     """Return the layout of a medium's numbers: shapes where that is possible and fewer."""
     if scheme.layout is not None:
-        return scheme.layout(medium, backend, scale)  # type: ignore[no-any-return]
+        return scheme.layout(medium, backend, binding)  # type: ignore[no-any-return]
     parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.mixes)
     mixed = len(parts) < len(medium.components())
     # Of shared profiles colours and opacities are no numbers of kernels.
     if backend.derivatives or mixed or not scheme.linear or len(parts) > medium.channels:
-        return PerChannel(medium)
+        return PerChannel(medium, binding)
     color = np.array([part.color for part in parts], dtype=np.float64).T
     unit = unit_near(float(np.max(np.abs(color))))
     color /= unit
     peak = [backend.opaque(most) for most in np.max(np.abs(color), axis=0)]
     opacity = [backend.opaque(part.opacity[0]) for part in parts]
-    return SharedProfiles(parts, color, opacity, peak, unit)
+    return SharedProfiles(medium.bind(binding), color, opacity, peak, unit)

@@ -151,9 +151,8 @@ def get_bricks(
 
 
 def _visible(evaluator: CellEvaluator, ranges: dict[str, Interval], faint: float) -> np.ndarray:
-    context = RangeContext(evaluator.volume.unit, evaluator.volume.expression_unit, faint)
     with np.errstate(all="ignore"):
-        return np.asarray(evaluator.medium.visible_in(ranges, context))
+        return np.asarray(evaluator.numbers.bound.may_show(ranges, RangeContext(faint)))
 
 
 def worthwhile_bricks(

@@ -148,7 +148,7 @@ class Interpolated:
 
     def use(self, medium: Medium) -> None:
         """Take a medium, and what schemes ask about it."""
-        self.medium, parts = medium, medium.components()
+        self.medium, parts, self.bound = medium, medium.components(), self.numbers.bound
         self.scalars = medium.scalars()
         # Whether panels need fields: of others the scalars at their places are enough.
         turning = any(may_turn(expr, self.context) for expr in self.scalars)
@@ -206,7 +206,7 @@ class Interpolated:
         """Return the source of some of the channels; it shares fields and all that is skipped."""
         part = copy.copy(self)
         part.numbers = cast(PerChannel, self.numbers).group(channels)
-        part.context = replace(self.context, radiance=part.numbers.radiance, _kept={})
+        part.context = replace(self.context, _kept={})
         part.largest = part.bounds = some_channels(self.numbers, self.largest, channels)
         part.use(part.numbers.medium)
         return part
@@ -252,13 +252,13 @@ class Interpolated:
 
     def means(self, panel: Panel) -> Coefficients:
         """Return mean j and α over a panel, per length of the grid's scale."""
-        j, alpha = self.numbers.split(self.numbers.means(panel, self.context))
+        j, alpha = self.numbers.split(self.numbers.means(panel))
         # Unphysical values become NaN and reach the picture, which is checked afterwards.
         return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
 
     def integrate(self, panel: Panel) -> list[Coefficients]:
         """Return mean j and α over both halves of a panel, and the errors of those over it."""
-        *means, error = self.numbers.integrate(panel, self.context)
+        *means, error = self.numbers.integrate(panel)
         found = [self.numbers.split(values) for values in means]
         usable = [(j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]) for j, alpha in found]
         return [*usable, self.numbers.split(error)]
@@ -266,11 +266,11 @@ class Interpolated:
     @property
     def jumps(self) -> list[Jump]:
         """Where the medium is discontinuous."""
-        return self.medium.jumps(self.context)
+        return self.bound.jumps()
 
     def layer(self, panel: Panel, place: Float) -> Path:
         """Return the parts of zero width that a panel crosses, evaluated at a place."""
-        sheet = self.medium.layer(panel, self.context, place)
+        sheet = self.bound.sheet(panel, place)
         assert sheet is not None  # `layered`
         return layer(*self.numbers.split(sheet.listed()))
 
@@ -321,8 +321,6 @@ def interpolated_fields(
     context = replace(
         evaluator.context(real, evaluator.tape),
         narrow=backend.Float,
-        scale=grid.scale,
-        radiance=numbers.radiance,
         limits={n: tuple(dr.opaque(real, end) for end in ends) for n, ends in extremes.items()},
         faint=faint,
         tolerance=tolerance,

@@ -23,8 +23,8 @@ from ...expressions import Expression
 from ...expressions.interval import Interval
 from ...grids.cartesian.dual_walk import WIDEST
 from ...grids.cartesian.leap import BITS
+from ...media.bound import BoundMedium
 from ...media.context import Context
-from ...media.contract import Medium
 from ...media.profiles import Shaped
 from ..precision import plain_widths
 from .cells import CellEvaluator, device_array
@@ -34,7 +34,7 @@ from .cells import CellEvaluator, device_array
 class Limit:
     """Error allowed in a scalar of a part of a medium."""
 
-    part: Medium
+    part: BoundMedium
     expr: Expression
     # Of the part's structures: the limit where they are nearly invisible.
     width: float
@@ -55,14 +55,19 @@ class Limit:
         """
         width = context.kept_number(self.width)
         most = context.kept_number(self.width * self.fraction)
-        shown = self.part.prominence(exact, context)
+        prominence = getattr(self.part, "prominence", _everywhere)
+        shown = prominence(exact, context)
         for value in approximate:
-            shown = dr.maximum(shown, self.part.prominence(value, context))
+            shown = dr.maximum(shown, prominence(value, context))
         holds, root = ~dr.isnan(exact), dr.sqrt(shown)
         for value in approximate:
             off = dr.abs(value - exact)
             holds &= (off * root <= most) & (off <= width)
         return holds
+
+
+def _everywhere(x: Float, context: Context) -> Float:
+    return x * 0.0 + 1.0
 
 
 def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit, ...] | None:
@@ -78,11 +83,11 @@ def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit,
     if not scalars or used != set(medium.names) or not all(n in evaluator.volume for n in used):
         return None
     limits = []
-    for part in medium.components():
+    for part, bound in zip(medium.components(), evaluator.numbers.bound.parts, strict=True):
         least: dict[str, float] = {}
         for expr, width in plain_widths(evaluator.volume, part.features()):
             least[expr.text] = min(width, least.get(expr.text, np.inf))
-        limits += [Limit(part, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
+        limits += [Limit(bound, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
     return tuple(limits) if all(0 < limit.width < np.inf for limit in limits) else None
 
 

@@ -1,0 +1,203 @@
+"""What is asked of media besides their contract; all of it has defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..units import Unit
+from ..units import unit_of as unit_of_value
+from ..value import Value
+from .arguments import with_plain_expressions
+from .context import Context, Feature, MediumSample
+
+if TYPE_CHECKING:
+    from ..evaluation import Evaluation
+    from .contract import Medium
+    from .modulation import Modulation
+    from .shading import Shade
+
+
+class Details(Value):
+    """Details of media, for those that have them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The fields and coordinates it depends on.
+    discrete : bool
+        True if its values are labels, which must not be interpolated: the default scheme is then
+        ``"first-order"``.
+    path_length : float, Quantity or "auto", optional
+        The length to which its colours and opacities refer, if any; ``"auto"`` until
+        `Medium.calibrated` measures it, for media with a `profile`.
+    modulation : Modulation, optional
+        Its gate, and its colours by another expression.
+    shade : Shade, optional
+        The shading of its surfaces, unless it is part of the modulation.
+    sensitivity : float
+        Factor on the error of the fields at structures without width and at jumps: their places,
+        and the values evaluated there, depend on the slopes of the fields.
+    kind : str
+        Its type in scene files; the name of the class by default.
+    thermal : bool
+        Its source function is at most one in each channel.
+    sight : tuple of str
+        Axes whose directions relative to the line of sight it needs: ``fields["los.r"]`` is the
+        cosine between r and the line of sight, away from the observer.
+    """
+
+    names: tuple[str, ...]
+    discrete: bool = False
+    path_length: Any = None
+    modulation: Modulation | None = None
+    shade: Shade | None = None
+    sensitivity: float = 1.0
+    kind: ClassVar[str] = ""
+    thermal: bool = False
+    sight: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:  # of the contract
+        channels: int
+        grey: bool
+        features: Callable[[], tuple[Feature, ...]]
+        components: Callable[[], tuple[Medium, ...]]
+        key: Callable[[], Any]
+
+    # --- in place of `bind` ---------------------------------------------------------------------
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
+        raise NotImplementedError
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
+        """Return intervals that hold j and α while the fields stay in theirs; default: unbounded.
+
+        A medium whose `coefficients` only uses operators, `Context.ops` and
+        `Context.interpolate` returns ``self.coefficients(...)``.
+        """
+        return MediumSample(
+            [Interval(-np.inf, np.inf)] * self.channels,
+            [Interval(0.0, np.inf)] * (1 if self.grey else self.channels),
+        )
+
+    # --- what follows from the features ---------------------------------------------------------
+
+    def known_features(self) -> tuple[Feature, ...]:
+        """Return the features of all components."""
+        return tuple(feature for part in self.components() for feature in part.features())
+
+    def scalars(self) -> tuple[Expression, ...]:
+        """Return the expressions that panels interpolate linearly over a panel."""
+        return tuple({f.expr.text: f.expr for f in self.features() if f.scalar}.values())
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether means evaluate fields between a panel's ends."""
+        return not self.features() or not all(f.scalar for f in self.features())
+
+    def visible_key(self) -> Any:
+        """Return a key of all that `may_show` depends on except the fields; None if unknown."""
+        return self.key()
+
+    def emission_range(self) -> tuple[float, float] | None:
+        """Return the least and largest emission of one path length; None if unknown."""
+        return None
+
+    def strongest(self) -> tuple[float, float]:
+        """Return the brightness and opacity of one path length at the peak; 0 without a peak."""
+        return 0.0, 0.0
+
+    @property
+    def spectral(self) -> bool:
+        """Whether each channel is a picture of its own, with its own unit and tolerance.
+
+        The channels of a medium whose `emission_range` is known are colours of one picture.
+        """
+        return all(part.emission_range() is None for part in self.components())
+
+    @property
+    def surface_only(self) -> bool:
+        """Whether the medium consists only of surfaces without width."""
+        return False
+
+    @property
+    def constant_source_function(self) -> bool:
+        """Whether j/α is the same everywhere: an opaque medium then looks the same everywhere."""
+        return False
+
+    def used_names(self) -> tuple[str, ...]:
+        """Return the fields and coordinates that its expressions depend on."""
+        used = [name for feature in self.features() for name in feature.expr.names]
+        return tuple(dict.fromkeys((*used, *(self.modulation.names if self.modulation else ()))))
+
+    def on_rays(self) -> Any:
+        """Return the medium for schemes that need its light only on rays with known directions.
+
+        The gradient along the line of sight, in all cells, took three times as long as the picture.
+        """
+        changes: dict[str, Any] = {}
+        if self.modulation is not None and self.modulation.shade is not None:
+            changes["modulation"] = self.modulation.on_rays()
+        if self.shade is not None:
+            changes["shade"] = self.shade.on_rays()
+        if not changes:
+            return self
+        medium = self.changed(**changes)
+        return medium.changed(names=medium.used_names())
+
+    # --- units, calibration, films --------------------------------------------------------------
+
+    def profile(
+        self, unit: Unit, extent: Callable[[], tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the medium as a function of its only scalar, in `unit`: nodes and heights.
+
+        Linear in between, zero outside, in any unit; two equal nodes make a jump. `extent` returns
+        the scalar's least and greatest value in the volume, for profiles without an end. Default:
+        None, which is for media without a path length.
+        """
+        return None
+
+    def plain(self, volume: Evaluation, emission: Unit = None) -> Any:
+        """Return it with expressions that are plain numbers of a volume's fields.
+
+        `emission` is the unit of its emissivity, where that can be converted; default: as it is.
+        """
+        return with_plain_expressions(self, volume)
+
+    def length_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        """Return the unit of length in which it is given, if any: that of its path length."""
+        return unit_of_value(self.path_length)
+
+    def scaled(self, factor: float) -> Any:
+        """Return it with emission and extinction multiplied by a factor, from 0 to 1.
+
+        Default: a path length over that factor.
+        """
+        if self.path_length is None:
+            raise InputError(f"{type(self).__name__} cannot fade; write it with expressions")
+        if isinstance(self.path_length, str):
+            raise InputError(
+                "a medium that fades needs a path length; write medium.calibrated(volume)"
+            )
+        return self.replace(path_length=self.path_length / factor)
+
+    def emission_unit(self, unit_of: Callable[[Expression], Unit]) -> Unit:
+        """Return the unit of its emissivity; None where colours are plain numbers."""
+        return None
+
+    def formulas(self) -> Medium | None:
+        """Return the medium with its Python function as expressions, if possible; else None."""
+        return None
+
+
+def intensity_unit(medium: Medium, volume: Evaluation) -> Unit:
+    """Return the unit of emissivity times a volume's length; None where colours are plain."""
+    unit = medium.emission_unit(volume.expression_unit)
+    return unit if unit is None or volume.unit is None else unit * volume.unit
