@@ -139,15 +139,13 @@ def is_surface(component: Medium) -> bool:
 
 
 def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
-    """Refuse a medium of which neither an expression nor its fields are given."""
     needed: dict[str, None] = {}
     for component in medium.components():
-        rest = dict.fromkeys(component.names)
-        for feature in component.features():
-            expr = feature.expr
+        exprs = [feature.expr for feature in component.features()]
+        for expr in exprs:
             needed |= dict.fromkeys((expr.text,) if expr.text in given else expr.names)
-            rest = {name: None for name in rest if name not in expr.names}
-        needed |= rest
+        seen = {name for expr in exprs for name in expr.names}
+        needed |= {name: None for name in component.names if name not in seen}
     missing = [name for name in needed if name not in given]
     if missing:
         listed = ", ".join(f"{name!r}: …" for name in (*given, *missing))

@@ -101,7 +101,6 @@ def calibrated(medium: Medium, volume: Volume, known: Known) -> Medium:
 
 
 def _with_lengths(medium: Medium, volume: Volume, known: Known) -> Medium:
-    """Return a medium with the median thickness of each shell for lengths that are "auto"."""
     shells: dict[Expression, list[Medium]] = {}
     for component in medium.components():
         if isinstance(component.path_length, str):
@@ -161,7 +160,6 @@ def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
 
 
 def _with_range(medium: Medium, volume: Volume, known: Known) -> Medium:
-    """Return a medium with measured ranges of its colours."""
     for feature in medium.features():
         colors = feature.colors
         if colors is None or not colors.is_open:

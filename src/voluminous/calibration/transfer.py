@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
 from ..media import ColorBy, Medium
+from ..media.color_by import Colors
 from ..media.modulation import Modulation
 from ..media.sum import with_each
 from ..notebook import png
@@ -41,13 +42,13 @@ class _Panel:
 
     def __init__(self, expr: Expression, components: list[Medium], volume: Volume | None) -> None:
         self.expr, self.components, self.volume = expr, components, volume
-        shown = [colors for component in components if (colors := colors_of(component)) is not None]
+        shown = [(one, colors) for one in components if (colors := colors_of(one)) is not None]
         if volume is not None:
             self.unit: Unit = volume.expression_unit(expr)
         else:
-            self.unit = next((c.unit for c in shown if c.unit is not None), None)
+            self.unit = next((c.unit for _, c in shown if c.unit is not None), None)
         self.values = np.empty(0) if volume is None else sampled_values(volume, expr)
-        spans = [self._span(component) for component in components if colors_of(component)]
+        spans = [self._span(component, colors) for component, colors in shown]
         if len(self.values):
             first, last = self.values[[0, -1]]
             # The tail of a shell below all values must not prevent a logarithmic axis.
@@ -57,7 +58,7 @@ class _Panel:
             raise InputError(f"{expr.text} has no finite value in this volume")
         low, high = (float(end) for end in (min(s[0] for s in spans), max(s[1] for s in spans)))
         self.log = not expr.text.startswith("log") and low > 0.0 and high > _WIDE * low
-        if any(colors.positive for colors in shown):
+        if any(colors.positive for _, colors in shown):
             positive = [*(s[0] for s in spans if s[0] > 0), *self.values[self.values > 0][:1]]
             low = float(min(positive, default=low))
             self.log = low > 0
@@ -69,10 +70,7 @@ class _Panel:
             low, high = low - aside, high + aside
         self.low, self.high = low, high
 
-    def _span(self, component: Medium) -> tuple[float, float]:
-        """Return the range of values in which a component shows something."""
-        colors = colors_of(component)
-        assert colors is not None
+    def _span(self, component: Medium, colors: Colors) -> tuple[float, float]:
         values = colors.values_in(self.unit)
         low, high = float(values.min()), float(values.max())
         if colors.half_width is None:
