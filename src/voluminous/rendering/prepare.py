@@ -43,9 +43,9 @@ def prepare(
     medium: Medium,
     camera: Camera,
     options: RenderOptions,
+    pieces: Pieces | None = None,
     *,
     derivatives: bool = False,
-    pieces: Pieces | None = None,
 ) -> tuple[RenderJob, dict[str, int]]:
     """Return everything that a picture needs, and the number of missing values in each field.
 
