@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import numpy as np
@@ -233,9 +234,14 @@ VIEWS = {
 }
 
 
-@pytest.mark.parametrize("missing", [False, True])
-@pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("grid", GRIDS)
+SEEN = [
+    pytest.param(grid, view, missing, marks=pytest.mark.exhaustive if far else [])
+    for grid, view, missing in itertools.product(GRIDS, VIEWS, [False, True])
+    for far in [missing and view != "parallel"]
+]
+
+
+@pytest.mark.parametrize(("grid", "view", "missing"), SEEN)
 def test_layers_that_show_nothing_change_nothing(grid, view, missing):
     """Rays in stretches are the rays: on all grids, from outside and inside."""
     grid, rng = GRIDS[grid], np.random.default_rng(7)
