@@ -9,7 +9,6 @@ import numpy as np
 
 from ..expressions import Expression
 from ..notebook import picture
-from ..packages import room
 from ..units import Unit
 from ..value import Value
 from .bound import Binding, no_unit
@@ -25,11 +24,8 @@ if TYPE_CHECKING:
 class Sugar(Value):
     """What users do with media."""
 
-    if TYPE_CHECKING:  # of the contract
-        components: Callable[[], tuple[Medium, ...]]
-
     def bounds(
-        self,
+        self: Any,
         lo: Mapping[str, Any],
         hi: Mapping[str, Any],
         unit: Unit = None,
@@ -63,23 +59,26 @@ class Sugar(Value):
         UnknownNameError
             If a field is missing.
         """
-        whole: Medium = room("media.function").with_formulas(self)
-        fields = intervals(lo, hi)
+        from .function import with_formulas
+
+        whole, fields = with_formulas(self), intervals(lo, hi)
         with np.errstate(all="ignore"):
             found = whole.bind(Binding(unit, unit_of)).coefficients(fields, RangeContext())
             return Bounds.of(found, fields)
 
-    def __add__(self, other: Any) -> Medium:
+    def __add__(self: Any, other: Any) -> Medium:
+        from .sum import Sum
+
         if not isinstance(other, Sugar):
             return NotImplemented
-        total: Medium = room("media.sum").Sum(self.components() + other.components())
-        return total
+        both: Any = other
+        return Sum(self.components() + both.components())
 
     def __radd__(self, other: Any) -> Any:
         # sum([...]) starts from 0.
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def __call__(self, values: Any) -> tuple[Any, Any]:
+    def __call__(self: Any, values: Any) -> tuple[Any, Any]:
         """Return j and α per unit length at values of its fields or expressions.
 
         Parameters
@@ -109,10 +108,11 @@ class Sugar(Value):
         >>> j.shape, alpha.round(4)
         ((3, 2), array([0.182, 0.3  ]))
         """
-        j, alpha = room("calibration.at_values").evaluate(self, values)
-        return j, alpha
+        from ..calibration.at_values import evaluate
 
-    def calibrated(self, volume: Volume) -> Medium:
+        return evaluate(self, values)
+
+    def calibrated(self: Any, volume: Volume) -> Medium:
         """Return this medium with numbers for all parameters that are measured in a volume.
 
         Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this
@@ -154,10 +154,11 @@ class Sugar(Value):
         >>> f"{shell.calibrated(core).path_length:.2g} cm"
         '4.2e+16 cm'
         """
-        result: Medium = room("calibration.open_numbers").calibrate(self, volume)
-        return result
+        from ..calibration.open_numbers import calibrate
 
-    def plot(self, volume: Volume | None = None, ax: Any = None) -> Axes | np.ndarray:
+        return calibrate(self, volume)
+
+    def plot(self: Any, volume: Volume | None = None, ax: Any = None) -> Axes | np.ndarray:
         """Draw j and α over the values of its expressions, with the number of cells at each.
 
         One panel for each expression. Gates, and colours by other expressions, are named and not
@@ -182,7 +183,9 @@ class Sugar(Value):
         InputError
             If the medium is invisible in the volume, or if no volume and no range is given.
         """
-        axes: Axes | np.ndarray = room("calibration.transfer").plot(self, volume, ax)
+        from ..calibration.transfer import plot
+
+        axes: Axes | np.ndarray = plot(self, volume, ax)
         return axes
 
     @staticmethod
@@ -196,19 +199,20 @@ class Sugar(Value):
         units: Any = None,
     ) -> Medium:
         """Return a medium from any Python function of the fields; see `media.Function`."""
-        medium: Medium = room("media.function").Function(
-            function, fields, channels, grey=grey, parameters=parameters, units=units
-        )
-        return medium
+        from .function import Function
 
-    def _repr_png_(self) -> bytes | None:
-        data: bytes | None = room("calibration.transfer").swatch(self)
-        return data
+        return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
 
-    def _swatch(self) -> str:
+    def _repr_png_(self: Any) -> bytes | None:
+        from ..calibration.transfer import swatch
+
+        return swatch(self)
+
+    def _swatch(self: Any) -> str:
+        from ..calibration.transfer import swatch_title
+
         data = self._repr_png_()
-        title = room("calibration.transfer").swatch_title
-        return "" if data is None else picture(data, title(self))
+        return "" if data is None else picture(data, swatch_title(self))
 
     def __repr__(self) -> str:
         given = self.arguments()
