@@ -17,7 +17,7 @@ from voluminous.backend import dr, from_host
 from voluminous.backend.functions import loop
 from voluminous.errors import InputError
 from voluminous.grids.box_walk import BoxWalk, make_axis
-from voluminous.grids.contract import CellBox, Grid, Segment
+from voluminous.grids.contract import CellBox, Grid, Segment, check_walk, on_device
 from voluminous.units import plain, space_unit, unit_of
 
 # Along each axis of the box: places at which a cell nearby is known, for rays that enter.
@@ -66,7 +66,6 @@ class VoronoiGrid(Grid):
             raise InputError("points must be all different")
         self.size = len(self.points)
         self.shape = (self.size,)
-        self.levels = np.zeros(self.size, np.uint8)
         self._divide(low, high)
         self.scale = float(np.median(np.cbrt(self.cell_volumes)))
 
@@ -111,10 +110,8 @@ class VoronoiGrid(Grid):
 
     def walk(self, backend: Any, kind: str = "cells", box: CellBox | None = None) -> Any:
         """Return the walk of rays from cell to cell."""
-        self.check_no_box(box)
-        if kind != "cells":
-            self.refuse(f"walk of the kind {kind!r}")
-        return self.on_device(backend, kind, lambda: VoronoiWalk(self, backend))
+        check_walk(self, kind, ["cells"], box)
+        return on_device(self, backend, kind, lambda: VoronoiWalk(self, backend))
 
 
 def _area(polygon: np.ndarray) -> float:

@@ -17,6 +17,7 @@ from voluminous.rendering.options import RenderOptions
 from voluminous.rendering.pixels import PixelOrder
 from voluminous.rendering.prepare import prepare
 from voluminous.rendering.run import make_tracer
+from voluminous.rendering.sources.corner_layouts import lattices_of
 
 SHAPE = (9, 7, 8)
 UNIFORM = vm.CartesianGrid.uniform(SHAPE, [(-1, 1), (-0.8, 0.9), (-1.1, 1)])
@@ -101,7 +102,7 @@ def part_of(source, values, where, grid):
     """Return the source of a whole volume with the data of a box."""
     part = copy.copy(source)
     if hasattr(source, "lattices"):
-        part.lattices = {"a": grid.lattice([values[where]], source.backend)[0]}
+        part.lattices = {"a": lattices_of(grid, [values[where]], source.backend)[0]}
     else:
         part.packets = [
             from_host(type(data), np.asarray(data).reshape(*grid.shape, width)[where].ravel())

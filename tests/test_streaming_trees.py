@@ -19,7 +19,7 @@ from voluminous.errors import InputError, MemoryNeededError
 from voluminous.grids.trees.ghosts import LeavesWithGhosts
 from voluminous.io.registry import open_lazily
 from voluminous.rendering.pieces import Pieces
-from voluminous.rendering.sources.corner_layouts import lattices_of_leaves
+from voluminous.rendering.sources.corner_layouts import lattices_of, lattices_of_leaves
 
 __all__ = ["reads"]
 
@@ -123,7 +123,7 @@ def test_parts_have_the_bits_of_the_whole_on_interpolated_fields(name, chunks):
 def test_corner_values_of_parts_are_those_of_the_whole(name):
     grid, backend = GRIDS[name], get_backend("cpu")
     values = np.random.default_rng(1).random(grid.size, np.float32)
-    (whole,) = grid.lattice([values], backend)
+    (whole,) = lattices_of(grid, [values], backend)
     whole = np.asarray(whole.data).reshape(-1, 8)
     for most in (1, 40):
         parts = grid.parts(most)

@@ -11,14 +11,12 @@ import numpy as np
 
 import voluminous as vm
 from voluminous.backend import dr
-from voluminous.grids.contract import Grid
+from voluminous.grids.contract import BoxGrid, VertexGrid, check_walk
 from voluminous.rendering.sources.corner_layouts import CornerPackets
 
 
 class ShuffledWalk:
     """The original's walk; it tells the flat grid's cell numbers."""
-
-    leaps = False
 
     def __init__(self, walk, number, backend):
         self.walk, self.backend = walk, backend
@@ -33,11 +31,10 @@ class ShuffledWalk:
         return replace(segment, cell=cell), cursor
 
 
-class ShuffledGrid(Grid):
+class ShuffledGrid(BoxGrid, VertexGrid):
     """The cells of `original` in another order: cell k is the original's cell `order[k]`."""
 
     kind = "shuffled"
-    cells_are_boxes = has_vertices = True
 
     def __init__(self, original, seed=0):
         self.original, self.size = original, original.size
@@ -73,7 +70,7 @@ class ShuffledGrid(Grid):
         ]
 
     def walk(self, backend, kind="cells", box=None):
-        self.check_no_box(box)
+        check_walk(self, kind, ["cells", "substeps"], box)
         key = (backend.device, backend.precision, kind)
         if key not in self._walks:
             walk = self.original.walk(backend, kind)
@@ -100,7 +97,7 @@ class LinearCells(vm.OctreeGrid):
         walk.continuous = False
         return walk
 
-    def lattice(self, arrays, backend, sums=()):
+    def dual_layout(self, arrays, backend, sums):
         ends = np.repeat([-0.5, 0.5], 4)
         steps = np.multiply.outer(np.broadcast_to(self.rise, self.shape), ends)
         corners = [(array[:, None] + steps).ravel() for array in arrays]

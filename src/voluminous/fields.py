@@ -12,6 +12,7 @@ import numpy as np
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
 from .geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
+from .grids.contract import native_centers
 from .units import as_quantity, is_quantity, parse_unit, plain
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def coordinates(grid: Grid, names: Iterable[str], first: int, last: int) -> dict
     """
     names, values = tuple(names), {}
     if not set(names) <= set(COORDINATES):
-        values = dict(zip(grid.coordinates, grid.native_centers(first, last), strict=True))
+        values = dict(zip(grid.coordinates, native_centers(grid, first, last), strict=True))
     if not set(names).isdisjoint(COORDINATES):
         x, y, z = grid.cell_centers(first, last)
         values |= {"x": x, "y": y, "z": z}

@@ -45,6 +45,19 @@ def metric(system: tuple[str, ...], coordinates: np.ndarray) -> np.ndarray:
     return np.ones_like(coordinates)
 
 
+def unit_vectors(system: tuple[str, ...], native: np.ndarray) -> np.ndarray:
+    """Return unit vectors along coordinates at points given by these (3, n), shape (3, 3, n)."""
+    if system == SPHERICAL:
+        _, theta, phi = native
+        (st, ct), (sp, cp) = (np.sin(theta), np.cos(theta)), (np.sin(phi), np.cos(phi))
+        zero = np.zeros_like(sp)
+        return np.stack([[st * cp, st * sp, ct], [ct * cp, ct * sp, -st], [-sp, cp, zero]])
+    if system == CYLINDRICAL:
+        s, c, zero = np.sin(native[1]), np.cos(native[1]), np.zeros_like(native[1])
+        return np.stack([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]])
+    return np.broadcast_to(np.eye(3)[..., None], (3, 3, native.shape[1]))
+
+
 def mirror_images(grid: Any) -> list[np.ndarray]:
     """Return factors of points, shape (3,) each: a mirrored cell is in two places."""
     return [np.array([1.0, 1.0, z]) for z in ((1.0, -1.0) if grid.mirror else (1.0,))]

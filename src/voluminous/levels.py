@@ -12,6 +12,7 @@ import numpy as np
 
 from .deferred import Deferred, Pieces
 from .errors import InputError
+from .grids.cartesian.grid import CartesianGrid
 from .store import FieldStore, level_factors
 
 HOW_TO_STORE = (
@@ -27,7 +28,7 @@ def level_of_volume(volume: Any, level: int, kind: Any) -> Any:
     if level == 0:
         return volume
     grid = volume.grid
-    if grid.kind != "cartesian":
+    if not isinstance(grid, CartesianGrid):
         raise InputError(
             f"levels are of Cartesian grids, this is a {type(grid).__name__}: "
             "volume.resample(vm.CartesianGrid.uniform(…)) makes a coarse volume of it"
@@ -70,7 +71,7 @@ def kept_level(volume: Any, level: int) -> Any:
 
 def level_within(volume: Any, cells: int) -> int:
     """Return the finest level of no more than so many cells; the coarsest, if all have more."""
-    if volume.grid.kind != "cartesian" or volume.grid.size <= cells:
+    if not isinstance(volume.grid, CartesianGrid) or volume.grid.size <= cells:
         return 0
     store = volume.store
     levels = range(store.levels)

@@ -14,6 +14,7 @@ from ..backend.types import Float, Mask
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval, extremes
 from ..geometry import CARTESIAN
+from ..grids.cartesian.grid import CartesianGrid
 from ..grids.contract import Segment
 from ..media.bound import Binding, BoundMedium
 from ..media.contract import Medium
@@ -214,7 +215,7 @@ def empty_bricks(
     """Return bricks to skip (None if few are empty), and bounds of the neglected coefficients."""
     grid, channels = evaluator.grid, evaluator.numbers.emissions
     nothing = Neglected(np.zeros(channels), 0.0)
-    if not grid.has_bricks:
+    if not isinstance(grid, CartesianGrid):
         return None, nothing
     shape = DUAL.shape(grid.shape)
     emission, depth = np.zeros((channels, *shape)), np.zeros(shape)

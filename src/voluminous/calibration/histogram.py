@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..expressions import Expression
+from ..grids.cartesian.grid import CartesianGrid
 from ..volume import Volume
 from .samples import BUDGET, cell_runs
 
@@ -84,7 +85,11 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
         steep += np.histogram(x, _BINS, (low, high), weights=run.slope[inside] * size)[0]
     grid = volume.grid
     sides = np.ptp(grid.bounds, axis=1) / grid.scale
-    domain = np.prod(sides) if grid.is_rectilinear else np.sum(grid.cell_volumes) / grid.scale**3
+    domain = (
+        np.prod(sides)
+        if isinstance(grid, CartesianGrid)
+        else np.sum(grid.cell_volumes) / grid.scale**3
+    )
     # The rest of the volume is taken to be like the sampled part.
     per_area = float(domain) / total / float(np.sum(sides**2))
     edges = np.linspace(low, high, _BINS + 1)

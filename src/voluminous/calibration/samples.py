@@ -14,6 +14,8 @@ import numpy as np
 
 from ..derivatives import BoxesOfTree, NeighbourDifferences, differences
 from ..expressions import Expression
+from ..grids.cartesian.grid import CartesianGrid
+from ..grids.contract import basis
 from ..levels import kept_level, level_within
 from ..volume import Volume
 
@@ -77,9 +79,9 @@ class CellRuns:
     def reach(self) -> np.ndarray:
         """Half the sum of the changes over the cell along each of its coordinates."""
         grid = self._cells.grid
-        basis = np.concatenate([grid.basis(*run) for run in self._runs], axis=-1)
+        vectors = np.concatenate([basis(grid, *run) for run in self._runs], axis=-1)
         sizes = np.concatenate([grid.cell_sizes(*run) for run in self._runs], axis=-1)
-        along = np.einsum("kan,an->kn", basis, self._gradient[0])
+        along = np.einsum("kan,an->kn", vectors, self._gradient[0])
         return np.asarray(0.5 * np.sum(np.abs(along) * sizes, axis=0))
 
     def lengths_along_lines(self, mean: np.ndarray) -> list[np.ndarray]:
@@ -181,7 +183,7 @@ def cell_runs(
     """Yield all cells, or evenly spread runs if there are more than `budget`."""
     volume.check_names(expr)
     grid = volume.grid
-    if grid.is_rectilinear:
+    if isinstance(grid, CartesianGrid):
         thick = max(1, int(min(budget, BUDGET)) * grid.shape[0] // grid.size // _BATCHES)
         for run in _runs(grid.shape[0], thick, grid.size / budget):
             yield GridLayers(volume, expr, *run)
@@ -202,7 +204,7 @@ def _runs(size: int, length: int, excess: float) -> list[tuple[int, int]]:
 
 def between_centers(volume: Volume, expr: Expression) -> Iterator[Samples]:
     """Yield a scalar from one cell's centre to the next: where it jumps, no cell shows a slope."""
-    if not volume.grid.is_rectilinear:
+    if not isinstance(volume.grid, CartesianGrid):
         yield lines(volume, expr)
         return
     for run in cell_runs(volume, expr):

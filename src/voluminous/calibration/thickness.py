@@ -10,6 +10,7 @@ import numpy as np
 from ..digest import digest
 from ..errors import InputError
 from ..expressions import Expression
+from ..grids.cartesian.grid import CartesianGrid
 from ..volume import Volume
 from .samples import BUDGET, Run, between_centers, cell_runs, lines
 
@@ -157,7 +158,7 @@ def _measure(volume: Volume, expr: Expression, shells: Sequence[_Shell], budget:
     for run in cell_runs(volume, expr, budget):
         for shell in shells:
             shell.add(run)
-    if shells and not volume.grid.is_rectilinear:
+    if shells and not isinstance(volume.grid, CartesianGrid):
         along = lines(volume, expr)
         for shell in shells:
             shell.see(along)

@@ -88,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
 def _resampled(volume: Volume, args: argparse.Namespace) -> Volume:
     from ..geometry import CARTESIAN
     from ..grids import CartesianGrid
+    from ..grids.contract import BoxGrid
 
     match = re.fullmatch(r"\s*(\d+)\s*[x×,]\s*(\d+)\s*[x×,]\s*(\d+)\s*", args.resample)
     counts = tuple(int(n) for n in match.groups()) if match else (0,)
@@ -97,7 +98,7 @@ def _resampled(volume: Volume, args: argparse.Namespace) -> Volume:
         )
     grid = volume.grid
     # What does not fit is made chunk by chunk, while it is written.
-    boxes = grid.cells_are_boxes and tuple(grid.coordinates) == CARTESIAN
+    boxes = isinstance(grid, BoxGrid) and tuple(grid.coordinates) == CARTESIAN
     large = boxes and not fits(8 * (len(volume.fields) + 4) * math.prod(counts))
     target = CartesianGrid.uniform(counts, grid.bounds, unit=grid.unit)
     coarse = volume.resample(target, deferred=large)

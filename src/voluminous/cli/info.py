@@ -173,7 +173,7 @@ def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
         ends |= {name: edges[[0, -1]] for name, edges in zip(axes, grid.edges, strict=True)}
     for name in dict.fromkeys((*(axes if axes != CARTESIAN else ()), *CARTESIAN)):
         yield f"  {name}  {span(*ends[name])} {'rad' if is_angle(name) else unit}".rstrip()
-    if grid.is_structured or base is None:
+    if len(grid.shape) == 3 or base is None:
         return
     levels = np.reshape(grid.levels, -1)
     for level, count in enumerate(np.bincount(levels).tolist()):

@@ -9,6 +9,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import DerivedField, Expression, is_dex, required_names
+from ..grids.contract import BoxGrid
+from ..grids.structured import is_structured
+from ..grids.trees.vertices import LeafGrid
 from ..memory import fits
 from ..units import parse_unit
 from .neighbours import NeighbourDifferences
@@ -22,12 +25,12 @@ if TYPE_CHECKING:
 
 def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndarray:
     """Return a derivative of an expression in all cells, in units of the grid's length."""
-    if not volume.grid.cells_are_boxes:
+    if not isinstance(volume.grid, BoxGrid):
         raise InputError(
             f"{operation} needs cells that are boxes, got a {type(volume.grid).__name__}; resample "
             "the volume first: volume.resample(vm.CartesianGrid.uniform(...))"
         )
-    if volume.grid.is_structured:
+    if is_structured(volume.grid):
         return _along_axes(volume, operation, argument)
 
     def cells(first: int, last: int) -> np.ndarray:
@@ -42,7 +45,7 @@ def differences(
     grid: Grid, evaluate: Callable[[int, int], np.ndarray]
 ) -> NeighbourDifferences | BoxesOfTree:
     """Return the object that differentiates on unstructured grids; trees use kernels."""
-    return (BoxesOfTree if grid.has_neighbourhood else NeighbourDifferences)(grid, evaluate)
+    return (BoxesOfTree if isinstance(grid, LeafGrid) else NeighbourDifferences)(grid, evaluate)
 
 
 def _along_axes(volume: Any, operation: str, argument: Expression) -> np.ndarray:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry import metric, position
+from ..grids.contract import basis, native_centers
 from ..memory import check_memory
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class NeighbourDifferences:
             number, *differences = self._neighbours(first, last)
             gradient = _gradient(*differences)
             if operation == "laplacian":
-                along = self.grid.basis(first, last)
+                along = basis(self.grid, first, last)
                 bends[:, first:last] = _second(along, gradient, *differences)
                 inner[:, first:last] = np.where(number[1::2] >= 0, number[1::2], number[::2])
             elif operation == "gradmag":
@@ -80,7 +81,7 @@ class NeighbourDifferences:
         the values (6, n), and inverse cubes of the distances (6, n), 0 where nothing is.
         """
         grid, own = self.grid, np.arange(first, last)
-        middle = grid.native_centers(first, last)
+        middle = native_centers(grid, first, last)
         width = grid.cell_sizes(first, last) / metric(tuple(grid.coordinates), middle)
         number = np.empty((6, last - first), np.int64)
         for face in range(6):

@@ -16,7 +16,7 @@ from ..geometry import CARTESIAN, SPHERICAL, metric
 from ..memory import check_memory
 
 if TYPE_CHECKING:
-    from ..grids.contract import Grid
+    from ..grids.structured import StructuredGrid
 
 AxisRule = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _TURN = 2.0 * np.pi
@@ -75,7 +75,7 @@ class DifferentiatedLayers:
     `keep` are the layers of the first axis to differentiate; the others serve as neighbours.
     """
 
-    grid: Grid
+    grid: StructuredGrid
     values: np.ndarray
     centers: list[np.ndarray]
     keep: slice
@@ -135,7 +135,9 @@ class DifferentiatedLayers:
         return np.asarray(slopes[0] * outwards + slopes[1] * round_about + slopes[2] * up)
 
 
-def whole(operation: str, layers: Callable[[slice], np.ndarray], grid: Grid) -> np.ndarray:
+def whole(
+    operation: str, layers: Callable[[slice], np.ndarray], grid: StructuredGrid
+) -> np.ndarray:
     """Return a derivative on all cells of what `layers` returns for layers of the first axis.
 
     It is float32 if that is what is differentiated, and if the result is neither too small nor too
@@ -150,7 +152,7 @@ def whole(operation: str, layers: Callable[[slice], np.ndarray], grid: Grid) -> 
 
 
 def _filled(
-    dtype: np.dtype, operation: str, layers: Callable[[slice], np.ndarray], grid: Grid
+    dtype: np.dtype, operation: str, layers: Callable[[slice], np.ndarray], grid: StructuredGrid
 ) -> tuple[np.ndarray, float]:
     centers = [0.5 * (edges[1:] + edges[:-1]) for edges in grid.edges]
     nx, ny, nz = shape = tuple(len(c) for c in centers)

@@ -31,6 +31,7 @@ from ..backend import dr, from_host, get_backend
 from ..backend.functions import loop
 from ..backend.types import Float, Int, Mask
 from ..geometry import CARTESIAN
+from ..grids.contract import basis
 from ..memory import check_memory
 from .neighbours import evaluated, filled_up
 
@@ -502,7 +503,7 @@ class BoxesOfTree:
         slopes /= self.grid.scale
         if tuple(self.grid.coordinates) == CARTESIAN:
             return slopes
-        return np.asarray(np.einsum("kan,kn->an", self.grid.basis(first, last), slopes))
+        return np.asarray(np.einsum("kan,kn->an", basis(self.grid, first, last), slopes))
 
     def _refit(self, found: np.ndarray, part: TreeCellsPart, which: Mask, order: int) -> None:
         """Replace derivatives of the cells `which` of a part by those of quadratic fits.

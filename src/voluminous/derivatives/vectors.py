@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import InputError, UnitsError
 from ..expressions import DerivedField, Expression
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, turns
+from ..grids.contract import basis
 from ..units import unit_name
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def _unit_vector(grid: Grid, axis: str, first: int, last: int) -> np.ndarray:
     if axis in CARTESIAN:
         return np.broadcast_to(np.eye(3)[CARTESIAN.index(axis)][:, None], (3, last - first))
     if axis in grid.coordinates:
-        return np.asarray(grid.basis(first, last)[grid.coordinates.index(axis)])
+        return np.asarray(basis(grid, first, last)[grid.coordinates.index(axis)])
     x, y, z = grid.cell_centers(first, last)
     zero = np.zeros_like(x)
     match axis:

@@ -8,13 +8,13 @@ import numpy as np
 
 from ..cameras import Orthographic
 from ..geometry import is_uniform
+from ..grids.cartesian.grid import CartesianGrid
 from ..image.sky import of_pixels
 from ..units import parse_unit
 from ..volume import Volume
 
 if TYPE_CHECKING:
     from ..cameras.contract import Camera, Frame
-    from ..grids.contract import Grid
 
 # Rounding of the vectors of a camera.
 _ZERO = 1e-12
@@ -27,7 +27,7 @@ def image_wcs(volume: Volume, camera: Camera, frame: Frame) -> Any:
     its axes are a position and the third axis of the cube. Other planes mix both.
     """
     grid, wcs = volume.grid, volume.wcs
-    if not isinstance(camera, Orthographic) or not grid.is_rectilinear:
+    if not isinstance(camera, Orthographic) or not isinstance(grid, CartesianGrid):
         return None
     if wcs is None or tuple(wcs.pixel_shape or ()) != grid.shape:
         return None
@@ -41,7 +41,9 @@ def image_wcs(volume: Volume, camera: Camera, frame: Frame) -> Any:
     return _of_slit(grid, wcs, frame, steps, first, alone) if any(alone) else None
 
 
-def _of_sky(grid: Grid, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: Any) -> Any:
+def _of_sky(
+    grid: CartesianGrid, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: Any
+) -> Any:
     if not wcs.has_celestial or not all(is_uniform(edges) for edges in grid.edges[:2]):
         return None
     width = np.array([np.ptp(edges) / (len(edges) - 1) for edges in grid.edges[:2]])
@@ -50,7 +52,12 @@ def _of_sky(grid: Grid, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: 
 
 
 def _of_slit(
-    grid: Grid, wcs: Any, frame: Frame, steps: np.ndarray, first: np.ndarray, alone: list[bool]
+    grid: CartesianGrid,
+    wcs: Any,
+    frame: Frame,
+    steps: np.ndarray,
+    first: np.ndarray,
+    alone: list[bool],
 ) -> Any:
     from astropy.wcs import WCS
 

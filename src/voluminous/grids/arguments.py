@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def on_grid(value: Any, grid: Grid, what: str, *, across: bool = False) -> Any:
         return found
     box = float(np.abs(grid.bounds).max())
     rounding = _ROUNDING[0] * box < size < _ROUNDING[1] * box
-    if size > _FAR * box or rounding or (across and size < _THIN * grid.thinnest):
+    if size > _FAR * box or rounding or (across and size < _THIN * _thinnest(grid)):
         raise InputError(
             f"plain numbers are in the volume's unit, {unit_name(grid.unit)}, and {what} is "
             f"{shown(value)}: far {'more' if size > box else 'less'} than the volume, whose walls "
@@ -53,6 +53,14 @@ def on_grid(value: Any, grid: Grid, what: str, *, across: bool = False) -> Any:
             f"meant, give it, such as {what}={shown(value)} * u.pc"
         )
     return found
+
+
+def _thinnest(grid: Grid) -> float:
+    """Return the length of the shortest side of a cell; angles do not count on grids of arrays."""
+    if len(grid.shape) != 3:
+        return float(grid.cell_sizes().min())
+    walls = zip(grid.coordinates, cast(Any, grid).edges, strict=True)
+    return min(float(np.diff(e).min()) for name, e in walls if name not in ("theta", "phi"))
 
 
 def length_unit(lengths: tuple[Any, ...], unit: Any) -> Any:

@@ -9,16 +9,15 @@ point where it enters the whole domain: pieces of a volume agree on them.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from ..backend.types import Float, Int, Mask
 from ..errors import InputError
-from ..geometry import CARTESIAN, span
+from ..geometry import CARTESIAN, span, unit_vectors
 from ..units import unit_name
 
 if TYPE_CHECKING:
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
 Made = TypeVar("Made")
 # Single precision must tell this many points apart across the thinnest cell.
 _POINTS_PER_CELL = 256
+# The attribute of grids that holds what is made for devices.
+_ON_DEVICES = "_on_devices"
 
 
 @dataclass
@@ -241,178 +242,67 @@ class Chord(Protocol):
 
 
 class Grid:
-    """A grid on the host: the base class of all grids.
+    """A grid on the host: the base class of all grids; see `BoxGrid`, `VertexGrid`, `DualGrid` too.
 
-    A new grid needs what is listed first under Attributes, `cell_centers`, `locate` and `walk`;
-    all else has a default. Cells have flat numbers: C order of `shape` where a grid has three axes
-    (the last one is fastest), the order of its leaves where it is refined. All lengths are plain
-    floats in `unit`.
+    A new grid needs the attributes without a default, `cell_centers`, `locate` and `walk`. Cells
+    have flat numbers: C order of `shape` where a grid has three axes (the last one is fastest), the
+    order of its leaves where it is refined. All lengths are plain floats in `unit`.
 
     Attributes
     ----------
+    kind : str
+        The name by which descriptions and native files know the grid.
     unit : astropy unit or None
         Length unit; None is dimensionless.
-    size : int
-        Number of cells.
+    coordinates : tuple of three str
+        Names of the grid's coordinates, such as ``("r", "theta", "phi")``, angles in radians.
+    mirror : bool
+        What is above the midplane is also below (spherical grids).
     shape : tuple of int
         The shape of a field: ``(n1, n2, n3)``, or ``(cells,)``.
+    size : int
+        Number of cells.
     scale : float
         Typical cell width (the smallest useful one): lengths in kernels are in this unit.
     bounds : array, shape (3, 2)
         Corners of the Cartesian box around the domain.
     cell_volumes : array
         Volumes of the cells, exact, of the grid's shape; a mirrored cell counts twice.
-    resolution : float
-        Width of the thinnest cell as a part of the domain's, or of its distance from where
-        distances are counted: where it is below 3e-5, kernels need double precision.
-    levels : array of uint8
-        How often each cell's base cell was refined, of the grid's shape.
-    kind : str
-        The name by which descriptions and native files know the grid.
-    coordinates : tuple of three str
-        Names of the grid's own coordinates, such as ``("r", "theta", "phi")``, angles in radians.
-    edges : tuple of three arrays
-        Walls along the own coordinates; of structured grids, and of base cells.
-    walk_kinds : tuple of str
-        Which walks it has: always ``"cells"``; see `walk`.
-    cells_are_boxes : bool
-        Each cell lies between two values of each of the grid's own coordinates, and `cell_sizes`
-        and `native_centers` tell which. Other cells have sizes that are estimates.
-    is_rectilinear : bool
-        Structured, with walls that are planes of x, y and z.
-    is_uniform : bool
-        Rectilinear, with cells all alike.
-    is_periodic : bool
-        Azimuth spans a full circle.
-    mirror : bool
-        What is above the midplane is also below (spherical grids).
-    has_bricks : bool
-        Rays may leap over bricks of its cells (`grids.cartesian.leap`).
-    has_vertices : bool
-        It has `vertex_count` and `vertex_cells`, for schemes with coefficients at vertices.
-    has_traced_centers : bool
-        Kernels can compute `traced_centers`.
-    has_neighbourhood : bool
-        Kernels can find neighbours of cells through `neighbourhood`.
-    can_be_pruned : bool
-        Rays can walk through the cells that show something alone: `pruned`, `walk_through`.
-    base_edges : tuple of three arrays
-        Walls of the base cells of Cartesian trees.
-    places, patches : object or None
-        How the cells of octrees, and of patches, are nested.
     """
 
     kind: str = "unnamed"
-    coordinates: tuple[str, str, str] = CARTESIAN
-    walk_kinds: tuple[str, ...] = ("cells",)
-    mirror: bool = False
-    cells_are_boxes: bool = False
-    is_rectilinear: bool = False
-    has_bricks: bool = False
-    has_vertices: bool = False
-    has_traced_centers: bool = False
-    has_neighbourhood: bool = False
-    can_be_pruned: bool = False
-    edges: tuple[np.ndarray, ...] = ()
-    places: Any = None
-    patches: Any = None
-    base_edges: tuple[np.ndarray, ...] = ()
     unit: Any = None
+    coordinates: tuple[str, str, str] = CARTESIAN
+    mirror: bool = False
 
     if TYPE_CHECKING:  # attributes or properties, as a grid likes
 
         @property
-        def size(self) -> int: ...
-        @property
         def shape(self) -> tuple[int, ...]: ...
+        @property
+        def size(self) -> int: ...
         @property
         def scale(self) -> float: ...
         @property
         def bounds(self) -> np.ndarray: ...
         @property
         def cell_volumes(self) -> np.ndarray: ...
-        @property
-        def levels(self) -> np.ndarray: ...
-        @property
-        def is_uniform(self) -> bool: ...
-        @property
-        def is_periodic(self) -> bool: ...
-        @property
-        def vertex_count(self) -> int: ...
-        @property
-        def resolution(self) -> float: ...
-    else:
-        is_uniform = is_periodic = False
-        resolution = 1.0
-
-    @property
-    def is_structured(self) -> bool:
-        """Whether cells are numbered along three axes."""
-        return len(self.shape) == 3
-
-    @property
-    def cells_across(self) -> float:
-        """About how many cells a ray crosses at most."""
-        if self.is_structured:
-            return float(sum(self.shape))
-        return 3.0 * float(np.cbrt(self.size))
-
-    def pack(self, value: Any) -> np.ndarray:
-        """Return what a user gives as a field, as an array; its shape is checked elsewhere.
-
-        Where fields come in parts (one array per patch) they are put into the order of cells, and
-        what finer cells hide is left out.
-        """
-        return np.asarray(value)
-
-    def unpack(self, flat: np.ndarray) -> Any:
-        """Return a field the way `pack` takes it; hidden cells are NaN, or zero for integers."""
-        return np.asarray(flat).reshape(self.shape)
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return x, y and z of the centres of the cells from `first` to `last`, shape (3, n).
 
-        Of curvilinear cells it is where each own coordinate is in its middle.
+        Of curvilinear cells it is where each coordinate is in its middle.
         """
         raise NotImplementedError
 
-    def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the centres in the grid's own coordinates, shape (3, n)."""
-        return self.cell_centers(first, last)
-
-    def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return unit vectors along the own coordinates at the centres, shape (3, 3, n).
-
-        ``[k, :, i]`` are the Cartesian components of the direction in which coordinate k of cell i
-        increases.
-        """
-        count = (self.size if last is None else last) - first
-        return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
-
-    @functools.cached_property
-    def thinnest(self) -> float:
-        """Length of the shortest side of a cell; angles do not count on grids of arrays."""
-        if not self.is_structured:
-            return float(self.cell_sizes().min())
-        walls = zip(self.coordinates, self.edges, strict=True)
-        return min(float(np.diff(e).min()) for name, e in walls if name not in ("theta", "phi"))
-
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the cells' widths along their own coordinates, as lengths, shape (3, n).
+        """Return the cells' widths along their coordinates, as lengths, shape (3, n).
 
         Of curvilinear cells they are measured through the centre: Δr, r Δθ, r sin θ Δφ. Where cells
         are no boxes, they are those of a cube of the same volume.
         """
         width = np.cbrt(self.cell_volumes.reshape(-1)[first:last])
         return np.broadcast_to(width, (3, len(width)))
-
-    def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return where cells begin and end along their own coordinates, shape (3, n) each.
-
-        Of cells that are boxes.
-        """
-        center, half = self.cell_centers(first, last), 0.5 * self.cell_sizes(first, last)
-        return center - half, center + half
 
     def locate(self, points: Any) -> np.ndarray:
         """Return the flat number of the cell that each point is in, -1 outside.
@@ -433,8 +323,8 @@ class Grid:
         backend : Backend
             Device and precision.
         kind : str
-            ``"cells"``: through the cells; ``"dual"``: through the dual cells between their
-            centres; ``"substeps"``: through the cells in the sub-steps of RADMC-3D.
+            ``"cells"``: through the cells; ``"dual"``: through the dual cells of a `DualGrid`;
+            ``"substeps"``: through the cells in the sub-steps of RADMC-3D.
         box : CellBox, optional
             Confine it to these cells. Geometry and distances are those of the whole domain; cells
             are numbered within the box, and vertices of the dual walk within
@@ -448,61 +338,20 @@ class Grid:
         """
         raise NotImplementedError
 
-    def check_no_box(self, box: CellBox | None) -> None:
-        """Raise an InputError if there is a box, which a walk is to be confined to."""
-        if box is not None:
-            raise InputError(
-                f"rays through a {type(self).__name__} cannot be confined to a box of its cells "
-                "(box=): CartesianGrid can, with the walks 'cells' and 'dual'; octrees and patches "
-                "to consecutive leaves, CellBox((first,), (last,))"
-            )
+    def pack(self, value: Any) -> np.ndarray:
+        """Return what a user gives as a field, as an array; its shape is checked elsewhere.
 
-    def lattice(
-        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
-    ) -> list[Any]:
-        """Return fields as dual walks gather them, one for each array.
-
-        `sums` says of which fields the integral is to be the sum over cells, however steep they
-        are; by default of none.
+        Where fields have one array per patch, these are put into the order of cells, and covered
+        cells are left out.
         """
-        self.refuse("fields between its cells")
-
-    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
-        """Return the eight cells around vertices, each with where it exists (traced).
-
-        Coefficients at a vertex are plain means over those that exist; one that is named twice
-        counts twice. With three axes, vertices are numbered in C order of ``(n1 + 1, n2 + 1,
-        n3 + 1)``, and those of layer i of the first axis touch only cells of its layers i - 1
-        and i.
-        """
-        self.refuse("vertices")
-
-    def traced_centers(self, cell: Int, backend: Backend) -> list[Float]:
-        """Return x, y and z of cell centres from flat cell numbers (traced)."""
-        self.refuse("centres that kernels compute")
-
-    def neighbourhood(self, backend: Backend) -> Any:
-        """Return what finds neighbours of cells in kernels, and how far they are."""
-        self.refuse("neighbours that kernels find")
-
-    def pruned(self, visible: Any) -> Any:
-        """Return the tree with holes for cells of which `visible` is false."""
-        self.refuse("cells that can be left out")
-
-    def walk_through(self, tree: Any, backend: Backend, kind: str = "cells") -> Any:
-        """Return a walk through another tree over the same domain, such as one with holes."""
-        self.refuse("cells that can be left out")
-
-    def refuse(self, lacking: str) -> NoReturn:
-        """Raise an InputError for what the grid does not have: a scheme needs less."""
-        raise InputError(f"a {type(self).__name__} has no {lacking}; use scheme='first-order'")
+        return np.asarray(value)
 
     def needs_double(self) -> bool:
         """Return True where single precision cannot tell cells apart."""
-        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
+        return False
 
     def describe(self) -> dict[str, Any]:
-        """Return what ``voluminous info`` and an image's provenance tell of the grid.
+        """Return what ``voluminous info`` and an image's provenance say about the grid.
 
         Plain values: type, shape, bounds, unit; ``cells_per_level`` where it is refined.
         """
@@ -516,21 +365,126 @@ class Grid:
     def _counts(self) -> str:
         return f"{'x'.join(map(str, self.shape))} cells"
 
-    def __repr__(self) -> str:
-        walls = zip(self.coordinates, self.base_edges or self.edges, strict=False)
-        limits = [f"{name}: {span(e[0], e[-1])}" for name, e in walls]
-        mirrored = ["mirrored"] if self.mirror else []
-        told = ", ".join([self._counts(), *limits, *mirrored])
-        return f"<{type(self).__name__} {told} {unit_name(self.unit)}".rstrip() + ">"
+    def _limits(self) -> Iterable[Sequence[float]]:
+        return self.bounds
 
-    def on_device(self, backend: Backend, what: str, make: Callable[[], Made]) -> Made:
-        """Return what `make` returned the first time for a backend: once made, it is kept."""
-        cached: dict[Any, Made] = self.__dict__.setdefault("_on_devices", {})
-        key = (backend, what)
-        if key not in cached:
-            cached[key] = make()
-        return cached[key]
+    def __repr__(self) -> str:
+        limits = zip(self.coordinates, self._limits(), strict=True)
+        ends = [f"{name}: {span(low, high)}" for name, (low, high) in limits]
+        parts = [self._counts(), *ends, *(["mirrored"] if self.mirror else [])]
+        return f"<{type(self).__name__} {', '.join(parts)} {unit_name(self.unit)}".rstrip() + ">"
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what devices hold: another process makes its own."""
-        return {name: value for name, value in vars(self).items() if name != "_on_devices"}
+        return {name: value for name, value in vars(self).items() if name != _ON_DEVICES}
+
+
+class BoxGrid(Grid):
+    """Cells lie between two values of each of the grid's coordinates.
+
+    Attributes
+    ----------
+    levels : array of uint8
+        How often each cell's base cell was refined, of the grid's shape.
+    resolution : float
+        Width of the thinnest cell as a part of the domain's, or of its distance from where
+        distances are counted: where it is below 3e-5, kernels need double precision.
+    """
+
+    if TYPE_CHECKING:
+
+        @property
+        def levels(self) -> np.ndarray: ...
+        @property
+        def resolution(self) -> float: ...
+
+    def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return where cells begin and end along their coordinates, shape (3, n) each."""
+        center, half = self.cell_centers(first, last), 0.5 * self.cell_sizes(first, last)
+        return center - half, center + half
+
+    def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return the centres in the grid's coordinates, shape (3, n)."""
+        return self.cell_centers(first, last)
+
+    def needs_double(self) -> bool:
+        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
+
+
+class VertexGrid(Grid):
+    """A grid with vertices, for schemes with coefficients there; its walk is a `VertexWalk`."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def vertex_count(self) -> int: ...
+
+    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
+        """Return the eight cells around vertices, each with where it exists (traced).
+
+        Coefficients at a vertex are plain means over those that exist; one that is named twice
+        counts twice. With three axes, vertices are numbered in C order of ``(n1 + 1, n2 + 1,
+        n3 + 1)``, and those of layer i of the first axis touch only cells of its layers i - 1
+        and i.
+        """
+        raise NotImplementedError
+
+
+class DualGrid(Grid):
+    """A grid with a walk of the kind ``"dual"``, a `FieldWalk`, for the default scheme.
+
+    Attributes
+    ----------
+    dual_layout : str or callable
+        Where the values around a dual cell are: ``"cells"`` of the grid, and one layer more around
+        them; ``"dual vertices"`` (curvilinear grids); the ``"corners"`` of the leaves of a tree. Or
+        a function of arrays, a backend, and of which of the fields the integral is to be the sum
+        over cells; it returns a `rendering.sources.corner_layouts.FieldLattice` for each.
+    """
+
+    dual_layout: str | Callable[[Sequence[np.ndarray], Backend, Sequence[bool]], list[Any]]
+
+
+def native_centers(grid: Grid, first: int = 0, last: int | None = None) -> np.ndarray:
+    """Return the centres of cells in a grid's coordinates, shape (3, n)."""
+    if isinstance(grid, BoxGrid):
+        return grid.native_centers(first, last)
+    return grid.cell_centers(first, last)
+
+
+def basis(grid: Grid, first: int = 0, last: int | None = None) -> np.ndarray:
+    """Return unit vectors along the coordinates at the centres of cells, shape (3, 3, n).
+
+    ``[k, :, i]`` are the Cartesian components of the direction in which coordinate k of cell i
+    increases.
+    """
+    return unit_vectors(tuple(grid.coordinates), native_centers(grid, first, last))
+
+
+def check_walk(grid: Grid, kind: str, kinds: Sequence[str], box: CellBox | None) -> None:
+    """Refuse kinds of walks that a grid does not have, and a box of cells to confine one to."""
+    if kind not in kinds:
+        raise InputError(
+            f"a {grid.kind} grid has no walk of the kind {kind!r}, only "
+            f"{', '.join(map(repr, kinds))}; use scheme='first-order'"
+        )
+    if box is not None:
+        raise InputError(
+            f"rays through a {type(grid).__name__} cannot be confined to a box of its cells "
+            "(box=): CartesianGrid can, with the walks 'cells' and 'dual'; octrees and patches "
+            "to consecutive leaves, CellBox((first,), (last,))"
+        )
+
+
+def on_device(grid: Grid, backend: Backend, what: str, make: Callable[[], Made]) -> Made:
+    """Return what `make` returned the first time for a backend; it is stored with the grid."""
+    cached: dict[Any, Made] = grid.__dict__.setdefault(_ON_DEVICES, {})
+    key = (backend, what)
+    if key not in cached:
+        cached[key] = make()
+    return cached[key]
+
+
+def cells_across(grid: Grid) -> float:
+    """Return about how many cells a ray crosses at most."""
+    return float(sum(grid.shape)) if len(grid.shape) == 3 else 3.0 * float(np.cbrt(grid.size))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .contract import Grid
+from .contract import BoxGrid, Grid, native_centers
 
 
-class SomeCells(Grid):
+class SomeCells(BoxGrid):
     """The cells from `first` to `last` of a grid. It is not walked through: `whole` is.
 
     Parameters
@@ -24,13 +24,13 @@ class SomeCells(Grid):
         self.whole, self.first = whole, first
         self.size, self.shape = last - first, (last - first,)
         self.unit, self.scale, self.coordinates = whole.unit, whole.scale, whole.coordinates
-        self.cells_are_boxes, self.mirror = whole.cells_are_boxes, whole.mirror
+        self.mirror = whole.mirror
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         return self.whole.cell_centers(*self._numbers(first, last))
 
     def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        return self.whole.native_centers(*self._numbers(first, last))
+        return native_centers(self.whole, *self._numbers(first, last))
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         return self.whole.cell_sizes(*self._numbers(first, last))

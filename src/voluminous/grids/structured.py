@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
 from ..backend.types import Int, Mask
-from .contract import Grid
+from .contract import BoxGrid, DualGrid, Grid, VertexGrid
 
 if TYPE_CHECKING:
     from ..backend.device import Backend
 
 
-class StructuredGrid(Grid):
-    """Cells between surfaces of constant coordinates: ``edges`` along three axes."""
+class StructuredGrid(BoxGrid, VertexGrid, DualGrid):
+    """Cells between surfaces of constant coordinates: ``edges`` along three axes.
 
-    cells_are_boxes = has_vertices = True
+    `is_periodic`: azimuth spans a full circle.
+    """
+
+    edges: tuple[np.ndarray, ...]
+
+    @property
+    def is_periodic(self) -> bool:
+        return False
+
+    def _limits(self) -> list[tuple[float, float]]:
+        return [(e[0], e[-1]) for e in self.edges]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -117,3 +127,8 @@ class StructuredGrid(Grid):
                 for i in sides
             ]
         return around
+
+
+def is_structured(grid: Grid) -> TypeGuard[StructuredGrid]:
+    """Return whether the cells of a grid are numbered along three axes."""
+    return len(grid.shape) == 3

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..grids.cartesian.grid import CartesianGrid
 
 if TYPE_CHECKING:
     from ..grids import CartesianGrid
@@ -105,7 +106,7 @@ def round_unit(width: Any) -> Any:
 
 def cartesian(volume: Volume) -> CartesianGrid:
     """Return the grid of a volume; raise an error if it is not Cartesian."""
-    if not volume.grid.is_rectilinear:
+    if not isinstance(volume.grid, CartesianGrid):
         raise InputError(
             f"this format holds Cartesian grids only, got {type(volume.grid).__name__}; save it as "
             ".h5, or resample it first (volume.resample, voluminous convert --resample)"

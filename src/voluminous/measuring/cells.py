@@ -14,6 +14,8 @@ from ..expressions import Expression, components, is_dex, without_unit
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..grids.arguments import on_grid
+from ..grids.contract import BoxGrid
+from ..grids.structured import is_structured
 from ..progress import reported_range
 from ..regions import Region
 from ..regrid.resample import points_along
@@ -230,7 +232,7 @@ class CellParts:
     def __init__(self, volume: Volume, where: Any, region: Region | None, samples: Any) -> None:
         if not isinstance(samples, Integral) or samples < 1:
             raise InputError(f"samples must be a positive whole number, got {samples!r}")
-        if region is not None and not volume.grid.cells_are_boxes:
+        if region is not None and not isinstance(volume.grid, BoxGrid):
             raise InputError(
                 f"a region needs cells that are boxes, got a {type(volume.grid).__name__}; use "
                 "where= with coordinates, or volume.resample(grid) first"
@@ -281,7 +283,7 @@ class CellParts:
 
     def beside(self, grid: Grid, box: CellBox) -> bool:
         """Return whether nothing of a box of cells of a Cartesian grid is measured, for certain."""
-        if self.region is None or not self.region.bounded or not grid.is_structured:
+        if self.region is None or not self.region.bounded or not is_structured(grid):
             return False
         ends = zip(grid.edges, box.low, box.high, strict=True)
         low, high = np.array([(e[a], e[b]) for e, a, b in ends]).T
@@ -300,7 +302,7 @@ def _check_lengths(region: Any, grid: Grid) -> None:
 
 def _fraction(
     region: Region,
-    grid: Grid,
+    grid: Any,
     first: int,
     last: int,
     cells: np.ndarray,

@@ -17,6 +17,7 @@ from ..cameras.contract import check_camera
 from ..drawing import image_wcs, render
 from ..errors import InputError, check_name
 from ..expressions import product, shifted
+from ..grids.contract import BoxGrid
 from ..image import Image
 from ..media import Coefficients
 from ..packages import version
@@ -147,7 +148,7 @@ def check_exact(grid: Grid, camera: Camera) -> None:
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "
             f"{type(camera).__name__}; use method='rays' with samples"
         )
-    if not grid.cells_are_boxes or tuple(grid.coordinates) != ("x", "y", "z"):
+    if not isinstance(grid, BoxGrid) or tuple(grid.coordinates) != ("x", "y", "z"):
         raise InputError(
             f"method='exact' needs cells that are boxes, got a {type(grid).__name__}; use "
             "method='rays' with samples"

@@ -13,6 +13,9 @@ from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
 from ..grids.arguments import on_grid
+from ..grids.contract import cells_across
+from ..grids.structured import is_structured
+from ..grids.trees.vertices import LeafGrid
 from ..media.details import intensity_unit
 from ..media.panel import PLACES
 from ..progress import Progress, with_progress
@@ -314,7 +317,7 @@ class _Ray(NamedTuple):
 
 def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _Ray:
     """Return the ray with all groups of channels; some may end before others."""
-    room = _ROOM * int(tracer.job.volume.grid.cells_across) + 64
+    room = _ROOM * int(cells_across(tracer.job.volume.grid)) + 64
     rays = [_follow(part, pixel, offset, room) for _, part in tracer.parts()]
     if len(groups := tracer.groups) == 1:
         return rays[0]
@@ -399,7 +402,7 @@ def _assembled(
     if job.hidden is None and scheme.coefficients_at == "field":  # between the cells' centres
         cell = np.asarray(grid.locate(position), dtype=np.int64)
     index = None
-    if grid.is_structured:
+    if is_structured(grid):
         index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
         index = np.where(cell[:, None] >= 0, index, -1)
 
@@ -439,9 +442,9 @@ def _assembled(
         position=position,
         cell=cell,
         index=index,
-        level=np.zeros(len(cell), int)
-        if grid.is_structured
-        else np.where(cell >= 0, grid.levels[cell], 0),
+        level=np.where(cell >= 0, grid.levels[cell], 0)
+        if isinstance(grid, LeafGrid)
+        else np.zeros(len(cell), int),
         hidden=hidden,
         fields=fields,
         scalars=scalars,

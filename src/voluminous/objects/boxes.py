@@ -12,6 +12,9 @@ from ..colormaps import is_name_and_alpha
 from ..errors import InputError, check_flag
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
 from ..grids.boxes import expanded
+from ..grids.curvilinear.refined import RefinedCells
+from ..grids.trees.octree import OctreeGrid
+from ..grids.trees.patches import PatchGrid
 from ..units import is_listed
 from .contract import Layers, SceneObject, View
 from .curves import Curves
@@ -57,14 +60,14 @@ class BlockLattice:
 
 def level_count(grid: Grid) -> int:
     """Return how many levels a grid has; level 0 is the domain."""
-    if grid.patches is not None:
+    if isinstance(grid, PatchGrid):
         return int(grid.patches.level.max()) + 1
-    return 1 if grid.places is None else int(grid.places.deepest) + 1
+    return int(grid.places.deepest) + 1 if isinstance(grid, (OctreeGrid, RefinedCells)) else 1
 
 
 def lattice_of(grid: Any, level: int) -> BlockLattice:
     """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
-    if grid.patches is not None:
+    if isinstance(grid, PatchGrid):
         return _of_patches(grid, level)
     domain = np.zeros((1, 3), np.int64)
     if level == 0:
@@ -72,7 +75,7 @@ def lattice_of(grid: Any, level: int) -> BlockLattice:
             return replace(_bent(grid, [e[[0, -1]] for e in grid.edges], domain), boxes=None)
         return BlockLattice(_between(list(grid.bounds)), domain, np.ones(3, np.int64))
     nodes, size = _refined_nodes(grid, level - 1)
-    if grid.base_edges:
+    if isinstance(grid, OctreeGrid):
         return BlockLattice(grid.position, nodes, size, (nodes * size, (nodes + 1) * size))
     return _bent(grid, [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)], nodes)
 
@@ -110,7 +113,7 @@ def _refined_nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(nodes, axis=1).T, size
 
 
-def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> BlockLattice:
+def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> BlockLattice:
     """Return blocks between walls of r, θ, φ or R, φ, z; a mirror shows them twice.
 
     An azimuth that is one closed block is cut in quarters, and θ above and below the midplane in
@@ -365,7 +368,7 @@ class Boxes(SceneObject):
         return Curves([group * unit for group in groups], colors, **self._style).layers(view)
 
     def _lines(self, grid: Grid) -> tuple[list[np.ndarray], np.ndarray]:
-        merged = grid.patches is None if self.merged is None else self.merged
+        merged = not isinstance(grid, PatchGrid) if self.merged is None else self.merged
         count = level_count(grid)
         levels = [k for k in range(count) if self.levels is None or k in self._levels]
         if not levels:

@@ -13,6 +13,8 @@ from ..cameras import Orthographic
 from ..errors import InputError
 from ..geometry import CARTESIAN
 from ..grids.arguments import on_grid
+from ..grids.structured import is_structured
+from ..grids.trees.cells import TreeCells
 from ..image.spectrum import Spectrum
 from ..objects import SceneObject, Stars
 from ..progress import Progress, with_progress
@@ -184,9 +186,9 @@ def _method(volume: Volume, camera: Orthographic) -> str | None:
 
     Refined cells may be far smaller than pixels. What keeps to the cells finds them all.
     """
-    if volume.grid.is_structured:
+    if is_structured(volume.grid):
         return None
-    known = volume.grid.base_edges and not isinstance(camera, Rings)
+    known = isinstance(volume.grid, TreeCells) and not isinstance(camera, Rings)
     return "radmc3d" if known else "adaptive"
 
 

@@ -13,6 +13,8 @@ from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..geometry import CYLINDRICAL, SPHERICAL
 from ..grids.contract import Cursor, Grid, Ray, Segment
+from ..grids.structured import is_structured
+from ..grids.trees.cells import TreeCells
 from ..rendering.tracer import Batches, Paths, RayTracer, reverse
 
 if TYPE_CHECKING:
@@ -94,7 +96,7 @@ def _narrowest(grid: Any, backend: Backend, backward: bool) -> MinCellWidth:
         around = 0.5 * (low[0] + high[0]) * np.clip(high[1] - low[1], _LEAST_ANGLE, _MOST_ANGLE)
         width = np.minimum(np.minimum(_depth(low[0], high[0]), around), high[2] - low[2])
         return MinCellWidth(grid, backend, width / grid.scale, grid.scale)
-    if not grid.base_edges:
+    if not isinstance(grid, TreeCells):
         raise InputError(
             f"antialias='radmc3d' has no rule for a {type(grid).__name__}; use antialias='adaptive'"
         )
@@ -179,8 +181,8 @@ class SphericalCellWidth(MinCellWidth):
         Rays run towards the camera.
     """
 
-    def __init__(self, grid: Grid, backend: Backend, backward: bool) -> None:
-        if grid.is_structured:  # sizes are the same for all φ
+    def __init__(self, grid: Any, backend: Backend, backward: bool) -> None:
+        if is_structured(grid):  # sizes are the same for all φ
             walls = grid.edges[:2]
             low, high = (
                 np.stack([w.ravel() for w in np.meshgrid(*(e[part] for e in walls), indexing="ij")])
@@ -200,7 +202,7 @@ class SphericalCellWidth(MinCellWidth):
         super().__init__(grid, backend, np.stack(sizes, axis=1), grid.scale)
         self.backward = backward
         self.inner, self.outer = (backend.wide(grid.edges[0][k] / grid.scale) for k in (0, -1))
-        self.alike = dr.opaque(backend.UInt, grid.shape[2] if grid.is_structured else 1)
+        self.alike = dr.opaque(backend.UInt, grid.shape[2] if is_structured(grid) else 1)
 
     def along(self, ray: Ray) -> np.ndarray:
         return super().along(ray if self.backward else reverse(ray))

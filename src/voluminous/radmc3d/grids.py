@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..grids.structured import is_structured
 from ..io.contract import UnitLike
 from ..io.fortran import Reals
 from ..io.leaves import grid_of_blocks
@@ -285,7 +286,7 @@ def _spherical(file: GridFile, grid: Any) -> GridFile:
     round_phi = len(phi) == 2 and np.ptp(phi) == _WHOLE
     round_theta = len(theta) == 2 and np.ptp(theta) == np.pi and round_phi
     file = replace(file, active=(True, not round_theta, not round_phi))
-    if grid.places is None:
+    if is_structured(grid):
         return file
     if grid.places.axes != tuple(np.flatnonzero(file.active).tolist()):
         raise InputError("RADMC-3D cannot leave out theta where it has phi; give theta two cells")

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..geometry import CARTESIAN, metric, mirror_images, position
+from ..grids.contract import BoxGrid, native_centers
 from ..memory import check_memory
 from ..progress import progress_bar, reported_range, silent
 from ..units import is_count, plain, shown, unit_name
@@ -180,7 +181,7 @@ def points_in(grid: Grid, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, 
             yield cell, np.ascontiguousarray(points * image), share.ravel() / len(images)
 
 
-def points_along(grid: Grid, count: int) -> list[int]:
+def points_along(grid: Any, count: int) -> list[int]:
     """Return the number of points along each axis of a cell: more along wide angles."""
     widths = [0.0, 0.0, 0.0]
     for axis, edges in enumerate(grid.edges):  # of a structured grid
@@ -194,13 +195,13 @@ def _within(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the grid coordinates (3, n, m) of points in cells, and Jacobians (n, m)."""
     system = tuple(grid.coordinates)
-    centers = grid.native_centers(first, last)
+    centers = native_centers(grid, first, last)
     widths = grid.cell_sizes(first, last) / metric(system, centers)
     points = centers[..., None] + widths[..., None] * offsets
     return points, np.prod(metric(system, points.reshape(3, -1)), axis=0).reshape(points.shape[1:])
 
 
-def axis_means(values: np.ndarray, source: Grid, target: Grid) -> np.ndarray:
+def axis_means(values: np.ndarray, source: Any, target: Any) -> np.ndarray:
     """Return the integral over each target cell divided by its volume; zero outside."""
     for axis, (old, new) in enumerate(zip(source.edges, target.edges, strict=True)):
         values = np.moveaxis(_means(np.moveaxis(values, axis, 0), old, new), 0, axis)
@@ -292,7 +293,7 @@ def _resample_means(
 def _sampled(
     fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
-    overlapping = sampled_overlaps if source.cells_are_boxes else _located
+    overlapping = sampled_overlaps if isinstance(source, BoxGrid) else _located
     sums, shared = _sums(fields, target, overlapping(source, target, samples))
     inside = _inside(source, target, samples)
     met = shared > 0
@@ -367,7 +368,7 @@ def _share(fill: float, rest: np.ndarray) -> np.ndarray:
 
 
 def _is_boxes(grid: Grid) -> bool:
-    return grid.cells_are_boxes and tuple(grid.coordinates) == CARTESIAN
+    return isinstance(grid, BoxGrid) and tuple(grid.coordinates) == CARTESIAN
 
 
 def _located(source: Grid, target: Grid, samples: int) -> Iterator[Overlap]:
@@ -389,7 +390,7 @@ def _double(values: np.ndarray) -> np.ndarray:
 def _check(source: Grid, target: Grid, samples: Any) -> None:
     if not hasattr(target, "locate"):
         raise InputError(f"resample needs a grid such as vm.CartesianGrid, got {target!r}")
-    if not target.cells_are_boxes:
+    if not isinstance(target, BoxGrid):
         raise InputError(
             f"fields cannot be resampled onto a {type(target).__name__}, whose cells are no boxes"
         )
@@ -480,14 +481,14 @@ def _box(
     return made.astype(np.float32) if values.dtype == np.float32 else made
 
 
-def _part(grid: Grid, low: Sequence[int], high: Sequence[int]) -> Grid:
+def _part(grid: Any, low: Sequence[int], high: Sequence[int]) -> Grid:
     edges = (e[a : b + 1] for e, a, b in zip(grid.edges, low, high, strict=True))
     made: Any = type(grid)
     part: Grid = made(*edges, unit=grid.unit)
     return part
 
 
-def _met(source: Grid, part: Grid) -> tuple[list[int], list[int]]:
+def _met(source: Any, part: Any) -> tuple[list[int], list[int]]:
     first, last = [], []
     for old, new in zip(source.edges, part.edges, strict=True):
         start = min(max(int(np.searchsorted(old, new[0], "right")) - 1, 0), len(old) - 2)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError, MissingPackageError, check_name
 from ..expressions import Expression
+from ..grids.contract import BoxGrid, native_centers
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -27,12 +28,13 @@ def cell_columns(grid: Grid) -> dict[str, tuple[np.ndarray, Any]]:
     columns = {"cell": (np.arange(grid.size), None)}
     for name, values in zip("xyz", grid.cell_centers(0, grid.size), strict=True):
         columns[name] = (values, unit)
-    for name, values in zip(system, grid.native_centers(0, grid.size), strict=True):
+    for name, values in zip(system, native_centers(grid, 0, grid.size), strict=True):
         columns[name] = (values, rad if name in ("theta", "phi") else unit)
     for name, values in zip(system, grid.cell_sizes(0, grid.size), strict=True):
         columns[f"size_{name}"] = (values, unit)
     columns["volume"] = (np.reshape(grid.cell_volumes, -1), None if unit is None else unit**3)
-    columns["level"] = (np.reshape(grid.levels, -1), None)
+    levels = grid.levels if isinstance(grid, BoxGrid) else np.zeros(grid.size, np.uint8)
+    columns["level"] = (np.reshape(levels, -1), None)
     return columns
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, turns
+from ..grids.structured import is_structured
 from ..memory import check_memory
 
 if TYPE_CHECKING:
@@ -26,10 +27,10 @@ def unfolded_volume(volume: Any, phi: int | None, theta: int | None) -> Any:
 
 def _unmirrored(volume: Any) -> Any:
     """Return a volume without a mirror; see `Volume.unfolded`."""
-    grid = volume.grid
+    grid: Any = volume.grid
     if not grid.mirror:
         return volume
-    if not grid.is_structured:
+    if not is_structured(grid):
         raise InputError(
             "a refined grid with mirror=True cannot be unfolded; make it with both halves, or "
             "use volume.resample(grid) first"
@@ -43,7 +44,8 @@ def _unmirrored(volume: Any) -> Any:
         signed = -below if _changes_sign(name, volume) else below
         return np.concatenate([above, signed], axis=_THETA)
 
-    return on_more_cells(volume, type(grid)(r, both, phi, unit=grid.unit), in_both)
+    kind: Any = type(grid)
+    return on_more_cells(volume, kind(r, both, phi, unit=grid.unit), in_both)
 
 
 def on_more_cells(volume: Any, grid: Grid, values: Callable[[str], np.ndarray]) -> Any:
@@ -115,7 +117,7 @@ def _check_goes_around(grid: Grid, counts: dict[str, int], around: int) -> None:
                 f"{axis} can only be divided where one cell goes all around, which is not so on "
                 f"this grid: {grid!r}"
             )
-    if not grid.is_structured:
+    if not is_structured(grid):
         raise InputError(
             "a refined grid cannot be unfolded; use volume.resample(grid) with a grid that has "
             "many cells in phi"

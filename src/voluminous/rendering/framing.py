@@ -16,6 +16,8 @@ from ..errors import InputError
 from ..expressions.interval import Interval
 from ..fields import COORDINATES, coordinate_extremes
 from ..geometry import FIRST_INCL, FIRST_PHI, mirror_images, position
+from ..grids.contract import DualGrid
+from ..grids.structured import is_structured
 from ..media.bound import Binding
 from ..media.contract import Medium
 from ..media.ranges import RangeContext, largest
@@ -88,7 +90,7 @@ def _framed(
     if isinstance(volume, Volume) and isinstance(medium, Medium):  # `prepare` refuses others
         medium = calibrated(medium, volume, Cache(volume).measurements)
         volume = measurable(volume)
-    scheme = None if "dual" in volume.grid.walk_kinds else "first-order"
+    scheme = None if isinstance(volume.grid, DualGrid) else "first-order"
     options = RenderOptions(scheme=scheme, tolerance=None)
 
     def draw(camera: Orthographic) -> tuple[RenderJob, RenderResult]:
@@ -214,7 +216,7 @@ def _parts(
     volume, grid, names = job.volume, job.volume.grid, job.medium.names
     own = [name for name in names if name in volume]
     found: Any = ()
-    if grid.is_structured:
+    if is_structured(grid):
         steps = volume.store.chunks if isinstance(volume, Outline) else [WIDTH] * 3
         walls = [np.append(e[:-1:step], e[-1]) for e, step in zip(grid.edges, steps, strict=True)]
         low, high = (

@@ -8,6 +8,8 @@ from typing import Any
 
 from ..backend import Backend, dr
 from ..cameras.contract import Camera, Frame
+from ..grids.contract import cells_across
+from ..grids.curvilinear.grid import SphericalGrid
 from ..media.bound import Binding
 from ..media.context import Tape
 from ..media.contract import Medium
@@ -80,7 +82,7 @@ class RenderJob:
     @property
     def radmc3d_steps(self) -> bool:
         """Whether rays take the sub-steps of RADMC-3D, on grids that have them."""
-        return self.scheme.radmc3d_steps and "substeps" in self.volume.grid.walk_kinds
+        return self.scheme.radmc3d_steps and isinstance(self.volume.grid, SphericalGrid)
 
     @property
     def walk_kind(self) -> str:
@@ -116,7 +118,7 @@ class RenderJob:
         if parts:
             return on_ray_in_pieces(evaluator, cache, scheme)
         nx, ny = self.frame.pixels
-        steps = float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
+        steps = float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
         return tabulated(evaluator, cache, scheme, steps, whole)
 
     def key(self, name: str, *others: Hashable) -> Hashable:

@@ -12,6 +12,7 @@ from ..calibration import calibrated
 from ..cameras.contract import check_camera
 from ..errors import InputError
 from ..expressions.interval import Interval
+from ..grids.cartesian.grid import CartesianGrid
 from ..levels import kept_level
 from ..media.bound import Binding
 from ..media.contract import Medium
@@ -56,7 +57,7 @@ def sufficient_level(volume: Volume, medium: Medium, camera: Camera) -> int:
     never narrower than a pixel: that is level 0.
     """
     grid = volume.grid
-    if grid.kind != "cartesian" or volume.store.levels == 1:
+    if not isinstance(grid, CartesianGrid) or volume.store.levels == 1:
         return 0
     width, angle, origins = _pixel_sizes(camera, camera.frame(grid))
     if angle > 0.0:

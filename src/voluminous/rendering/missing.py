@@ -17,6 +17,8 @@ import numpy as np
 from ..backend import Backend
 from ..backend.types import Int
 from ..errors import InputError
+from ..grids.contract import basis
+from ..grids.structured import is_structured
 from ..grids.two_walks import TwoWalks
 from ..volume import Volume
 from .cache import Cache
@@ -120,7 +122,7 @@ def filled(grid: Grid, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     out: np.ndarray = array.copy()
     flat = out.reshape(-1)
     flat[missing] = flat[~missing].mean(dtype=np.float64)
-    means = _means_in_boxes(array, missing) if grid.is_structured else _means(grid, array, missing)
+    means = _means_in_boxes(array, missing) if is_structured(grid) else _means(grid, array, missing)
     for cells, values in means:
         flat[cells] = values
     return out
@@ -165,7 +167,7 @@ def _means(
         if not cells.size:
             continue
         centers = grid.cell_centers(first, last)[:, cells]
-        ways = (grid.basis(first, last) * grid.cell_sizes(first, last)[:, None])[:, :, cells]
+        ways = (basis(grid, first, last) * grid.cell_sizes(first, last)[:, None])[:, :, cells]
         total, count = np.zeros(cells.size), np.zeros(cells.size)
         for way in _AROUND:
             points = centers + _BEYOND * np.einsum("k,kxn->xn", np.asarray(way, float), ways)

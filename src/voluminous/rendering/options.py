@@ -17,7 +17,9 @@ from ..cameras.contract import Camera, Frame
 from ..colormaps import get_color, without_alpha
 from ..errors import InputError, check_name
 from ..geometry import many_valued
-from ..grids.contract import Grid
+from ..grids.cartesian.grid import CartesianGrid
+from ..grids.contract import DualGrid, Grid, VertexGrid
+from ..grids.trees.cells import TreeCells
 from ..media.contract import Medium
 from ..memory import check_memory
 from ..progress import Progress
@@ -141,7 +143,7 @@ def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
 
 def check_grid_in_pieces(grid: Grid) -> None:
     """Refuse grids that are not read chunk by chunk."""
-    if grid.kind not in ("cartesian", "octree", "patches"):
+    if not isinstance(grid, (CartesianGrid, TreeCells)):
         raise InputError(
             "memory= reads Cartesian grids chunk by chunk, octrees and patches part by part; this "
             f"is a {type(grid).__name__}: leave out memory=, or "
@@ -193,7 +195,7 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
     ray: 2^k × 2^k regular parts, where all cells count as equally wide. Otherwise n is 1, and
     `flux_conserving` divides the pixels.
     """
-    if antialias != "radmc3d" or not grid.is_rectilinear:
+    if antialias != "radmc3d" or not isinstance(grid, CartesianGrid):
         return int(samples)
     ratio = max(frame.pixel) / grid.first_cell_width()
     count: int = 1 << math.ceil(math.log2(max(ratio, 1.0)))
@@ -208,8 +210,8 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
 def check_walk(scheme: Scheme, grid: Grid) -> None:
     """Refuse a scheme that a grid has no walk for."""
     where = scheme.coefficients_at
-    if (where == "field" and "dual" not in grid.walk_kinds) or (
-        where == "vertex" and not grid.has_vertices
+    if (where == "field" and not isinstance(grid, DualGrid)) or (
+        where == "vertex" and not isinstance(grid, VertexGrid)
     ):
         raise InputError(
             f"scheme {scheme.name!r} cannot be used on a {type(grid).__name__}; "

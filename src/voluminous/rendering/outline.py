@@ -20,6 +20,7 @@ from ..expressions import Expression, required_names
 from ..grids import CartesianGrid
 from ..grids.contract import CellBox, Grid
 from ..grids.some_cells import SomeCells
+from ..grids.structured import is_structured
 from ..progress import reporter
 from ..store import FieldStore
 from ..volume import Volume
@@ -210,7 +211,7 @@ class Outline(Volume):
     def volume(self, box: CellBox, fields: Mapping[str, np.ndarray]) -> Volume:
         """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
         grid: Grid
-        if self.grid.is_structured:
+        if is_structured(self.grid):
             ends = zip(self.grid.edges, box.low, box.high, strict=True)
             grid = CartesianGrid(*(e[a : b + 1] for e, a, b in ends), unit=self.grid.unit)
             grid.__dict__["scale"] = self.grid.scale

@@ -16,6 +16,7 @@ from ..expressions.interval import Interval
 from ..fields import coordinate_extremes, held_dtype
 from ..grids import CartesianGrid
 from ..grids.contract import CellBox
+from ..grids.structured import is_structured
 from ..grids.trees.ghosts import LeavesWithGhosts
 from ..progress import Report, silent
 from ..volume import Volume
@@ -443,7 +444,7 @@ class TreePieces(Pieces):
 def pieces_of(volume: Any, medium: Any, memory: Any, sweep: Any = None, **options: Any) -> Pieces:
     """Return the pieces of a volume; see `check_in_pieces` for the options."""
     grid = getattr(volume, "grid", None)
-    kind = Pieces if grid is None or grid.is_structured else TreePieces
+    kind = Pieces if grid is None or is_structured(grid) else TreePieces
     return kind(volume, medium, memory, sweep, **options)
 
 

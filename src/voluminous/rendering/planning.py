@@ -14,6 +14,7 @@ from ..calibration.open_numbers import in_plain_numbers
 from ..cameras.contract import Camera, check_camera
 from ..errors import InputError
 from ..files import url_of
+from ..grids.cartesian.grid import CartesianGrid
 from ..media.bound import Binding
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
@@ -162,7 +163,7 @@ def plan(
     if not is_count(workers, 1 << 31):
         raise InputError(f"workers is the number of processes, 1 or more, got {workers!r}")
     check_camera(camera, "plan")
-    if not getattr(volume, "grid", None) or volume.grid.kind != "cartesian":
+    if not isinstance(getattr(volume, "grid", None), CartesianGrid):
         raise InputError(
             "plan counts the chunks of a vm.Volume on a Cartesian grid, got "
             f"{getattr(volume, 'grid', volume)!r}: draw it without a plan"

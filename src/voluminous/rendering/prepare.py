@@ -9,6 +9,7 @@ from ..calibration import calibrated
 from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, check_name, how_to_take
 from ..grids.arguments import on_grid
+from ..grids.cartesian.grid import CartesianGrid
 from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.sum import with_each
@@ -130,7 +131,7 @@ def prepare(
         progress=options.progress if callable(options.progress) else silent,
         samples=sample_count(options.samples, options.antialias, frame, volume.grid),
         adaptive=options.antialias == "adaptive",
-        recursive=options.antialias == "radmc3d" and not volume.grid.is_rectilinear,
+        recursive=options.antialias == "radmc3d" and not isinstance(volume.grid, CartesianGrid),
         pieces=pieces,
     )
     check_pixels(frame.pixels, medium, job.backend)

@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..executors import Sent
 from ..expressions.interval import Interval
 from ..grids.contract import CellBox
+from ..grids.structured import is_structured
 from ..media.ranges import RangeContext
 from ..memory import reuse_memory
 from ..schemes.base import Position
@@ -146,7 +147,7 @@ class StreamingTracer(RayTracer):
         source = self.source
         evaluator = CellEvaluator(self.job.volume, self.job.medium, source.numbers, self.backend)
         for box in boxes:
-            several = pieces.grid.is_structured and pieces.side != chunks
+            several = is_structured(pieces.grid) and pieces.side != chunks
             if self.ending is not None and several:
                 most = evaluator.most_in(pieces.ranges(box, self.job.medium.names))
                 if source.numbers.densest(most) * min(chunks) > _OPAQUE:
@@ -290,7 +291,7 @@ class StreamingTracer(RayTracer):
         }
         sides = [b - a for a, b in zip(box.low, box.high, strict=True)]
         cells = math.prod(sides)
-        across = sum(sides) if pieces.grid.is_structured else 3.0 * cells ** (1 / 3)
+        across = sum(sides) if is_structured(pieces.grid) else 3.0 * cells ** (1 / 3)
         steps = rays * across
         if pieces.dual:
             within = source.within(values)
@@ -349,7 +350,7 @@ class Rays:
             states.append(RayState(path, None, np.zeros(count, bool), np.zeros(count, bool)))
         places = np.asarray(lanes.u), np.asarray(lanes.v), np.asarray(lanes.there)
         rays = cls(tracer, batch.offset, places, states)
-        if not (grid := tracer.pieces.grid).is_structured:
+        if not is_structured(grid := tracer.pieces.grid):
             walk = tracer.walk_in(CellBox((0,), (grid.size,)))
             _, cursor = walk.enter(rays.ray(np.arange(count)))
             dr.eval(cursor)

@@ -19,6 +19,7 @@ from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
 from ..drawing.api import in_steps, render
 from ..errors import VoluminousError
+from ..grids.contract import DualGrid
 from ..image import Image
 from ..media import Coefficients, Medium
 from ..progress import silent
@@ -309,7 +310,7 @@ class Painter:
         scheme, parts = shot.options.get("scheme"), shot.drawn.components()
         # No other scheme draws a surface without a width.
         first_order &= not any(part.surface_only for part in parts)
-        if first_order or "dual" not in shot.volume.grid.walk_kinds or shot.drawn.discrete:
+        if first_order or not isinstance(shot.volume.grid, DualGrid) or shot.drawn.discrete:
             scheme = "first-order"
         elif scheme is None and shot.editing:
             # Where steps can be wide takes 30 ms to find out for 128³ cells, and saves 10.

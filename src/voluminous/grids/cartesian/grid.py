@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr, from_host
-from ...backend.types import Float, Int, Mask
+from ...backend.types import Int, Mask
 from ...errors import InputError
 from ...geometry import CARTESIAN, is_uniform
 from ...memory import check_memory
-from ...packages import room
 from ...units import is_count, is_listed, plain, unit_of
 from ..arguments import cell_edges, check_extent, length_unit, plain_points
-from ..contract import CellBox
+from ..contract import CellBox, check_walk, on_device
 from ..structured import StructuredGrid
 
 if TYPE_CHECKING:
@@ -58,8 +55,7 @@ class CartesianGrid(StructuredGrid):
     """
 
     kind = "cartesian"
-    walk_kinds = ("cells", "dual", "coarse")
-    has_bricks = is_rectilinear = has_traced_centers = True
+    dual_layout = "cells"
 
     def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
         self.unit = length_unit((x, y, z), unit)
@@ -143,18 +139,6 @@ class CartesianGrid(StructuredGrid):
     def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
         return super().vertex_cells(vertex, backend)[::-1]  # their sum has the same bits as ever
 
-    def traced_centers(self, cell: Int, backend: Backend) -> list[Float]:
-        """Return x, y and z of cell centres from flat cell numbers (traced)."""
-        UInt, Wide = backend.UInt, backend.Wide
-        ny, nz = (dr.opaque(UInt, n) for n in self.shape[1:])
-        row = backend.quotient(cell, nz)
-        i = backend.quotient(row, ny)
-        index = (i, row - i * ny, cell - row * nz)
-        return [
-            dr.gather(Wide, from_host(Wide, centers), k)
-            for centers, k in zip(self.centers, index, strict=True)
-        ]
-
     def first_cell_width(self) -> float:
         """Width in x of the first cell: what flux conservation compares a pixel with."""
         return float(self.edges[0][1] - self.edges[0][0])
@@ -189,8 +173,7 @@ class CartesianGrid(StructuredGrid):
             "coarse": CoarseWalk,
         }
         if box is not None:
-            if kind not in ("cells", "dual"):
-                self.check_no_box(box)
+            check_walk(self, kind, list(kinds), box if kind == "coarse" else None)
             limits = zip(box.low, box.high, self.shape, strict=True)
             if not all(0 <= low < high <= n for low, high, n in limits):
                 raise InputError(
@@ -198,15 +181,8 @@ class CartesianGrid(StructuredGrid):
                 )
             confined = DualWalk if kind == "dual" else CartesianWalk
             return confined(self.edges, self.scale, backend, box=box)
-        return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
-
-    def lattice(
-        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
-    ) -> list[Any]:
-        lattices: list[Float] = room("rendering.sources.corner_layouts").cartesian_lattices(
-            arrays, backend
-        )
-        return lattices
+        check_walk(self, kind, list(kinds), None)
+        return on_device(self, backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
 
     def describe(self) -> dict[str, Any]:
         return {**super().describe(), "uniform": self.is_uniform}

@@ -24,7 +24,6 @@ from .walk import CurvilinearWalk, SurfaceExit, SurfaceTrack, flat, norm
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
-    from ..contract import Grid
 
 # The longest segment, as a part of its distance from the axis or the centre: √(q² + u²) is then
 # off by 6e-6 q at most, and a field of white noise by 4e-4 of its range.
@@ -197,7 +196,7 @@ def dual_walls(grid: SurfaceGrid) -> tuple[np.ndarray, ...]:
     return tuple(dual_edges(edges, periodic) for edges, periodic in axes)
 
 
-def periodic_axes(grid: Grid) -> list[bool]:
+def periodic_axes(grid: Any) -> list[bool]:
     """Return along which axes a grid closes upon itself."""
     return [name == "phi" and grid.is_periodic for name in grid.coordinates]
 
@@ -212,7 +211,7 @@ def dual_edges(edges: np.ndarray, periodic: bool) -> np.ndarray:
     return np.concatenate([edges[:1], centers, edges[-1:]])
 
 
-def dual_values(array: np.ndarray, grid: Grid) -> np.ndarray:
+def dual_values(array: np.ndarray, grid: Any) -> np.ndarray:
     """Return a field at the vertices of the dual grid."""
     for axis, periodic in enumerate(periodic_axes(grid)):
         if array.shape[axis] > 1 and periodic:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...geometry import CYLINDRICAL, SPHERICAL, metric, position
-from ...packages import room
 from ..arguments import cell_edges, check_extent, length_unit, plain_points
-from ..contract import CellBox
+from ..contract import CellBox, check_walk, on_device
 from ..structured import StructuredGrid
 from .angles import ANGLE_ROUNDING, FULL_CIRCLE, MIDPLANE, is_closed
 from .surfaces import SurfaceGrid
@@ -32,7 +31,8 @@ class CurvilinearGrid(SurfaceGrid, StructuredGrid):
     """
 
     coordinates: tuple[str, str, str]
-    walk_kinds: tuple[str, ...] = ("cells", "substeps", "dual")
+    dual_layout = "dual vertices"
+    _walk_kinds: tuple[str, ...] = ("cells", "substeps", "dual")
     edges: tuple[np.ndarray, np.ndarray, np.ndarray]
     unit: Any
     _refined: type[CurvilinearGrid] | None = None
@@ -91,14 +91,6 @@ class CurvilinearGrid(SurfaceGrid, StructuredGrid):
         """True if azimuth spans a full circle."""
         return is_closed(self.edges[self.coordinates.index("phi")])
 
-    def lattice(
-        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
-    ) -> list[Any]:
-        lattices: list[Any] = room("rendering.sources.corner_layouts").curvilinear_lattices(
-            self, arrays, backend
-        )
-        return lattices
-
     def walk(
         self, backend: Backend, kind: str = "cells", box: CellBox | None = None
     ) -> CurvilinearWalk:
@@ -110,17 +102,8 @@ class CurvilinearGrid(SurfaceGrid, StructuredGrid):
                 return CurvilinearFieldWalk(self, dual_walls(self), backend)
             return CurvilinearWalk(self, self.edges, backend, kind == "substeps")
 
-        self.check_walk(kind, box)
-        return self.on_device(backend, kind, make)
-
-    def check_walk(self, kind: str, box: CellBox | None) -> None:
-        """Refuse kinds of walks that the grid does not have."""
-        self.check_no_box(box)
-        if kind not in self.walk_kinds:
-            raise InputError(
-                f"a {self.kind} grid has no walk of the kind {kind!r}, only "
-                f"{', '.join(map(repr, self.walk_kinds))}; use scheme='first-order'"
-            )
+        check_walk(self, kind, self._walk_kinds, box)
+        return on_device(self, backend, kind, make)
 
     def describe(self) -> dict[str, Any]:
         return {
@@ -248,13 +231,6 @@ class SphericalGrid(CurvilinearGrid):
         volumes: np.ndarray = shell * zone * dphi
         return 2 * volumes if self.mirror else volumes
 
-    def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        _, theta, phi = self.native_centers(first, last)
-        (st, ct), (sp, cp) = (np.sin(theta), np.cos(theta)), (np.sin(phi), np.cos(phi))
-        outwards = [st * cp, st * sp, ct]
-        southwards = [ct * cp, ct * sp, -st]
-        return np.stack([outwards, southwards, [-sp, cp, np.zeros_like(sp)]])
-
     def native(self, points: Any) -> np.ndarray:
         x, y, z = plain_points(points, self.unit).T
         z = np.abs(z) if self.mirror else z
@@ -316,7 +292,7 @@ class CylindricalGrid(CurvilinearGrid):
 
     coordinates = CYLINDRICAL
     kind = "cylindrical"
-    walk_kinds: tuple[str, ...] = ("cells", "dual")  # RADMC-3D has no cylindrical grids
+    _walk_kinds: tuple[str, ...] = ("cells", "dual")  # RADMC-3D has no cylindrical grids
 
     def __init__(self, R: Any, phi: Any, z: Any, *, refined: Any = None, unit: Any = None) -> None:
         self.unit = length_unit((R, z), unit)
@@ -347,11 +323,6 @@ class CylindricalGrid(CurvilinearGrid):
         dR, dphi, dz = high - low
         volumes: np.ndarray = 0.5 * dR * (low[0] + high[0]) * dphi * dz
         return volumes
-
-    def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        _, phi, _ = self.native_centers(first, last)
-        s, c, zero = np.sin(phi), np.cos(phi), np.zeros_like(phi)
-        return np.stack([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]])
 
     def native(self, points: Any) -> np.ndarray:
         x, y, z = plain_points(points, self.unit).T

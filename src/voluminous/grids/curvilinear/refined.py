@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ..contract import CellBox
+from ..contract import CellBox, check_walk, on_device
 from ..trees.octree_order import Places, checked_flags, levels_from_flags
 from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
@@ -37,7 +37,8 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
     evenly refined grid.
     """
 
-    walk_kinds: tuple[str, ...] = ("cells", "dual")
+    dual_layout = "corners"
+    _walk_kinds: tuple[str, ...] = ("cells", "dual")
     places: Places
     fine_edges: tuple[np.ndarray, ...]
 
@@ -55,6 +56,10 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
         self.fine_edges = tuple(
             _divided(e, int(parts)) for e, parts in zip(self.edges, self.divisions, strict=True)
         )
+
+    @property
+    def base_edges(self) -> tuple[np.ndarray, ...]:  # type: ignore[override]
+        return self.edges
 
     def _closes(self, axis: int) -> bool:
         edges, name = self.edges[axis], self.coordinates[axis]
@@ -126,14 +131,14 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
                 return RefinedFieldWalk(self, self.fine_edges, backend)
             return RefinedWalk(self, self.fine_edges, backend, kind == "substeps")
 
-        self.check_walk(kind, box)
-        return self.on_device(backend, kind, make)
+        check_walk(self, kind, self._walk_kinds, box)
+        return on_device(self, backend, kind, make)
 
 
 class RefinedSphericalGrid(RefinedCells, SphericalGrid):
     """A spherical grid with cells that are split; made by ``SphericalGrid(..., refined=...)``."""
 
-    walk_kinds = ("cells", "substeps", "dual")
+    _walk_kinds = ("cells", "substeps", "dual")
 
 
 class RefinedCylindricalGrid(RefinedCells, CylindricalGrid):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ...backend.types import Float, Int, Mask
 from ...geometry import SPHERICAL
 from ..trees.axes import Spacing
 from ..trees.tree import Cell
-from ..trees.vertices import LeafGrid, Surroundings
+from ..trees.vertices import Surroundings
 from .angles import FULL_CIRCLE
 
 if TYPE_CHECKING:
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 class RefinedSurroundings(Surroundings):
     """Finds the leaves in the eight octants around vertices."""
 
-    grid: LeafGrid
+    grid: Any
 
-    def __init__(self, grid: LeafGrid, backend: Backend) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, backend)
         self.turning, self.mirrored = endless(grid)
         self.parts = [float(p) for p in grid.divisions]
@@ -78,7 +78,7 @@ class ContinuedSpacing(Spacing):
 
     def __init__(
         self,
-        grid: LeafGrid,
+        grid: Any,
         edges: Sequence[np.ndarray],
         backend: Backend,
         straight: Sequence[bool] = (False,) * 3,
@@ -110,7 +110,7 @@ class OwnSpacing(ContinuedSpacing):
     difference starts in.
     """
 
-    def __init__(self, grid: LeafGrid, backend: Backend) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, grid.edges, backend)
         self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
 
@@ -128,7 +128,7 @@ class _Frame:
     scale: float = 1.0
 
 
-def endless(grid: LeafGrid) -> tuple[list[bool], list[bool]]:
+def endless(grid: Any) -> tuple[list[bool], list[bool]]:
     """Return along which axes a grid closes upon itself, and which have a mirror at their end."""
     turning = [name == "phi" and grid.is_periodic for name in grid.coordinates]
     return turning, [name == "theta" and grid.mirror for name in grid.coordinates]
@@ -153,7 +153,7 @@ _WIDEST, _FARTHEST = 2.0, 0.75
 class StraightSurroundings(RefinedSurroundings):
     """Finds neighbours of leaves, also beyond the axis and the centre."""
 
-    def __init__(self, grid: LeafGrid, backend: Backend) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, backend)
         self.alike = _alike(grid)
         self.opposite = Opposite(grid, self.alike, np.pi / _TURNED, backend)
@@ -178,7 +178,7 @@ class StraightSurroundings(RefinedSurroundings):
 class StraightSpacing(ContinuedSpacing):
     """Ways along the directions of the coordinates at their start, in units of the grid's scale."""
 
-    def __init__(self, grid: LeafGrid, backend: Backend) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         angles = [name in ("theta", "phi") for name in grid.coordinates]
         alike = _alike(grid)
         edges = [
@@ -245,7 +245,7 @@ class StraightSpacing(ContinuedSpacing):
         return [axis.way(before, before + p) + start for axis, before, p, start in axes]
 
 
-def _alike(grid: LeafGrid) -> list[bool]:
+def _alike(grid: Any) -> list[bool]:
     counts = grid.tree.extent
     return [
         bool(count == 1) and name in ("theta", "phi")
@@ -253,7 +253,7 @@ def _alike(grid: LeafGrid) -> list[bool]:
     ]
 
 
-def _open(grid: LeafGrid, alike: list[bool]) -> list[tuple[bool, bool]]:
+def _open(grid: Any, alike: list[bool]) -> list[tuple[bool, bool]]:
     turning, mirrored = endless(grid)
     found = [(turns, turns or mirror) for turns, mirror in zip(turning, mirrored, strict=True)]
     if grid.is_periodic and "theta" in grid.coordinates:
@@ -292,7 +292,7 @@ def _versine(angle: Float) -> Float:
 class Opposite:
     """Moves places beyond the axis and the centre to where they are."""
 
-    def __init__(self, grid: LeafGrid, alike: list[bool], half: float, backend: Backend) -> None:
+    def __init__(self, grid: Any, alike: list[bool], half: float, backend: Backend) -> None:
         self.real, self.UInt = backend.Float, backend.UInt
         names, edges = list(grid.coordinates), grid.edges
         self.azimuth = names.index("phi")

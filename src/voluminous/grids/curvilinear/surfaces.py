@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 
 
 class SurfaceGrid(Grid):
-    """A grid of cells between families of surfaces."""
+    """A grid of cells between families of surfaces: `edges` are their walls."""
+
+    edges: tuple[np.ndarray, ...]
 
     def families(
         self, edges: tuple[np.ndarray, ...], backend: Backend

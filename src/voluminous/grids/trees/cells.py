@@ -9,7 +9,7 @@ import numpy as np
 
 from ...geometry import is_uniform
 from ..arguments import plain_points
-from ..contract import CellBox
+from ..contract import CellBox, check_walk, on_device
 from .tree import Tree
 from .vertices import LeafGrid
 
@@ -30,7 +30,6 @@ class TreeCells(LeafGrid):
     """
 
     extent: np.ndarray
-    walk_kinds: tuple[str, ...] = ("cells", "dual")
 
     @property
     def bounds(self) -> np.ndarray:
@@ -56,9 +55,6 @@ class TreeCells(LeafGrid):
         """Width of the thinnest cell as a fraction of the domain's."""
         thinnest = [np.diff(e).min() for e in self.base_edges] / self.divisions
         return float(np.min(thinnest / np.ptp(self.bounds, axis=1)))
-
-    def unpack(self, flat: np.ndarray) -> Any:
-        return np.asarray(flat)
 
     def corners(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return lower and upper corners of consecutive cells, float64 (3, n)."""
@@ -124,11 +120,10 @@ class TreeCells(LeafGrid):
         return places
 
     def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
-        whole = self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
+        check_walk(self, kind, ("cells", "dual"), box if box and len(box.low) != 1 else None)
+        whole = on_device(self, backend, kind, lambda: self.walk_through(self.tree, backend, kind))
         if box is None:
             return whole
-        if len(box.low) != 1:
-            self.check_no_box(box)
         from .confined import ConfinedWalk
 
         return ConfinedWalk(whole, box)

@@ -79,7 +79,6 @@ class OctreeGrid(TreeCells):
 
     kind = "octree"
     places: Places
-    can_be_pruned = True
 
     def __init__(self, x: Any, y: Any, z: Any, refined: Any = None, *, unit: Any = None) -> None:
         base = CartesianGrid(x, y, z, unit=unit)

@@ -7,15 +7,12 @@ is chosen, from the smallest nodes on.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from .octree_order import Places
 from .vertices import VertexNumbers, corner_numbers
-
-if TYPE_CHECKING:
-    from .vertices import LeafGrid
 
 # Levels that a lattice spans at most: wider ones are hardly ever worth it (0 to 1 % fewer points).
 _DEEPEST = 3
@@ -23,7 +20,7 @@ _DEEPEST = 3
 _CHUNK = 1 << 20
 
 
-def octree_vertices(grid: LeafGrid) -> VertexNumbers:
+def octree_vertices(grid: Any) -> VertexNumbers:
     """Return the numbers of the vertices of an octree, Cartesian or curvilinear."""
     leaf, level, depth, lattice = _chosen(grid.places)
     lattices = OctreeLattices(grid, leaf, level, depth)
@@ -39,9 +36,7 @@ def octree_vertices(grid: LeafGrid) -> VertexNumbers:
 class OctreeLattices:
     """Lattices over nodes of an octree; see `vertices.Lattices`."""
 
-    def __init__(
-        self, grid: LeafGrid, leaf: np.ndarray, level: np.ndarray, depth: np.ndarray
-    ) -> None:
+    def __init__(self, grid: Any, leaf: np.ndarray, level: np.ndarray, depth: np.ndarray) -> None:
         self.grid, self.leaf, self.level, self.depth = grid, leaf, level, depth
         self.halved = np.isin(np.arange(3), grid.places.axes)[:, None]
 

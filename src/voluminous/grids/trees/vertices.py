@@ -21,8 +21,7 @@ import numpy as np
 
 from ...backend import dr, from_host
 from ...backend.types import Float, Int, Mask
-from ...packages import room
-from ..contract import Grid
+from ..contract import BoxGrid, DualGrid, VertexGrid, on_device
 from .axes import Spacing
 from .tree import Cell, Tree, TreeLookup
 
@@ -207,19 +206,20 @@ def corner_numbers(
     return numbers
 
 
-class LeafGrid(Grid):
+class LeafGrid(BoxGrid, VertexGrid, DualGrid):
     """What grids share whose cells are boxes of a tree, in any coordinates.
 
     A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
 
-    `levels` (n,): how often each cell's base cell was refined; `base_shape`: number of base cells
-    along each axis; `divisions` (3,): finest units per base cell along each axis.
+    `levels` (n,): how often each cell's base cell was refined; `base_edges`, `base_shape`: walls
+    and number of base cells along each axis; `divisions` (3,): finest units per base cell.
     """
 
     levels: np.ndarray
+    base_edges: tuple[np.ndarray, ...]
     divisions: np.ndarray
     fine_edges: tuple[np.ndarray, ...] = ()
-    cells_are_boxes = has_vertices = has_neighbourhood = True
+    dual_layout = "corners"
 
     @functools.cached_property
     def tree(self) -> Tree:
@@ -238,14 +238,15 @@ class LeafGrid(Grid):
     def surroundings(self, backend: Backend) -> Surroundings:
         """Return what finds the cells around vertices in kernels, in double precision."""
         double = backend.with_precision("double")
-        return self.on_device(double, "surroundings", lambda: Surroundings(self, double))
+        return on_device(self, double, "surroundings", lambda: Surroundings(self, double))
 
     def neighbourhood(self, backend: Backend) -> Surroundings:
+        """Return what finds neighbours of cells in kernels, and how far they are."""
         return self.surroundings(backend)
 
     @property
     def base_shape(self) -> tuple[int, int, int]:
-        a, b, c = (len(e) - 1 for e in self.base_edges or self.edges)
+        a, b, c = (len(e) - 1 for e in self.base_edges)
         return a, b, c
 
     @property
@@ -267,14 +268,6 @@ class LeafGrid(Grid):
 
     def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
         return cells_around(self, vertex, backend)
-
-    def lattice(
-        self, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
-    ) -> list[Any]:
-        lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
-            self, arrays, backend, sums
-        )
-        return lattices
 
     def describe(self) -> dict[str, Any]:
         return {

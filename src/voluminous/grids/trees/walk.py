@@ -77,7 +77,7 @@ class TreeWalk(BoxWalk):
     `has_gaps`: holes are gaps, and not segments of no length.
     """
 
-    has_gaps = False
+    has_gaps, continuous = False, True
 
     def __init__(self, grid: LeafGrid, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
@@ -251,7 +251,7 @@ class TreeFieldWalk(TreeWalk):
     is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
     """
 
-    has_gaps = continuous = True
+    has_gaps = True
 
     def skipper(self, track: TreeRayTrack, bricks: Any = None) -> Skip | None:
         def step(cursor: TreeCursor) -> tuple[TreeCursor]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
+from ...grids.cartesian.grid import CartesianGrid
 from ...image.fits_header import fits_name
 from ...image.sky import table_hdus, tables_of
 from ..axes import cartesian
@@ -62,7 +63,7 @@ def _world_cards(volume: Volume, has_axis: bool) -> Header:
             header[UNIT] = (fits_name(grid.unit), "unit of the grid")
             header[DEPTH] = (float(np.ptp(grid.edges[2])), "depth of the grid in it")
         return header
-    if not grid.is_uniform:
+    if not (isinstance(grid, CartesianGrid) and grid.is_uniform):
         raise InputError(
             "FITS holds cells of equal width only; resample the volume first, or write .h5"
         )

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError, UnitsError
+from ...grids.contract import BoxGrid
+from ...grids.structured import is_structured
 from ...units import parse_unit, unit_name
 
 if TYPE_CHECKING:
@@ -48,7 +50,7 @@ def plain_grid(grid: Any) -> PlainGrid:
         plain = PlainGrid(grid.kind, _C_ORDER, dict(zip(grid.coordinates, grid.edges, strict=True)))
         if grid.kind == "spherical":
             plain.attributes["mirror"] = grid.mirror
-        if not grid.is_structured:
+        if not is_structured(grid):
             plain.order, plain.arrays["levels"] = _DEPTH_FIRST, grid.levels
             plain.attributes["split"] = list(grid.places.axes)
     elif grid.kind == "octree":
@@ -141,7 +143,7 @@ def _curvilinear(plain: PlainGrid, arrays: dict[str, np.ndarray], unit: Any) -> 
     if not split or not {*split} <= {0, 1, 2}:
         raise FileFormatError(f"/grid must split some of the axes 0, 1 and 2, got {split}")
     flags = flags_from_levels(levels, Places(levels, split))
-    grid: Grid = kind(*edges, refined=flags, unit=unit, **more)
+    grid: BoxGrid = kind(*edges, refined=flags, unit=unit, **more)
     if not np.array_equal(grid.levels, levels):
         raise FileFormatError("/grid/levels do not describe a refined grid on these base cells")
     return grid

@@ -21,6 +21,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...fields import held_dtype
+from ...grids.structured import is_structured
 from ...packages import require, version
 from ...progress import reporter
 from ...store import LEAVES, SIDE, Store, weighted_means
@@ -131,7 +132,7 @@ class NativeZarrReader(ContentsReader):
 
         library = require("zarr", self.extra, "writing Zarr")
         grid = volume.grid
-        if levels and not grid.is_structured:
+        if levels and not is_structured(grid):
             raise InputError(
                 "coarser levels are means over 2 x 2 x 2 cells, and these are refined: leave out "
                 "levels, or make a Cartesian grid: volume.resample(vm.CartesianGrid.uniform(…)), "

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
+from ...grids.cartesian.grid import CartesianGrid
 from ...units import parse_unit, plain
 from ..arrays.layout import equal_cells
 from ..axes import cartesian, edges_of_centers
@@ -153,7 +154,7 @@ def lattice(volume: Volume, unit: str = "") -> tuple[np.ndarray, np.ndarray]:
     Both turned as they truly are; in a unit if one is given and the volume's lengths have one.
     """
     grid = cartesian(volume)
-    if not grid.is_uniform:
+    if not (isinstance(grid, CartesianGrid) and grid.is_uniform):
         raise InputError(
             "this format holds cells of equal width only; resample the volume first: "
             "volume.resample(…)"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
+from ...grids.cartesian.grid import CartesianGrid
 from ...packages import require
 from ..axes import cartesian
 from ..scanners.placement import direction_of
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 def write_image(volume: Volume, path: Path) -> None:
     """Write a volume of equal cells as image data."""
     grid, direction = cartesian(volume), direction_of(volume)
-    if not grid.is_uniform:
+    if not (isinstance(grid, CartesianGrid) and grid.is_uniform):
         raise InputError("image data have equal cells, these are not: write a .vtr file")
     low, high = grid.bounds.T
     if not np.array_equal(direction, np.eye(3)):

@@ -17,6 +17,7 @@ from ...expressions import Expression
 from ...expressions.interval import Interval
 from ...fields import COORDINATES, coordinates
 from ...geometry import CARTESIAN
+from ...grids.cartesian.grid import CartesianGrid
 from ...media.context import Context, Tape
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
@@ -26,7 +27,7 @@ from ..cache import VolumeStatistics
 from .channel_layout import ChannelLayout, PerChannel, channel_groups
 
 if TYPE_CHECKING:
-    from ...grids.contract import Grid
+    pass
 
 # Dr.Jit arrays, and the offsets of packets in them, are 32-bit.
 LARGEST = 2**32 - 1
@@ -44,7 +45,7 @@ class CellEvaluator:
     numbers : PerChannel or SharedProfiles
         The numbers computed per cell.
     places : list of str
-        The coordinates that the medium uses. A grid with `traced_centers` computes x, y and z in
+        The coordinates that the medium uses. Those of Cartesian grids are computed in
         the kernel. Those of other grids are computed on the host: for consecutive cells during
         classification, for all cells during ray tracing.
     tape : Tape, optional
@@ -66,7 +67,7 @@ class CellEvaluator:
         check_fields(volume, medium)
         self.places = [n for n in medium.names if n in volume.coordinates and n not in volume]
         cartesian = all(name in COORDINATES for name in self.places)
-        self._traced = cartesian and self.grid.has_traced_centers
+        self._traced = cartesian and isinstance(self.grid, CartesianGrid)
         self.origin: tuple[int, ...] = ()
 
     def group(self, numbers: PerChannel) -> CellEvaluator:
@@ -154,7 +155,14 @@ class CellEvaluator:
         return {name: dr.gather(Wide, data, cell, active) for name, data in whole.items()}
 
     def _centers(self, cell: Int) -> dict[str, Float]:
-        values = dict(zip("xyz", self.grid.traced_centers(cell, self.backend), strict=True))
+        UInt, Wide = self.backend.UInt, self.backend.Wide
+        ny, nz = (dr.opaque(UInt, n) for n in self.grid.shape[1:])
+        row = self.backend.quotient(cell, nz)
+        i = self.backend.quotient(row, ny)
+        index = (i, row - i * ny, cell - row * nz)
+        centers = [from_host(Wide, c) for c in self.grid.centers]
+        found = (dr.gather(Wide, c, k) for c, k in zip(centers, index, strict=True))
+        values = dict(zip("xyz", found, strict=True))
         values["r"] = dr.sqrt(sum(values[name] * values[name] for name in "xyz"))
         return {name: values[name] for name in self.places}
 
@@ -235,7 +243,7 @@ def ray_coordinates(volume: Volume, names: Iterable[str]) -> dict[str, Expressio
     return {name: _formula(name, grid) for name in own}
 
 
-def _formula(name: str, grid: Grid) -> Expression:
+def _formula(name: str, grid: Any) -> Expression:
     if name == "R":
         return Expression(_ACROSS)
     if name == "theta":

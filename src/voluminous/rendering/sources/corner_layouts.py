@@ -20,7 +20,7 @@ from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .channel_layout import unit_near
 
 if TYPE_CHECKING:
-    from ...grids.contract import Grid
+    from ...grids.contract import DualGrid, Grid
     from ...grids.trees.ghosts import LeavesWithGhosts
 
 # Maximum size of face packets (quads) in bytes. Rays through 100³ cells take 0.75 of the time they
@@ -40,7 +40,7 @@ Corners = list[list[list[Any]]]
 
 
 class FieldLattice:
-    """A field in the layout that rays gather; a grid's `lattice` returns one for each array.
+    """A field in the layout that rays gather.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def _unit_of(low: float, high: float, backend: Backend) -> float:
 def tree_lattices(
     grid: Grid, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool]
 ) -> list[CornerPackets]:
-    """Return the `Grid.lattice` of trees: values at the corners of their cells.
+    """Return values at the corners of the cells of trees.
 
     The number of fields computed at once depends on the memory.
     """
@@ -176,23 +176,25 @@ def lattices_of_leaves(
     return made
 
 
-def curvilinear_lattices(
-    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
-) -> list[NodalValues]:
-    """Return the `Grid.lattice` of curvilinear grids."""
-    units = [_checked_unit(array, backend, _padded_size(array.shape)) for array in arrays]
-    pairs = zip(arrays, units, strict=True)
-    return [make_nodes(dual_values(array, grid), backend, unit) for array, unit in pairs]
+def lattices_of(
+    grid: DualGrid, arrays: Sequence[np.ndarray], backend: Backend, sums: Sequence[bool] = ()
+) -> Sequence[Any]:
+    """Return fields as the dual walk of a grid gathers them, one for each array.
 
-
-def cartesian_lattices(
-    arrays: Sequence[np.ndarray], backend: Backend
-) -> list[FacePackets | NodalValues]:
-    """Return the `Grid.lattice` of Cartesian grids, each in the faster layout."""
-    return [
-        _cartesian_lattice(array, backend, _checked_unit(array, backend, _padded_size(array.shape)))
-        for array in arrays
-    ]
+    `sums` says of which fields the integral is to be the sum over cells, however steep they are; by
+    default of none.
+    """
+    match grid.dual_layout:
+        case "corners":
+            return tree_lattices(grid, arrays, backend, sums)
+        case "cells" | "dual vertices" as layout:
+            units = [_checked_unit(array, backend, _padded_size(array.shape)) for array in arrays]
+            pairs = zip(arrays, units, strict=True)
+            if layout == "cells":
+                return [_cartesian_lattice(array, backend, unit) for array, unit in pairs]
+            return [make_nodes(dual_values(array, grid), backend, unit) for array, unit in pairs]
+        case make:
+            return make(arrays, backend, sums)  # type: ignore[operator]
 
 
 def _padded_size(shape: tuple[int, ...]) -> int:
@@ -250,7 +252,7 @@ def get_lattices(evaluator: CellEvaluator, cache: Cache) -> dict[str, Any]:
     found = {name: cache.get(key) for name, key in keys.items()}
     lacking = [name for name in names if found[name] is None]
     arrays = [volume.array(name) for name in lacking]
-    made = volume.grid.lattice(arrays, backend, [n.startswith(KEEPS_SUMS) for n in lacking])
+    made = lattices_of(volume.grid, arrays, backend, [n.startswith(KEEPS_SUMS) for n in lacking])
     for name, lattice in zip(lacking, made, strict=True):
         found[name] = cache.put(keys[name], lattice)
     return found

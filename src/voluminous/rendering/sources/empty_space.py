@@ -10,7 +10,9 @@ import numpy as np
 
 from ...backend import Backend
 from ...expressions.interval import Interval
+from ...grids.cartesian.grid import CartesianGrid
 from ...grids.cartesian.leap import BITS, Bricks, brick_shape, make_bricks
+from ...grids.trees.octree import OctreeGrid
 from ...media.ranges import RangeContext
 from ..cache import Cache
 from ..precision import exactness
@@ -19,7 +21,6 @@ from .corner_layouts import CornerPackets
 from .wide_steps import difference_limits, wide_steps
 
 if TYPE_CHECKING:
-    from ...grids.contract import Grid
     from ...volume import Volume
 
 WIDTH = 1 << BITS
@@ -102,7 +103,7 @@ def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> dict[s
     volume = evaluator.volume
 
     def ranges(name: str) -> Interval:
-        if not volume.grid.has_bricks:
+        if not isinstance(volume.grid, CartesianGrid):
             return evaluator.statistics.range_of(name)
         if name not in volume:
             return coordinate_ranges(name, volume.grid.edges, window)
@@ -131,7 +132,7 @@ def get_bricks(
 ) -> Bricks | None:
     """Return the bricks that rays may skip, or None; cached with the volume."""
     medium, backend, volume = evaluator.medium, evaluator.backend, evaluator.volume
-    if not evaluator.grid.has_bricks:
+    if not isinstance(evaluator.grid, CartesianGrid):
         return None
     limits = difference_limits(evaluator, coarseness)
 
@@ -164,7 +165,7 @@ def worthwhile_bricks(
     return make_bricks(visible, backend, steps=steps)
 
 
-def pruned_walk(grid: Grid, visible: np.ndarray, backend: Backend, kind: str) -> Any:
+def pruned_walk(grid: OctreeGrid, visible: np.ndarray, backend: Backend, kind: str) -> Any:
     """Return a walk through the visible leaves, or None if most of them are visible."""
     if np.count_nonzero(visible) > _WORTHWHILE * len(visible):
         return None

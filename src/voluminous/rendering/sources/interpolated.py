@@ -15,6 +15,7 @@ from ...backend import dr
 from ...backend.types import Float, Mask
 from ...grids.contract import Segment
 from ...grids.straight_chord import trilinear
+from ...grids.trees.octree import OctreeGrid
 from ...media.context import Context, completed
 from ...media.contract import Medium
 from ...media.jumps import Jump
@@ -335,7 +336,7 @@ def interpolated_fields(
         lattices = get_lattices(evaluator, cache)
     source = Interpolated(evaluator, lattices, context, bricks, paths)
     known = all(name in volume for name in medium.names)
-    if whole and known and grid.can_be_pruned and not in_pieces:
+    if whole and known and isinstance(grid, OctreeGrid) and not in_pieces:
 
         def prune() -> Any:
             return pruned_walk(grid, visible_leaves(evaluator, lattices, faint), backend, "dual")

@@ -15,6 +15,8 @@ from ...backend.functions import flush_subnormal
 from ...backend.types import Float, Int, Mask
 from ...errors import InputError
 from ...grids.contract import Corners, Segment
+from ...grids.structured import is_structured
+from ...grids.trees.octree import OctreeGrid
 from ...memory import check_memory, fits
 from ...progress import reporter
 from ...schemes.base import Coefficients, Scheme
@@ -26,7 +28,7 @@ from .channel_layout import ChannelLayout, PerChannel, channel_groups, some_chan
 from .empty_space import CELLS, get_bricks, get_exactness, pruned_walk, visible_leaves
 
 if TYPE_CHECKING:
-    from ...grids.contract import Grid
+    pass
 
 _ADVICE = (
     "use precision='single', scheme='first-order' (which can do without a table), "
@@ -178,12 +180,12 @@ def vertex_table(evaluator: CellEvaluator, *, measured: bool = True) -> Coeffici
     return table
 
 
-def _vertex_pieces(grid: Grid, places: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+def _vertex_pieces(grid: Any, places: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Yield ranges of some vertices, and of the cells around them.
 
     Layers of the first axis touch two layers of cells; for trees all leaves are needed.
     """
-    if not grid.is_structured:
+    if not is_structured(grid):
         for first in range(0, grid.vertex_count, places):
             yield (first, min(first + places, grid.vertex_count)), (0, grid.size)
         return
@@ -340,7 +342,7 @@ def tabulated(
         if leaps and not scheme.everywhere:
             source.bricks = get_bricks(evaluator, cache, faint, CELLS)
         known = all(name in evaluator.volume for name in evaluator.medium.names)
-        if whole and known and grid.can_be_pruned and not scheme.everywhere:
+        if whole and known and isinstance(grid, OctreeGrid) and not scheme.everywhere:
             source.walk = _pruned(evaluator, cache)
         return source
 
@@ -370,7 +372,7 @@ def tabulated(
     table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)
     if not scheme.everywhere:
         table.bricks = get_bricks(evaluator, cache, faint, CELLS)
-        if whole and by_cell and grid.can_be_pruned:
+        if whole and by_cell and isinstance(grid, OctreeGrid):
             table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)
 
