@@ -305,7 +305,7 @@ def prepared(volume: Volume, medium: Medium | None, camera: Any, options: Render
             framed(volume, medium, view=view, memory=memory) if fitted else first_camera(volume)
         )
     objects = check_objects(options.objects, options.bounds)
-    job, missing = prepare(volume, medium, camera, options, pieces)
+    job, missing = prepare(volume, medium, camera, options, pieces=pieces)
     background = background_array(options.background, job.frame.pixels, job.medium.channels)
     panels = guaranteed.check_bounds(options.bounds, options.max_panels, job)
     return Drawing(job, options, whole, level, missing, objects, background, panels, sweep)

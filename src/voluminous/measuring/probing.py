@@ -117,7 +117,7 @@ def probe(
         cutoff=cutoff,
         progress=progress,
     )
-    job, _ = prepare(volume, medium, camera, options, pieces)
+    job, _ = prepare(volume, medium, camera, options, pieces=pieces)
     if at is not None and not camera.plane_unit:
         at = on_grid(at, volume.grid, "at")
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)

@@ -59,7 +59,7 @@ def scan(
     pieces = None if memory is None else pieces_of(volume, medium, memory)
     drawn = volume if pieces is None else pieces.outline
     job, _ = prepare(
-        drawn, medium, camera, RenderOptions(scheme=scheme, cutoff=0.0, **options), pieces
+        drawn, medium, camera, RenderOptions(scheme=scheme, cutoff=0.0, **options), pieces=pieces
     )
     nx, ny = job.frame.pixels
     tracer = make_tracer(job, 0.0)

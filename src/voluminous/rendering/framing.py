@@ -95,7 +95,7 @@ def _framed(
 
     def draw(camera: Orthographic) -> tuple[RenderJob, RenderResult]:
         pieces = pieces_of(volume, medium, memory) if isinstance(volume, Outline) else None
-        job, _ = prepare(volume, medium, camera, options, pieces)
+        job, _ = prepare(volume, medium, camera, options, pieces=pieces)
         return job, run(job, 0.0)
 
     coarse = camera.replace(resolution=_COARSE)
