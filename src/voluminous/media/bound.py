@@ -81,6 +81,15 @@ class Binding:
         """Return the emission that counts as one in each of a number of channels."""
         return [float(unit) for unit in np.broadcast_to(self.radiance, count)]
 
+    def shared(self, number: Callable[[float], Any], values: Sequence[float]) -> list[Any]:
+        """Return numbers of channels as run-time data: one for all, but for a spectrum.
+
+        How many there are must not depend on their values, which would compile other kernels.
+        """
+        if np.ndim(self.radiance):
+            return [number(value) for value in values]
+        return [number(values[0])] * len(values)
+
     def in_units(self, colors: Sequence[float]) -> list[float]:
         """Return the emission of the channels that are drawn, in the kernel's unit."""
         some = colors[self.channels]
@@ -227,13 +236,16 @@ class Wrapped(BoundMedium):
 
     def _some(self, sample: MediumSample, context: Context) -> MediumSample:
         """Return those of the channels that are drawn, in the kernel's units."""
-        part, length = self.binding.channels, self.binding.length
-        emissivity, extinction = sample.emissivity[part], self.binding.some(sample.extinction)
-        if {length, *self.factors} == {1.0}:
+        binding = self.binding
+        emissivity, extinction = (
+            sample.emissivity[binding.channels],
+            binding.some(sample.extinction),
+        )
+        if context.encloses and {binding.length, *self.factors} == {1.0}:
             return MediumSample(emissivity, extinction)
 
         def make() -> tuple[list[Any], Any]:
-            return context.row(self.factors), context.number(length)
+            return binding.shared(context.number, self.factors), context.number(binding.length)
 
         bright, dense = context.keep((self._part, "factors"), make)
         return MediumSample(

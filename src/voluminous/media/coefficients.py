@@ -138,8 +138,10 @@ class BoundCoefficients(BoundMedium):
         self.extinction = binding.some(medium.extinction)
         self.expressions = (*self.emissivity, *self.extinction)
         units = binding.units(len(self.emissivity))
-        extinction = [binding.length * f for f in binding.some(factors)]
-        self._factors = [*(binding.length / unit for unit in units), *extinction]
+        self._emission = [binding.length / unit for unit in units]
+        self._lengths = [binding.length * f for f in binding.some(factors)]
+        # Mostly all are the unit of length; how many numbers there are must depend on units alone.
+        self._one_length, self._binding = len(set(factors)) == 1, binding
         every, self._part = (*medium.emissivity, *medium.extinction), binding.part
         self._order = 4 if all(e.smooth for e in every) else 1  # at kinks and jumps
         self._margins = tuple(margin for e in self.expressions for margin in _margins(e))
@@ -150,18 +152,18 @@ class BoundCoefficients(BoundMedium):
     def _scaled(self, values: list[Any], context: Context) -> MediumSample:
         """Return values of the expressions in the kernel's units."""
         count = len(self.emissivity)
-        factors = self._numbers(context)
-        values = [v if f is None else f * v for f, v in zip(factors, values, strict=True)]
-        return MediumSample(values[:count], values[count:])
-
-    def _numbers(self, context: Context) -> list[Any]:
-        """Return the factors as kernel constants, equal ones as one; None for one."""
+        if context.encloses and {*self._emission, *self._lengths} == {1.0}:
+            return MediumSample(values[:count], values[count:])
 
         def make() -> list[Any]:
-            known = {f: None if f == 1.0 else context.number(f) for f in self._factors}
-            return [known[f] for f in self._factors]
+            number, lengths = context.number, self._lengths
+            alike = [number(lengths[0])] * len(lengths) if self._one_length else None
+            bright = self._binding.shared(number, self._emission)
+            return [*bright, *(alike or map(number, lengths))]
 
-        return context.keep((self._part, "factors"), make)
+        factors = context.keep((self._part, "factors"), make)
+        values = [f * v for f, v in zip(factors, values, strict=True)]
+        return MediumSample(values[:count], values[count:])
 
     def _at(self, panel: Panel, s: float) -> MediumSample:
         """Return coefficients at a place, with all comparisons as in the middle if these hold."""
@@ -201,11 +203,12 @@ class BoundCoefficients(BoundMedium):
 
     def _peaks(self, panel: Panel) -> Mask:
         found, context = panel.length < 0.0, panel.context
-        for expr, factor in zip(self.expressions, self._factors, strict=True):
+        factors = [*self._emission, *self._lengths]
+        for expr, factor in zip(self.expressions, factors, strict=True):
             if not expr.peaked and expr.smooth:
                 continue
             size = extremes([dr.abs(x) for x in panel.nodes(expr)])[1]
-            least = dr.fma(_PEAK, size, context.kept_number(_FAINT / factor))
+            least = dr.fma(_PEAK, size, context.number(_FAINT / factor))
             most = in_box(panel, expr).size
             found |= (most > least) & dr.isfinite(most)
         return found

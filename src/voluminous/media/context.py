@@ -187,12 +187,6 @@ class Context:
         kind = type(self.narrow(number))
         return number if isinstance(number, kind) else self.opaque(kind, value)
 
-    def row(self, values: Sequence[float]) -> list[Float]:
-        """Return numbers as run-time data; equal ones of all channels are one."""
-        if len(set(values)) == 1:
-            return [self.number(values[0])] * len(values)
-        return [self.number(value) for value in values]
-
     def evaluate(self, expression: Expression, fields: dict[str, Float]) -> Float:
         """Return the value of an expression of the fields."""
         if self.tape is None or self.tape.is_counting:

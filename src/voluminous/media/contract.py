@@ -6,9 +6,11 @@ from typing import Any
 
 from .arguments import described
 from .bound import Binding, BoundMedium, Wrapped
-from .context import Feature
+from .context import Feature, MediumSample
 from .details import Details
 from .sugar import Sugar
+
+__all__ = ["Medium", "MediumSample"]
 
 
 class Medium(Sugar, Details):
