@@ -38,12 +38,12 @@ class Steps(Scheme):
 
     def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Path, list[Any]]:
         """Return one for every segment."""
-        numbers, real = source.numbers, type(segment.length)
+        channels, real = source.channels, type(segment.length)
         one = dr.select(segment.active & (segment.length > 0), real(1), 0)
         return Path(
-            [one for _ in range(numbers.emissions)],
-            [real(1) for _ in range(numbers.extinctions)],
-            [one for _ in range(numbers.extinctions)],
+            [one for _ in range(channels.emissions)],
+            [real(1) for _ in range(channels.extinctions)],
+            [one for _ in range(channels.extinctions)],
         ), carried
 
 

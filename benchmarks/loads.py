@@ -16,25 +16,27 @@ from our_scene import camera_of, medium_of, volume_of
 from scenes import SCENES
 from timing import ratios, summary, table, take_turns
 from voluminous.schemes import get_scheme
-from voluminous.schemes.base import Scheme
+from voluminous.schemes.base import FieldScheme
 from voluminous.schemes.path import Path
 
 
-class Loads(Scheme):
+class Loads(FieldScheme):
     """Look-ups of another scheme, and nothing else."""
 
     def __init__(self, scheme: Any) -> None:
         self.name, self.order = f"loads of {scheme.name}", scheme.order
-        self.coefficients_at, self.coarseness = scheme.coefficients_at, scheme.coarseness
+        self.coefficients_at = scheme.coefficients_at
+        if isinstance(scheme, FieldScheme):
+            self.coarseness = scheme.coarseness
 
     def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Path, list[Any]]:
         """Return the sum of all that is looked up as emission."""
         total = sum(self._found(source, segment))
-        numbers, real = source.numbers, type(segment.length)
+        channels, real = source.channels, type(segment.length)
         return Path(
-            [total for _ in range(numbers.emissions)],
-            [real(1) for _ in range(numbers.extinctions)],
-            [real(0) for _ in range(numbers.extinctions)],
+            [total for _ in range(channels.emissions)],
+            [real(1) for _ in range(channels.extinctions)],
+            [real(0) for _ in range(channels.extinctions)],
         ), carried
 
     def _found(self, source: Any, segment: Any) -> list[Any]:

@@ -18,6 +18,7 @@ from voluminous.rendering.pixels import PixelOrder
 from voluminous.rendering.prepare import prepare
 from voluminous.rendering.run import make_tracer
 from voluminous.rendering.sources.corner_layouts import lattices_of
+from voluminous.schemes.base import Skipping
 
 SHAPE = (9, 7, 8)
 UNIFORM = vm.CartesianGrid.uniform(SHAPE, [(-1, 1), (-0.8, 0.9), (-1.1, 1)])
@@ -53,8 +54,8 @@ def drawing_of(volume, medium, camera, scheme, tolerance):
     options = RenderOptions(scheme=scheme, tolerance=tolerance, cutoff=0, device="cpu")
     job, _ = prepare(volume, medium, camera, options)
     drawing = make_tracer(job, 0.0)
-    if job.scheme.controlled:
-        drawing.source.allow(1e-3, 1e-3, 0.05)
+    if job.controlled:
+        drawing.allow(1e-3, 1e-3, 0.05)
     return drawing
 
 
@@ -71,11 +72,11 @@ def pictures(grid, camera, scheme, tolerance, cuts):
         vm.Gaussian("a", 0.5, 0.2, (1, 0.5, 0.2), opacity=0.4),
     )
     whole = drawing_of(volume, medium, camera, scheme, tolerance)
-    whole.source.bricks, walk = None, grid.walk(whole.backend, whole.job.walk_kind)
+    whole.source.skipping, walk = Skipping(), grid.walk(whole.backend, whole.job.walk_kind)
     count = int(np.prod(whole.job.frame.pixels))
     ray = whole.ray(PixelOrder(whole.job.frame.pixels).lanes(0, count, whole.backend))
     before = RayState(whole.nothing())
-    reference = march(walk, whole.source, whole.scheme, ray, before, None, False)
+    reference = march(walk, whole.limited(whole.source), whole.scheme, ray, before, None, False)
     held = CellBox.with_ghosts.fget if whole.job.walk_kind == "dual" else cells_of
     octants = np.array(np.broadcast_arrays(*(np.asarray(d) < 0 for d in ray.direction)))
     octants = np.broadcast_to(octants, (3, count))
@@ -86,7 +87,7 @@ def pictures(grid, camera, scheme, tolerance, cuts):
             source = part_of(whole.source, values, held(box), grid)
             walk = grid.walk(whole.backend, whole.job.walk_kind, box)
             _, cursor = walk.enter(ray)
-            after = march(walk, source, whole.scheme, ray, state, None, False)
+            after = march(walk, whole.limited(source), whole.scheme, ray, state, None, False)
             state = hand_on(state, cursor.inside, after)
             dr.eval(state)
         mine = (octants == octant[:, None]).all(axis=0)

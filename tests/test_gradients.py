@@ -96,12 +96,12 @@ def picture(job, drawn=None):
     tracer = tracer_like(job, drawn)
     nx, ny = job.frame.pixels
     emission = [np.array(row).reshape(ny, nx) for row in tracer.frame().emission]
-    return tracer.source.numbers.mix(emission)
+    return tracer.source.channels.intensity(emission)
 
 
 def limits_of(job):
     """Return a source with the limits with which kernels draw most pixels, if there are any."""
-    return run(job, 0.0).tracer.source if job.scheme.controlled else None
+    return run(job, 0.0).tracer if job.controlled else None
 
 
 def central(f, x, step):
@@ -254,7 +254,7 @@ def test_the_light_of_a_picture_has_a_derivative_by_the_camera(grid, scheme):
         ]
         tracer.vectors = [flat[k : k + 3] for k in range(0, len(flat), 3)]
         tracer.places = [[dx, left], [dy, low]]
-        total = light(tracer) * tracer.source.numbers.unit
+        total = light(tracer) * tracer.source.channels.unit
         dr.forward(x)
         expected = central(plain, 0.0, step)
         # Rays that enter other cells make kinks; the cubics of curved cells jump by their error.

@@ -159,7 +159,7 @@ def test_what_a_picture_remembers_is_what_a_probe_would_draw(resolution, monkeyp
     drawn, fresh = (vm.Volume(GRIDS["cartesian"], **fields) for _ in range(2))
     vm.render(drawn, shells, camera, **options)
     (rounds,) = [one for key, (one, _) in drawn.tables.items() if key[0] == "rounds"]
-    traced = [pixel for pixel, _, _ in rounds.limits if pixel is not None]
+    traced = [pixel for pixel, _, _ in rounds.rounds if pixel is not None]
     again = np.concatenate([np.array([], int), *traced])
     # In a small picture nothing is known of its brightness before all pixels are traced.
     assert len(again) < resolution**2

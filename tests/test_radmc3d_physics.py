@@ -24,7 +24,7 @@ from voluminous.physics.constants import CODATA, RADMC3D
 from voluminous.radmc3d.olson_kunasz import OlsonKunasz
 from voluminous.radmc3d.session import Session, drawn
 from voluminous.radmc3d.words import request_of
-from voluminous.schemes.base import Solution
+from voluminous.schemes.base import Solution, TowardsObserver
 from voluminous.schemes.first_order import FirstOrder
 
 # Cases that are drawn whenever the tests run, one or two of each kind; all others are exhaustive.
@@ -99,18 +99,18 @@ class LinesLostAtEntry(OlsonKunasz):
 
     def start(self, position, source):
         state = super().start(position, source)
-        j, alpha = source.numbers.split(state)
+        j, alpha = source.channels.split(state)
         return [*state, *(0.0 * v for v in (*j, *alpha))]
 
     def after_skip(self, position, source, carried, moved):
-        count = source.numbers.count
+        count = source.channels.count
         return [*super().after_skip(position, source, carried[:count], moved), *carried[count:]]
 
     def solve(self, segment, source, carried):
-        numbers, count = source.numbers, source.numbers.count
+        channels, count = source.channels, source.channels.count
         first, lines = carried[:count], carried[count:]
         solution, last = super().solve(segment, Lost(source, first, lines), first)
-        all_of, others = numbers.split(last), numbers.split(without_gas(numbers, last))
+        all_of, others = channels.split(last), channels.split(without_gas(channels, last))
         lines = [
             a - b for p, q in zip(all_of, others, strict=True) for a, b in zip(p, q, strict=True)
         ]
@@ -122,14 +122,14 @@ class Lost:
 
     def __init__(self, source, first, lines):
         self.source, self.first, self.lines = source, first, lines
-        self.numbers = self
-        self.interpolate, self.steps = source.interpolate, source.numbers.steps
+        self.channels = self
+        self.interpolate, self.steps = source.interpolate, source.channels.steps
 
     def split(self, values, channel=None):
-        numbers = self.source.numbers
+        channels = self.source.channels
         if values is not self.first:
-            return numbers.split(values, channel)
-        j, alpha = numbers.split(without_gas(numbers, values))
+            return channels.split(values, channel)
+        j, alpha = channels.split(without_gas(channels, values))
         lines, k = self.lines, len(j)
         return tuple(
             [a + b for a, b in zip(*rows, strict=True)]
@@ -137,10 +137,10 @@ class Lost:
         )
 
 
-def without_gas(numbers, values):
+def without_gas(channels, values):
     """Return a state without molecules: velocity, turbulence and temperature come before them."""
     values, first = list(values), 0
-    for part in numbers.lines:
+    for part in channels.lines:
         for k in range(first + 3, first + part.state_count):
             values[k] = 0.0 * values[k]
         first += part.state_count
@@ -151,13 +151,12 @@ class AsRadmc3d(Session):
     """A session that copies RADMC-3D's branch for small optical depths, and its lost lines."""
 
     def scheme(self):
-        scheme = super().scheme()
+        scheme = super().scheme().scheme
         if not self.request.second:
             scheme = SmallDepths()
         elif scheme.resolution is not None:
             scheme = LinesLostAtEntry(scheme.resolution)
-        scheme.backward = True
-        return scheme
+        return TowardsObserver(scheme)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from scenes import camera_of, medium_of
 from twin.camera import Camera
 from twin.curvilinear import Frame
 from twin.curvilinear_render import render_curvilinear
-from voluminous.rendering.job import RenderJob
+from voluminous.radmc3d.olson_kunasz import OlsonKunasz
+from voluminous.schemes.base import Steps
 
 WITHOUT_SUB_STEPS = "second_obl_nomaxdphi"  # camera_maxdphi = 0
 
@@ -48,7 +49,7 @@ def test_olson_kunasz_is_radmc3d(name, case_id, monkeypatch):
     case = model.cases[case_id]
     grid = vm.SphericalGrid(*model.grid.edges, unit="cm")
     if case_id == WITHOUT_SUB_STEPS:
-        monkeypatch.setattr(RenderJob, "radmc3d_steps", False)
+        monkeypatch.setattr(OlsonKunasz, "steps", lambda *_: Steps("cells"))
     assert difference(render(model, grid, case, "olson-kunasz"), case.image) <= 2e-9
 
 

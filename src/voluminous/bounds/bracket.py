@@ -26,6 +26,7 @@ from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import Path, empty_path, most, over
 from ..schemes.post_classified import next_panel
 from .enclosure import Ends, PanelBounds
+from .fields import Bracketed
 
 
 def solve_components(components: list[PanelBounds]) -> tuple[list[Ends], list[Ends]]:
@@ -154,7 +155,7 @@ class BracketState:
     path: Path
 
 
-class Bracket(Scheme):
+class Bracket(Scheme[Bracketed]):
     """Bounds of the limit of post-classified.
 
     At most about `budget` panels are tried per segment. If `signed`, emissivities may be negative,
@@ -164,28 +165,23 @@ class Bracket(Scheme):
     name = "bracket"
     order = 2
     coefficients_at = "field"
-    linear = False
 
     def __init__(self, budget: int, signed: bool) -> None:
         self.budget, self.signed = budget, signed
 
-    def start(self, position: Position, source: Any) -> list[Float]:
+    def start(self, position: Position, source: Bracketed) -> list[Float]:
         """Carry the visible part of the emission, and the fields at the end (still unknown)."""
         return [source.backend.Float(1), *source.unknown()]
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Float], moved: Mask
+        self, position: Position, source: Bracketed, carried: list[Float], moved: Mask
     ) -> list[Float]:
         """Discard the field values from before empty space."""
         seen, *before = carried
         return [seen, *(dr.select(moved, math.nan, value) for value in before)]
 
-    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        """Go on with the fields as they are there; what is not seen dims nothing."""
-        return [carried[0], *onward[1:]]
-
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
+        self, segment: Segment, source: Bracketed, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         """Return the bounds of one segment."""
         seen, *before = carried
@@ -200,7 +196,7 @@ class Bracket(Scheme):
             panel = source.panel(cubics, segment.length, state.begin, state.width)
             found, gaps = self._bounded(source.components(panel))
             wrong, dim = (gap * seen for gap in gaps)
-            good = ~(wrong > source.tolerance[0]) & ~(dim > source.tolerance[1])
+            good = ~(wrong > source.tolerance.emission) & ~(dim > source.tolerance.transparency)
             tried = state.tried + 1.0
             end = state.begin + state.width
             # The budget is spread evenly along the segment, except a share for where it is needed.
@@ -211,7 +207,7 @@ class Bracket(Scheme):
                 BracketState(*next_panel(good, state.begin, state.width, state.width), tried, path),
             )
 
-        count = source.numbers.emissions
+        count = source.channels.emissions
         nothing = empty_path(real, count, count)
         # A jump to where the segment begins is a separate panel before it.
         begin = dr.select(source.jumps(cubics, before), real(-1), 0)

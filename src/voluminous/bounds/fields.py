@@ -21,9 +21,10 @@ from ..media.contract import Medium
 from ..media.ranges import RangeContext, largest
 from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
-from ..rendering.sources.channel_layout import PerChannel
 from ..rendering.sources.corner_layouts import get_lattices
 from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_bricks
+from ..schemes.base import Skipping
+from ..schemes.channels import Channels, Tolerance
 from .curved import CurvedField
 from .enclosure import CubicSegment, EnclosedPanel, EnclosureContext, PanelBounds
 from .enclosure import Segment as EnclosedSegment
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ..backend.device import Backend
     from ..grids.cartesian.dual_walk import Chord
     from ..grids.cartesian.leap import Bricks
+    from ..schemes.base import Scheme
     from ..volume import Volume
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -46,13 +48,16 @@ _FAINT = 1e-6
 _NOTHING = 1e-300
 
 
-@dataclass
-class Numbers:
-    """Layout of the numbers in a path: bounds of every channel."""
+class EndsOfChannels(Channels):
+    """The bounds of every channel, all drawn together."""
 
-    emissions: int
-    extinctions: int
-    weights: tuple[Float, ...] = ()
+    def __init__(self, channels: Channels, each: int) -> None:
+        super().__init__(channels.medium, channels.binding)
+        self.count, self.spectral = self.emissions, False
+        self.emissions = self.extinctions = each * self.count
+
+    def groups(self, scheme: Scheme) -> list[slice]:
+        return [slice(0, self.emissions)]
 
 
 @dataclass
@@ -78,7 +83,7 @@ class Bracketed:
     """Source of the coefficients for the scheme of guaranteed bounds.
 
     `signed`: the emissivity may be negative. `neglected`: bounds of the emission and absorption of
-    skipped space. `tolerance`: largest widths of the brackets of emission and transparency.
+    skipped space. `tolerance`: largest widths of brackets per panel; set by the tracer.
     """
 
     def __init__(
@@ -89,15 +94,13 @@ class Bracketed:
         tolerance: float,
         channels: slice = slice(None),
     ) -> None:
-        numbers = PerChannel(medium, replace(Binding.to(volume), channels=channels))
-        evaluator, cache = CellEvaluator(volume, medium, numbers, backend), Cache(volume)
-        self.medium, self.backend, grid = numbers.bound, backend, volume.grid
+        bound = Channels(medium, replace(Binding.to(volume), channels=channels))
+        evaluator, cache = CellEvaluator(volume, medium, backend).using(bound), Cache(volume)
+        self.medium, self.backend, grid = bound.bound, backend, volume.grid
         self.lattices, ranges = get_lattices(evaluator, cache), get_ranges(evaluator, cache, DUAL)
         parts = zip(medium.components(), self.medium.parts, strict=True)
         self.signed = not all(_not_negative(*part, ranges) for part in parts)
-        self.channels = numbers.emissions
-        count = self.channels * (4 if self.signed else 2)
-        self.numbers = Numbers(count, count)
+        self.channels: Channels = EndsOfChannels(bound, 4 if self.signed else 2)
         opaque = backend.opaque
         self.context = EnclosureContext(backend.Float, opaque)
         self.scale = opaque(grid.scale)
@@ -108,15 +111,9 @@ class Bracketed:
         self.context.coordinates = ray_coordinates(volume, names)
         every = "r" in names or bool(self.context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
-        self.tolerance: tuple[Any, Any] = (opaque(0.0), opaque(0.0))
-        self.bricks, self.neglected = empty_bricks(evaluator, ranges, tolerance)
-
-    walk = walk_kind = None
-
-    def allow(self, emission: float, transparency: float) -> None:
-        """Set the largest widths of brackets per panel."""
-        opaque = self.backend.opaque
-        self.tolerance = (opaque(emission), opaque(transparency))
+        self.tolerance: Tolerance
+        bricks, self.neglected = empty_bricks(evaluator, ranges, tolerance)
+        self.skipping = Skipping(bricks)
 
     def along(self, segment: Segment) -> Fields:
         """Return every field along a segment."""
@@ -213,14 +210,14 @@ def empty_bricks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
 ) -> tuple[Bricks | None, Neglected]:
     """Return bricks to skip (None if few are empty), and bounds of the neglected coefficients."""
-    grid, channels = evaluator.grid, evaluator.numbers.emissions
+    grid, channels = evaluator.grid, evaluator.channels.emissions
     nothing = Neglected(np.zeros(channels), 0.0)
     if not isinstance(grid, CartesianGrid):
         return None, nothing
     shape = DUAL.shape(grid.shape)
     emission, depth = np.zeros((channels, *shape)), np.zeros(shape)
     with np.errstate(all="ignore"):
-        for part in evaluator.numbers.bound.parts:
+        for part in evaluator.channels.bound.parts:
             sample = largest(part, ranges, _NOTHING)
             j, alpha = (
                 np.array([np.broadcast_to(most, shape) for most in values])

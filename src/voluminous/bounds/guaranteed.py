@@ -11,8 +11,8 @@ from ..errors import InputError
 from ..media import Medium
 from ..rendering.job import RenderJob
 from ..rendering.pixels import TILE
-from ..rendering.sources.channel_layout import channel_groups
 from ..rendering.tracer import Paths, RayTracer
+from ..schemes.channels import channel_groups
 from .bracket import Bracket
 from .fields import Bracketed
 
@@ -73,7 +73,7 @@ def bracket(
     backend, brightest = job.backend.with_precision("double"), float(np.max(np.abs(intensity)))
     behind = np.broadcast_to(background, intensity.shape)
     lower, upper = np.empty((2, *intensity.shape))
-    for group in channel_groups(job.medium.channels, job.scheme):
+    for group in channel_groups(job.medium, job.scheme):
         source = Bracketed(job.volume, job.medium, backend, job.tolerance, group)
         scheme = Bracket(budget, source.signed)
         one = replace(job, scheme=scheme, backend=backend, cutoff=0.0, done=0)
@@ -91,16 +91,16 @@ def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> P
     tracer = RayTracer(job, source, 0.0)
     tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // TILE**2) * TILE**2
     allowed = job.tolerance * brightest
-    source.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
+    tracer.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
     paths = tracer.frame()
     for share in _SHARES[1:]:
-        lower, upper = _ends(paths, source.channels)
+        lower, upper = _ends(paths, source.channels.count)
         gap = np.max(upper.emission - lower.emission, axis=0)
         dim = np.max(upper.transparency - lower.transparency, axis=0)
         wide = np.flatnonzero(~(gap + dim * behind <= allowed))
         if not len(wide):
             break
-        source.allow(share * allowed, share * job.tolerance)
+        tracer.allow(share * allowed, share * job.tolerance)
         paths.put(wide, tracer.pixels(wide))
     return paths
 
@@ -109,7 +109,7 @@ def _intensities(
     job: RenderJob, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     neglected, (nx, ny) = source.neglected, job.frame.pixels
-    lower, upper = _ends(paths, source.channels)
+    lower, upper = _ends(paths, source.channels.count)
     panels = paths.depth[0] * job.samples**2
     with np.errstate(invalid="ignore", over="ignore"):
         lost = (neglected.depth + _ROUNDING * (panels + 1.0)) * upper.size

@@ -33,9 +33,9 @@ from ..rendering.options import (
 from ..rendering.pieces import pieces_of
 from ..rendering.prepare import prepare
 from ..rendering.run import RenderResult, run, run_in_batches
-from ..rendering.sources.channel_layout import before
 from ..rendering.sweep import Sweep
 from ..rendering.tracer import exhausted
+from ..schemes.channels import before
 from ..units import unit_name
 from ..volume import Volume
 from .sky import image_wcs
@@ -240,7 +240,7 @@ def in_steps(
         adaptive=drawing.job.adaptive,
         bounds=drawing.panels > 0,
         double=options.precision == "double",
-        tolerance=drawing.job.scheme.controlled and drawing.job.tolerance < FINEST_SINGLE,
+        tolerance=drawing.job.controlled and drawing.job.tolerance < FINEST_SINGLE,
     )
     return image
 

@@ -70,9 +70,10 @@ class Segment:
         Lanes that are in a cell: neither outside nor in a gap.
     exit : object
         What the grid needs to find where the segment leaves the cell; for `Walk.exit_corners`.
-    ray, walk, track, entry, backward
-        The ray it is a part of, its walk and track, the cursor where it begins, and whether it runs
-        towards the camera; for schemes, sources and media. Set by the ray loop.
+    ray, walk, track, entry, backward, hidden
+        The ray it is a part of, its walk and track, the cursor where it begins, whether it runs
+        towards the camera, and where it is not solved because the cell has no value; for schemes,
+        sources and media. Set by the ray loop.
     """
 
     cell: Int
@@ -86,6 +87,7 @@ class Segment:
     track: Any = field(default=None, kw_only=True)
     entry: Any = field(default=None, kw_only=True)
     backward: bool = field(default=False, kw_only=True)
+    hidden: Mask = field(default=False, kw_only=True)
 
     @property
     def own_cell(self) -> Int:

@@ -22,7 +22,7 @@ from ..image import Image
 from ..media import Coefficients
 from ..packages import version
 from ..progress import Progress, with_progress
-from ..schemes.base import Scheme, Solution, Source
+from ..schemes.base import CellSource, Scanner, Solution
 from ..units import Unit, UnitLike, unit_name
 from .cells import (
     CellParts,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 
-class Thin(Scheme):
+class Thin(Scanner[CellSource]):
     """Nothing is absorbed: b = j s. Quantities may be negative.
 
     Exact, up to rounding, for quantities that are constant in cells. A third faster than first
@@ -53,10 +53,9 @@ class Thin(Scheme):
     """
 
     name = "column"
-    complete = True
 
     def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
+        self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         emissivity, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)

@@ -16,6 +16,7 @@ from ..grids.arguments import on_grid
 from ..grids.contract import cells_across
 from ..grids.structured import is_structured
 from ..grids.trees.vertices import LeafGrid
+from ..media.context import completed
 from ..media.details import intensity_unit
 from ..media.panel import PLACES
 from ..progress import Progress, with_progress
@@ -24,18 +25,27 @@ from ..rendering.job import RenderJob
 from ..rendering.options import RenderOptions, background_array
 from ..rendering.pieces import Pieces, pieces_of
 from ..rendering.run import run
-from ..rendering.sources.channel_layout import before as before_background
 from ..rendering.streaming import StreamingTracer
 from ..rendering.tolerance import Rounds
 from ..rendering.tracer import RayTracer
-from ..schemes.base import Position, Scheme, interpolated_at
+from ..schemes.base import (
+    Around,
+    Position,
+    Scanner,
+    Scheme,
+    Skipping,
+    interpolated_at,
+    is_controlled,
+)
+from ..schemes.channels import Channels
+from ..schemes.channels import before as before_background
 from ..schemes.path import Path
 from ..units import Unit, parse_unit, plain, unit_name
 from .cells import CellQuantity
 from .probe_result import Probe
 
 if TYPE_CHECKING:
-    from ..backend.types import Float, Int, Mask
+    from ..backend.types import Float, Mask
     from ..cameras import Camera, Frame
     from ..grids.contract import CellBox, Segment
     from ..media import Medium
@@ -128,9 +138,7 @@ def probe(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))
     flat = iy * job.frame.pixels[0] + ix
-    source = _source_of(job, flat, brightest)
-    kind = RayTracer if pieces is None else StreamingTracer
-    ray = _follow_all(kind(job, source, brightest), flat, place.offset)
+    ray = _follow_all(_tracer_of(job, flat, brightest), flat, place.offset)
     full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
     return _assembled(job, seen, place, ray, more, full[iy, ix])
 
@@ -167,7 +175,7 @@ def _place(pixel: Any, at: Any, frame: Frame, unit: Unit) -> _Place:
     return _Place((ix, iy), (dx, dy), (u, v))
 
 
-class _Recorder(Scheme):
+class _Recorder(Around[Any], Scanner[Any]):
     """Wrap a scheme and write the solution of each segment to a row of some columns.
 
     Empty parts of a volume are recorded, too. The carried state is the number of segments so far,
@@ -178,17 +186,10 @@ class _Recorder(Scheme):
     everywhere = True
 
     def __init__(self, scheme: Scheme, names: tuple[str, ...], capacity: int) -> None:
-        self.scheme, self.names, self.capacity = scheme, names, capacity
-        self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
-        self.controlled = scheme.controlled
+        super().__init__(scheme)
+        self.names, self.capacity = names, capacity
         self.columns: dict[str, list[Float]] = {}
         self.own = 1
-
-    def hiding(self, bits: Int) -> Scheme:
-        """Return the recorder of the scheme that leaves out segments; it fills the same rows."""
-        other = copy.copy(self)
-        other.scheme = self.scheme.hiding(bits)
-        return other
 
     def start(self, position: Position, source: Any) -> list[Any]:
         carried = [source.backend.UInt(0)]
@@ -200,10 +201,10 @@ class _Recorder(Scheme):
 
     def make_columns(self, source: Any) -> None:
         """Make the columns, which are the same in all parts of a volume."""
-        numbers, backend = source.numbers, source.backend
-        counts = {"begin": 1, "end": 1, "cell": 1, "hidden": 1, "j": numbers.emissions}
-        counts |= dict.fromkeys(("alpha", "transparency", "tau"), numbers.extinctions)
-        counts["emission"] = numbers.emissions
+        channels, backend = source.channels, source.backend
+        counts = {"begin": 1, "end": 1, "cell": 1, "hidden": 1, "j": channels.emissions}
+        counts |= dict.fromkeys(("alpha", "transparency", "tau"), channels.extinctions)
+        counts["emission"] = channels.emissions
         for name, count in (counts | {f"field {name}": 1 for name in self.names}).items():
             kind = backend.UInt if name == "cell" else backend.Wide
             self.columns[name] = [dr.zeros(kind, self.capacity) for _ in range(count)]
@@ -218,11 +219,6 @@ class _Recorder(Scheme):
             before = interpolated_at(position, source, before, moved)
         return [row, *before, *self.scheme.after_skip(position, source, inner, moved)]
 
-    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        """Forward to the wrapped scheme; hidden segments are recorded, too."""
-        inner = self.scheme.after_discarded(carried[self.own :], onward[self.own :])
-        return [*onward[: self.own], *inner]
-
     def solve(
         self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
@@ -236,11 +232,14 @@ class _Recorder(Scheme):
         )
         cell = segment.own_cell  # wide steps are through many
         values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
-        values |= {"hidden": [dr.select(self.scheme.hides(segment), Wide(1), Wide(0))]}
+        values |= {"hidden": [dr.select(segment.hidden, Wide(1), Wide(0))]}
+        j, alpha = ([dr.select(segment.hidden, 0.0, v) for v in own] for own in (j, alpha))
         values |= {"j": j, "alpha": alpha, "tau": solution.depth}
         values |= {"emission": solution.emission, "transparency": solution.transparency}
         values |= {f"field {name}": [fields[name]] for name in self.names}
-        recorded = segment.active & (segment.length > 0.0)  # not two walls in one place
+        # Not two walls in one place.
+        recorded = segment.active & (segment.length > 0.0)
+        recorded |= segment.hidden & (segment.end > segment.begin)
         for name, numbers in values.items():
             for column, number in zip(self.columns[name], numbers, strict=True):
                 dr.scatter(column, type(column)(number), row, recorded & (row < self.limit))
@@ -255,21 +254,16 @@ class _Recorder(Scheme):
             corners = segment.walk.exit_corners(segment.track, segment)
             after = list(source.interpolate(corners, segment.active))
             mean = [0.5 * (a + b) for a, b in zip(before, after, strict=True)]
-            return source.numbers.split(mean), {}, after
+            return source.channels.split(mean), {}, after
         fields = source.along(segment)
-        places = [fields.own(s) for s in PLACES]
-        values = [source.evaluated(own) for own in places]
-        options = {"ahead": fields.ahead, "between": fields.own}
-        if self.scheme.controlled:
-            panel = source.panel(places, values, segment.length, where=PLACES, **options)
-            first, last, _ = source.integrate(panel)
+        nodes, channels = [fields.node(s) for s in PLACES], source.channels
+        if is_controlled(self.scheme):
+            first, last, _ = channels.integrate(fields.panel(nodes))
             pairs = zip(first, last, strict=True)
             j, alpha = ([0.5 * (a + b) for a, b in zip(*own, strict=True)] for own in pairs)
         else:
-            ends = values[0], values[-1]
-            panel = source.panel(places[::2], ends, segment.length, straight=True, **options)
-            j, alpha = source.means(panel)
-        return (j, alpha), source.completed(places[2]), []
+            j, alpha = channels.means(fields.panel(nodes[::2], straight=True))
+        return (j, alpha), completed(source.context.ops, fields.at(0.5), source.context), []
 
     def read(self, count: int) -> Rows:
         """Return the first ``count`` rows."""
@@ -279,29 +273,28 @@ class _Recorder(Scheme):
         }
 
 
-def _source_of(job: RenderJob, pixel: int, brightest_background: float) -> Any:
-    """Return the source with which a pixel is finally drawn.
+def _tracer_of(job: RenderJob, pixel: int, brightest_background: float) -> RayTracer:
+    """Return the tracer with which a pixel is finally drawn.
 
     With error control its limits depend on the whole picture, so that is drawn, unless the volume
     remembers them.
     """
-    source = copy.copy(job.source())  # which takes double precision, if need be
-    if job.scheme.controlled:
-        remembered = job.cache.get(Rounds.key(job, brightest_background))
-        rounds = remembered or run(job, brightest_background).rounds
-        assert rounds is not None  # of a controlled scheme there are some
-        if remembered is not None:
+    rounds = None
+    if job.controlled:
+        rounds = job.cache.get(Rounds.key(job, brightest_background))
+        if rounds is None:
+            rounds = run(job, brightest_background).rounds
+        else:
             job.progress(1, 1)
-        if rounds.faintest or remembered is None:  # drawing may take double precision, too
-            source = copy.copy(job.source(rounds.faintest))
-        allowed, maxima = rounds.of(pixel)
-        source.allow(*allowed)
-        if source.numbers.spectral:
-            source.numbers.weigh(maxima, job.backend.opaque)
-    # If steps are single cells, rays also visit empty ones.
-    if source.bricks is None or not getattr(source.bricks, "coarse", False):
-        source.bricks = source.walk = None
-    return source
+    source = copy.copy(job.source(rounds is not None and rounds.faintest))
+    if not source.skipping.coarse:  # steps are single cells: rays also visit empty ones
+        source.skipping = Skipping()
+    kind = RayTracer if job.pieces is None else StreamingTracer
+    tracer = kind(job, source, brightest_background)
+    if rounds is not None:
+        allowed, source.channels.peaks = rounds.of(pixel)
+        tracer.allow(*allowed)
+    return tracer
 
 
 class _Ray(NamedTuple):
@@ -312,7 +305,7 @@ class _Ray(NamedTuple):
     rows: Rows
     path: Path  # the result of the march, as numbers
     stopped: bool
-    numbers: Any  # the layout of channels
+    channels: Channels
 
 
 def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _Ray:
@@ -337,7 +330,7 @@ def _follow_all(tracer: RayTracer, pixel: int, offset: tuple[float, float]) -> _
         path.emission[group] = ray.path.emission
         path.transparency[grey], path.depth[grey] = ray.path.transparency, ray.path.depth
     stopped = any(ray.stopped for ray in rays)
-    return longest._replace(rows=rows, path=path, stopped=stopped, numbers=tracer.source.numbers)
+    return longest._replace(rows=rows, path=path, stopped=stopped, channels=tracer.source.channels)
 
 
 def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity: int) -> _Ray:
@@ -383,7 +376,7 @@ def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity
         direction = -direction
     parts = (found.emission, found.transparency, found.depth)
     path = Path(*([np.asarray(v)[0] for v in numbers] for numbers in parts))
-    return _Ray(origin, direction, rows, path, bool(np.asarray(over)[0]), tracer.source.numbers)
+    return _Ray(origin, direction, rows, path, bool(np.asarray(over)[0]), tracer.source.channels)
 
 
 def _assembled(
@@ -430,8 +423,8 @@ def _assembled(
     units |= {"length": unit_name(volume.unit), "intensity": unit_name(parse_unit(light))}
 
     def mixed(emissions: list[np.ndarray]) -> np.ndarray:
-        """Return emissions in channels: in kernels they may be those of a medium's parts."""
-        return np.asarray(ray.numbers.mix(emissions))
+        """Return the intensities of integrated emissions."""
+        return np.asarray(ray.channels.intensity(emissions))
 
     b, theta = mixed(list(rows["emission"].T)).astype(np.float64), rows["transparency"]
     gathered, arriving = _folded(b, theta, background.astype(np.float64))

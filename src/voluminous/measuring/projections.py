@@ -17,7 +17,7 @@ from ..rendering.options import RenderOptions, refuse_unusable
 from ..rendering.pieces import pieces_of
 from ..rendering.run import make_tracer
 from ..schemes import get_scheme
-from ..schemes.base import Position, Scheme, Source
+from ..schemes.base import Around, CellSource, Position, Scanner, Scheme, Source, Steps
 from ..schemes.path import Path
 from .cells import CellQuantity, check_volume, converted, outlined, undefined_as_missing
 from .columns import as_map, column, lines_of_sight
@@ -26,23 +26,11 @@ if TYPE_CHECKING:
     from ..backend.types import Float, Mask
     from ..cameras import Camera
     from ..expressions import Expression
-    from ..grids.contract import Segment, Track
+    from ..grids.contract import Grid, Segment, Track
     from ..image import Image
     from ..media import Medium
     from ..units import UnitLike
     from ..volume import Volume
-
-
-class Scanner(Scheme):
-    """A scheme that integrates nothing: its results are the first numbers that it carries."""
-
-    complete = True
-
-    def results(self, extinctions: int) -> list[float]:
-        return [np.nan]
-
-    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        return carried
 
 
 NOTHING = Path([], [], [])
@@ -64,7 +52,7 @@ def scan(
     nx, ny = job.frame.pixels
     tracer = make_tracer(job, 0.0)
     values = np.stack(tracer.frame().emission).astype(np.float64).reshape(-1, ny, nx)
-    return values, float(np.max(tracer.source.numbers.unit)) / volume.grid.scale
+    return values, float(np.max(tracer.source.channels.unit)) / volume.grid.scale
 
 
 def distance(track: Track, t: Float) -> Float:
@@ -173,7 +161,7 @@ def project(
     )
 
 
-class _Largest(Scanner):
+class _Largest(Scanner[CellSource]):
     """Carry the largest value, times a sign, and where it is."""
 
     name = "extreme"
@@ -185,11 +173,11 @@ class _Largest(Scanner):
     def results(self, extinctions: int) -> list[float]:
         return [np.nan, np.nan]
 
-    def start(self, position: Position, source: Source) -> list[Float]:
+    def start(self, position: Position, source: CellSource) -> list[Float]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
     def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
+        self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         best, place = carried
@@ -199,16 +187,19 @@ class _Largest(Scanner):
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
-class _First(Scanner):
+class _First(Scanner[CellSource]):
     """Carry where rays enter the first cell with a number that is not zero."""
 
     name = "first hit"
 
-    def start(self, position: Position, source: Source) -> list[Float]:
+    def results(self, extinctions: int) -> list[float]:
+        return [np.nan]
+
+    def start(self, position: Position, source: CellSource) -> list[Float]:
         return [source.backend.Float(np.nan)]
 
     def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
+        self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
@@ -300,19 +291,21 @@ def tau_surface(
     return TauSurface(depth, np.asarray(points), float(tau))
 
 
-class _Surface(Scanner):
+class _Surface(Around[Source], Scanner[Source]):
     """Carry where an optical depth is reached, the depths so far, and a scheme's own numbers."""
 
-    def __init__(self, scheme: Scheme, tau: float) -> None:
-        self.scheme, self.tau = scheme, tau
-        self.name = f"{scheme.name} surface"
-        self.coefficients_at, self.layout = scheme.coefficients_at, scheme.layout
+    def __init__(self, scheme: Scheme[Source], tau: float) -> None:
+        super().__init__(scheme)
+        self.name, self.tau = f"{scheme.name} surface", tau
+
+    def steps(self, grid: Grid) -> Steps:
+        return Scheme.steps(self, grid)  # depths count from the observer
 
     def results(self, extinctions: int) -> list[float]:
         return [np.nan] * extinctions + [0.0] * extinctions
 
     def start(self, position: Position, source: Source) -> list[Float]:
-        found = self.results(source.numbers.extinctions)
+        found = self.results(source.channels.extinctions)
         self.own, self.limit = len(found), source.backend.opaque(self.tau)
         return [*map(source.backend.Float, found), *self.scheme.start(position, source)]
 
@@ -320,10 +313,6 @@ class _Surface(Scanner):
         self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Float]:
         inner = self.scheme.after_skip(position, source, carried[self.own :], moved)
-        return [*carried[: self.own], *inner]
-
-    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        inner = self.scheme.after_discarded(carried[self.own :], onward[self.own :])
         return [*carried[: self.own], *inner]
 
     def solve(

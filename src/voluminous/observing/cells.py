@@ -15,7 +15,7 @@ from ..geometry import CARTESIAN
 from ..media.bound import Binding
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
-from ..rendering.sources.channel_layout import PerChannel, channel_groups
+from ..schemes.channels import Channels, channel_groups
 from ..spectral import Dust
 from .rings import Rings
 
@@ -106,11 +106,13 @@ def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
 
     corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1)
     whole = isinstance(camera, Rings) or not beside(corners).any()
-    groups = channel_groups(medium.channels)
+    groups = channel_groups(medium)
     binding = Binding.to(bands.volume, grid.scale)
-    layouts = [PerChannel(medium, replace(binding, channels=group)) for group in groups]
-    evaluators = [CellEvaluator(bands.volume, medium, layout, backend) for layout in layouts]
-    sums = np.zeros((len(groups), 2, layouts[0].emissions))
+    evaluator = CellEvaluator(bands.volume, medium, backend)
+    evaluators = [
+        evaluator.using(Channels(medium, replace(binding, channels=group))) for group in groups
+    ]
+    sums = np.zeros((len(groups), 2, evaluators[0].channels.emissions))
     for first in range(0, grid.size, SLAB):
         last = min(first + SLAB, grid.size)
         if volumes is None:

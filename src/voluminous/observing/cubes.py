@@ -24,7 +24,7 @@ from ..rendering.cache import Cache, VolumeStatistics
 from ..rendering.empty_picture import keeping, warn_caller
 from ..rendering.options import check_in_pieces, check_options
 from ..rendering.outline import Outline
-from ..rendering.sources.channel_layout import fits_single, in_units_of
+from ..schemes.channels import fits_single, in_units_of
 from ..spectral.lines import Lines
 from ..spectral.medium import Bands, SpectralMedium, hottest, some_channels
 from ..units import unit_of

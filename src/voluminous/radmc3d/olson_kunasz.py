@@ -11,26 +11,30 @@ length is 1e-9 of the image maximum. Pictures differ from RADMC-3D's by that amo
 
 from __future__ import annotations
 
-import functools
+import copy
 import math
 from collections.abc import Hashable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import Backend, dr
+from ..backend import dr
 from ..backend.functions import attenuation, horner, loop, precision_of
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
+from ..grids.curvilinear.grid import SphericalGrid
 from ..media.bound import Binding
 from ..media.context import Context
 from ..media.contract import Medium
-from ..rendering.sources.channel_layout import PerChannel
-from ..schemes.base import Coefficients, Solution, Source, VertexScheme
+from ..schemes.base import JAlpha, Solution, Steps, VertexScheme, VertexSource
+from ..schemes.channels import Channels
 from ..schemes.path import Path, empty_path, over
 from ..spectral.lines import BoundLines, Lines
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 # Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
 _SERIES_BELOW = 1e-6
@@ -57,8 +61,7 @@ class OlsonKunasz(VertexScheme):
     """
 
     name = "olson-kunasz"
-    linear = False
-    radmc3d_steps = True
+    order = 2
 
     def __init__(self, catch_doppler_resolution: float | None = None) -> None:
         resolution = catch_doppler_resolution
@@ -68,32 +71,41 @@ class OlsonKunasz(VertexScheme):
                 f"{resolution!r}"
             )
         self.resolution = resolution
-        if resolution is not None:
-            self.layout = GasStates.on
+
+    def steps(self, grid: Grid) -> Steps:
+        radmc3d = isinstance(grid, SphericalGrid)
+        return Steps("substeps", backward=True) if radmc3d else Steps("cells")
+
+    def channels(self, medium: Medium, binding: Binding, context: Context) -> Channels | None:
+        return None if self.resolution is None else GasStates(medium, binding, context)
+
+    def needs_double(self, medium: Medium) -> bool:
+        return bool(medium.sight)  # S = j/α of faint wings of lines
 
     def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
+        self, segment: Segment, source: VertexSource, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         corners = segment.walk.exit_corners(segment.track, segment)
         reached = list(source.interpolate(corners, segment.active))
         if self.resolution is not None:
-            return self.caught(segment, source.numbers, carried, reached), reached
+            gas: Any = source.channels
+            return self.caught(segment, gas, carried, reached), reached
         ends = list(zip(carried, reached, strict=True))
-        if not source.numbers.medium.sight:  # wings of lines may differ by as much within a cell
+        if not source.channels.medium.sight:  # wings of lines may differ by as much within a cell
             ends = [_without_rounding(*pair) for pair in ends]
-        first, last = (source.numbers.split(list(values)) for values in zip(*ends, strict=True))
+        first, last = (source.channels.split(list(values)) for values in zip(*ends, strict=True))
         front, back = (last, first) if segment.backward else (first, last)
         return self.between(front, back, segment.length, segment.walk.scale), reached
 
     def caught(
-        self, segment: Segment, numbers: Any, first: list[Float], last: list[Float]
+        self, segment: Segment, gas: GasStates, first: list[Float], last: list[Float]
     ) -> Solution:
         """Return the solution between two states of the gas; each channel has steps of its own."""
         assert self.resolution is not None
         backward, scale, nothing = segment.backward, segment.walk.scale, type(segment.length)(0.0)
-        ends = [numbers.split(values) for values in (first, last)]
+        ends = [gas.split(values) for values in (first, last)]
         found = Solution([], [], [])
-        for c, count in enumerate(numbers.steps(first, last, self.resolution)):
+        for c, count in enumerate(gas.steps(first, last, self.resolution)):
             count = dr.select(segment.active & (count > 1.0), count, 1.0)
             width, begin = 1.0 / count, _channel(ends[0], c)
 
@@ -103,7 +115,7 @@ class OlsonKunasz(VertexScheme):
                 k = k + 1.0
                 part = k * width
                 state = [dr.fma(part, b - a, a) for a, b in zip(first, last, strict=True)]
-                after = _channel(numbers.split(state, c), 0)
+                after = _channel(gas.split(state, c), 0)
                 after = dr.select(part < 1.0, after, _channel(ends[1], c))
                 front, back = (after, before) if backward else (before, after)
                 one, other = (([x[0]], [x[1]]) for x in (front, back))
@@ -121,9 +133,7 @@ class OlsonKunasz(VertexScheme):
             found.depth += path.depth
         return found
 
-    def between(
-        self, front: Coefficients, back: Coefficients, length: Float, scale: Float
-    ) -> Solution:
+    def between(self, front: JAlpha, back: JAlpha, length: Float, scale: Float) -> Solution:
         (j_front, a_front), (j_back, a_back) = front, back
         depth = [0.5 * (f + b) * length for f, b in zip(a_front, a_back, strict=True)]
         weights = [_weights(tau) for tau in depth]
@@ -135,7 +145,7 @@ class OlsonKunasz(VertexScheme):
         return Solution(emission, [theta for theta, _, _ in weights], depth)
 
 
-def _channel(coefficients: Coefficients, c: int) -> list[Float]:
+def _channel(coefficients: JAlpha, c: int) -> list[Float]:
     """Return j and α of one channel."""
     j, alpha = coefficients
     return [j[c], alpha[c if len(alpha) > 1 else 0]]
@@ -196,46 +206,30 @@ def _without_rounding(first: Float, last: Float) -> tuple[Float, Float]:
     return dr.select(first > least, first, 0.0), dr.select(last > least, last, 0.0)
 
 
-class GasStates(PerChannel):
-    """The state of the gas for lines, and j and α of all else, in place of coefficients.
+class GasStates(Channels):
+    """Channels of lines, whose tables hold the state of the gas, and j and α of all else.
 
-    A table of it has `count` numbers per place, of which coefficients are made along the ray.
-
-    Attributes
-    ----------
-    context : Context
-        With which these are evaluated.
+    Coefficients are made of it along the ray.
     """
 
-    context: Context
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        parts = self.bound.parts
+    def __init__(self, medium: Medium, binding: Binding, context: Context) -> None:
+        super().__init__(medium, binding)
+        self.context, parts = context, self.bound.parts
         self.lines = [part.medium for part in parts if isinstance(part, BoundLines)]
         self.others = [part for part in parts if not isinstance(part, BoundLines)]
         self.count = sum(part.state_count for part in self.lines)
         self.count += 2 * self.emissions * bool(self.others)
+        self.signed = self.count
 
-    @property
-    def signed(self) -> int:
-        return self.count
+    def in_unit(self, unit: Any) -> Channels:
+        """Return the channels in other units, which `split` brings in: a table has none."""
+        part = copy.copy(self)
+        part.unit = np.broadcast_to(unit, self.emissions)
+        return part
 
-    def bind(self, unit: np.ndarray) -> None:
-        """Take the units of channels, which `split` brings in: a table has none."""
-        self.unit = np.broadcast_to(unit, self.emissions)
-        self.bound = self.medium.bind(self.binding)
-
-    @classmethod
-    def on(cls, medium: Medium, backend: Backend, binding: Binding) -> GasStates:
-        """Return it for a device and a precision."""
-        states, real = cls(medium, binding), backend.Float
-        states.context = Context(real, functools.partial(dr.opaque, real))
-        return states
-
-    def group(self, channels: slice) -> PerChannel:
-        part = GasStates(self.medium, replace(self.binding, channels=channels))
-        part.unit, part.context = self.unit[channels], self.context
+    def group(self, channels: slice) -> Channels:
+        part = GasStates(self.medium, replace(self.binding, channels=channels), self.context)
+        part.unit, part.peaks = self.unit[channels], self.peaks[channels]
         return part
 
     def key(self) -> Hashable:
@@ -251,7 +245,7 @@ class GasStates(PerChannel):
                 found += sums
         return found
 
-    def split(self, values: list[Float], channel: int | None = None) -> Coefficients:
+    def split(self, values: list[Float], channel: int | None = None) -> JAlpha:
         """Return j and α per unit of the scale from the state of the gas, of one channel or all."""
         chosen = list(range(self.emissions)) if channel is None else [channel]
         zero, scale = values[0] * 0.0, self.context.kept_number(self.binding.length)
@@ -282,3 +276,6 @@ class GasStates(PerChannel):
             counts = part.steps(first[own], last[own], resolution, self.context)
             found = [dr.select(a > b, a, b) for a, b in zip(counts, found, strict=True)]
         return found
+
+    def largest(self, values: list[float]) -> list[float]:
+        return [math.inf] * (self.emissions + self.extinctions)

@@ -318,6 +318,7 @@ class Session:
 
     def scheme(self) -> Any:
         """Return the scheme: of first or second order, or Doppler catching."""
+        from ..schemes.base import TowardsObserver
         from ..schemes.first_order import FirstOrder
         from .olson_kunasz import OlsonKunasz
 
@@ -328,8 +329,7 @@ class Session:
                 resolution = self.setting("catch_doppler_resolution", 0.2)
                 resolution = 1.0 / resolution if resolution > 1.0 else resolution
             scheme = OlsonKunasz(catch_doppler_resolution=resolution)
-        scheme.backward = True  # which tells where rays along edges of cells are
-        return scheme
+        return TowardsObserver(scheme)  # which tells where rays along edges of cells are
 
     def stars(self) -> list[Any]:
         """Return the stars: points, or spheres with ``istar_sphere = 1``."""

@@ -29,10 +29,10 @@ def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
     """
     values, (nx, ny) = _picture_values(tracer, paths), tracer.job.frame.pixels
     clear = len(paths.transparency)
-    numbers = tracer.source.numbers
+    channels = tracer.source.channels
     scale = np.max(np.abs(values), axis=1, initial=0.0, keepdims=True)
     brightest = float(np.max(scale[:-clear])) or 1.0
-    if not numbers.spectral:
+    if not channels.spectral:
         scale[:-clear] = brightest
     scale[-clear:] = 1.0
     scale[scale == 0.0] = 1.0
@@ -41,7 +41,7 @@ def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
 
     def add_error(pixel: np.ndarray, wrong: np.ndarray) -> None:
         if paths.error:
-            unit = brightest / numbers.error_unit
+            unit = brightest / channels.error_unit
             paths.error[0][pixel] += wrong[:-clear].max(axis=0) * unit
             paths.error[1][pixel] += wrong[-clear:].max(axis=0)
 
@@ -92,7 +92,7 @@ def error_at_edges(height: np.ndarray, count: int) -> np.ndarray:
 
 
 def _picture_values(tracer: RayTracer, paths: Paths) -> np.ndarray:
-    mixed = tracer.source.numbers.mix(paths.emission)
+    mixed = tracer.source.channels.intensity(paths.emission)
     return np.vstack([np.moveaxis(mixed, -1, 0), *(row[None] for row in paths.transparency)])
 
 

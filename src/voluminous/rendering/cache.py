@@ -140,7 +140,7 @@ class Cache:
 
 
 # Objects of these packages may hold arrays.
-_ROOMS = tuple(f"voluminous.{room}" for room in ("rendering", "grids", "expressions"))
+_ROOMS = tuple(f"voluminous.{room}" for room in ("rendering", "grids", "expressions", "schemes"))
 
 
 def size_of(thing: Any, seen: set[int] | None = None) -> int:

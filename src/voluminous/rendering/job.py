@@ -9,21 +9,17 @@ from typing import Any
 from ..backend import Backend, dr
 from ..cameras.contract import Camera, Frame
 from ..grids.contract import cells_across
-from ..grids.curvilinear.grid import SphericalGrid
-from ..media.bound import Binding
 from ..media.context import Tape
 from ..media.contract import Medium
 from ..packages import version
 from ..progress import silent
-from ..schemes.base import Scheme
+from ..schemes.base import Scheme, is_controlled
 from ..volume import Volume
 from .cache import Cache
 from .missing import HiddenCells
 from .options import DEFAULT_ERROR
 from .pieces import Pieces
-from .precision import sums_need_double
 from .sources.cells import CellEvaluator
-from .sources.channel_layout import choose_layout
 from .sources.interpolated import interpolated_fields
 from .sources.table import on_ray_in_pieces, tabulated
 
@@ -77,40 +73,28 @@ class RenderJob:
     @property
     def backward(self) -> bool:
         """Whether rays run towards the observer: as in RADMC-3D, with its sub-steps always."""
-        return self.scheme.backward or self.radmc3d_steps
+        return self.scheme.steps(self.volume.grid).backward
 
     @property
-    def radmc3d_steps(self) -> bool:
-        """Whether rays take the sub-steps of RADMC-3D, on grids that have them."""
-        return self.scheme.radmc3d_steps and isinstance(self.volume.grid, SphericalGrid)
+    def controlled(self) -> bool:
+        """Whether the picture keeps to a tolerance, and has an error."""
+        return is_controlled(self.scheme)
 
     @property
     def walk_kind(self) -> str:
         """The kind of walk through the grid that the scheme needs."""
-        if self.scheme.coefficients_at == "field":
-            return "dual"
-        return "substeps" if self.radmc3d_steps else "cells"
+        return self.scheme.steps(self.volume.grid).walk_kind
 
     @property
     def early_error(self) -> float:
         """Error allowed where a ray stops early, as a fraction of the intensity gathered."""
-        return min(DEFAULT_ERROR, 0.1 * self.tolerance) if self.scheme.controlled else DEFAULT_ERROR
+        return min(DEFAULT_ERROR, 0.1 * self.tolerance) if self.controlled else DEFAULT_ERROR
 
     def source(self, faintest: bool = False) -> Any:
-        """Return the coefficients for the scheme, in double precision where sums need it."""
-        source = self._make_source(faintest)
-        single = self.backend.precision == "single"
-        if single and sums_need_double(source.numbers, source.bounds):
-            self.take_double()
-            source = self._make_source(faintest)
-        return source
-
-    def _make_source(self, faintest: bool) -> Any:
+        """Return the coefficients for the scheme."""
         scheme, cache, whole = self.scheme, self.cache, self.hidden is None
-        binding = Binding.to(self.volume, self.volume.grid.scale, self.backend.precision)
-        numbers = choose_layout(self.medium, scheme, self.backend, binding)
         known = self.backend, cache.statistics, self.tape
-        evaluator = CellEvaluator(self.volume, self.medium, numbers, *known)
+        evaluator = CellEvaluator(self.volume, self.medium, *known)
         parts = self.pieces is not None
         if scheme.coefficients_at == "field":
             limits = self.tolerance, faintest, whole

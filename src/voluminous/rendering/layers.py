@@ -110,15 +110,15 @@ def between(
     channels: int,
 ) -> Pairs:
     """Return the pairs of rays between two depths each, as intensities of all channels."""
-    paths, numbers = tracer.rays(pixel, du, dv, depths), tracer.source.numbers
-    emission = numbers.mix(paths.emission).astype(np.float64)
+    paths, source = tracer.rays(pixel, du, dv, depths), tracer.source
+    emission = source.channels.intensity(paths.emission).astype(np.float64)
     if emission.shape[1] < channels:
         emission = np.pad(emission, ((0, 0), (0, channels - emission.shape[1])))
     through = with_channels(_columns(paths.transparency), channels, 1.0)
     error = np.empty((len(emission), 0))
     if paths.error:
         error = _columns(paths.error)
-        error[:, ::2] *= numbers.error_unit
+        error[:, ::2] *= source.channels.error_unit
     return Pairs(emission, through, error)
 
 
@@ -168,9 +168,9 @@ def lay(planes: RenderResult, layers: Layers, tracer: RayTracer) -> None:
         return
     wrong, _, bright = bare.error.T
     lost = wrong + fixed_relative_error(tracer) * bright
-    if job.scheme.controlled:
-        numbers = tracer.source.numbers
-        lost += tracer.source.neglected * numbers.heaviest * numbers.error_unit
+    if job.controlled:
+        channels, skipping = tracer.source.channels, tracer.source.skipping
+        lost += skipping.neglected_emission * channels.heaviest * channels.error_unit
     error = planes.error.reshape(-1)
     error[pixel] = (1.0 - through) * lost + through * error.take(pixel) + shown.error[:, 0]
     if job.adaptive:  # edges of layers

@@ -10,8 +10,8 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import loop
-from ..backend.types import Float, Mask
-from ..grids.contract import Ray
+from ..backend.types import Float, Int, Mask
+from ..grids.contract import Ray, Segment
 from ..schemes.base import Position, Scheme, Source
 from ..schemes.path import Path, most, over
 
@@ -88,10 +88,12 @@ def march(
     before: RayState,
     cutoff: Cutoff | None,
     backward: bool,
+    hidden: Int | None = None,
 ) -> MarchState:
     """Trace rays through the volume and return their final state.
 
-    The cursor of a ray that stopped early is still inside.
+    The cursor of a ray that stopped early is still inside. `hidden` is a mask of cells, in bits:
+    rays pass them as they pass gaps.
     """
     track, cursor = walk.enter(ray)
     never = cursor.inside & False
@@ -107,15 +109,24 @@ def march(
         segment, cursor = walk.next(track, state.cursor)
         segment.ray, segment.walk, segment.track = ray, walk, track
         segment.entry, segment.backward = state.cursor, backward
+        if hidden is not None:
+            segment.hidden = _in_bits(hidden, segment)
+            segment.active &= ~segment.hidden
+            segment.length = dr.select(segment.hidden, 0.0, segment.length)
         solution, carried = scheme.solve(segment, source, state.carried)
+        if hidden is not None:
+            carried = scheme.after_skip(
+                Position(walk, track, cursor), source, carried, segment.hidden
+            )
         front, back = (solution, state.path) if backward else (state.path, solution)
         # The path BEFORE this segment is tested, so that the next look-up need not wait for this
         # segment's exponential (first order: 32 instead of 43 ms; one more segment is harmless).
         reached = never if cutoff is None else cutoff.reached(state.path)
         return (MarchState(cursor, carried, over(front, back), reached),)
 
-    skip = walk.skipper(track, source.bricks)
-    coarse = source.bricks is not None and source.bricks.coarse
+    bricks = source.skipping.bricks
+    skip = walk.skipper(track, bricks)
+    coarse = bricks is not None and bricks.coarse
 
     def visit(state: MarchState) -> tuple[MarchState]:
         """Skip empty space, then cross the brick, or the cells up to a gap, that may be visible."""
@@ -139,6 +150,12 @@ def march(
     end: MarchState
     (end,) = loop((state,), going_on, body, label=f"{scheme.name} march")
     return end
+
+
+def _in_bits(bits: Int, segment: Segment) -> Mask:
+    cell = segment.own_cell
+    word = dr.gather(type(bits), bits, cell >> 5, segment.active)
+    return segment.active & ((word >> (cell & 31)) & 1 == 1)
 
 
 def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:

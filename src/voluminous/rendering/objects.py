@@ -100,7 +100,8 @@ def with_objects(
     sizes = [background, layers.emission, *(light.flux for light in points)]
     brightest = max(float(np.max(np.abs(values), initial=0.0)) for values in sizes)
     tracer = RayTracer(job, planes.tracer.source, brightest)
-    if job.radmc3d_steps:
+    tracer.tolerance = planes.tracer.tolerance
+    if job.walk_kind == "substeps":
         tracer.walk = job.volume.grid.walk(job.backend, "cells")
     lay(planes, layers, tracer)
     for light in points:

@@ -36,9 +36,6 @@ _MOST_SAMPLES = 4096
 _MOST_PIXELS = 1 << 31
 # Numbers stored per pixel besides those of channels: errors and order.
 _OTHER_PLANES = 6
-# Maximum number of channels in a kernel. Drawing all 100 of a spectrum at once took as long, with
-# ten times the memory, and up to 15 times as long to compile.
-MOST_TOGETHER = 16
 # Tolerance for skipping faint places where none is requested.
 _CARELESS = 0.1
 

@@ -19,8 +19,9 @@ from ..grids.contract import CellBox
 from ..grids.structured import is_structured
 from ..grids.trees.ghosts import LeavesWithGhosts
 from ..progress import Report, silent
+from ..schemes.channels import MOST_TOGETHER
 from ..volume import Volume
-from .options import MOST_TOGETHER, check_in_pieces
+from .options import check_in_pieces
 from .outline import Outline, byte_count, largest_side
 
 if TYPE_CHECKING:

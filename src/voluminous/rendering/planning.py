@@ -20,7 +20,7 @@ from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
 from ..schemes import get_scheme
-from ..schemes.base import Scheme
+from ..schemes.base import Scheme, is_controlled
 from ..units import is_count
 from ..volume import Volume
 from .cache import Cache
@@ -238,7 +238,7 @@ def _planned(
     share *= in_picture(camera, pieces, low, high)
     cells = share * np.prod(high - low, axis=1)
     turns = samples**2
-    least, most = _PASSES if scheme.controlled else (1, 1)
+    least, most = _PASSES if is_controlled(scheme) else (1, 1)
     total = float(np.sum(cells)) * sum(volume.dtype(name).itemsize for name in names)
     held = min(_KEPT * pieces.room, total) if most * turns > 1 or pieces.dual else 0.0
     stored = _stored(volume, names) if level == 0 else None

@@ -13,13 +13,19 @@ from ..expressions import Expression, NumpyOps
 from ..expressions.expression import on_one_side
 from ..expressions.interval import Interval
 from ..fields import coordinates
+from ..media.bound import Binding, BoundMedium
 from ..media.context import Feature
 from ..media.contract import Medium
+from ..media.ranges import RangeContext
+from ..schemes.base import VertexScheme, innermost, is_controlled
+from ..schemes.channels import Channels
 from ..units import is_quantity, plain
 from ..volume import Volume
+from .options import FINEST_SINGLE
 
 if TYPE_CHECKING:
-    from .sources.channel_layout import ChannelLayout
+    from ..schemes.base import Scheme
+    from .cache import Cache, VolumeStatistics
 
 Sample = dict[str, np.ndarray]
 # Number of sampled cells, and length of the runs of consecutive ones if coordinates are computed.
@@ -38,6 +44,64 @@ _MOST_FIELDS = 8
 # Contrast of media without expressions.
 _UNKNOWN = 10.0
 _EPS = float(np.finfo(np.float32).eps)
+
+
+def decide(
+    precision: str, device: str, cache: Cache, medium: Medium, scheme: Scheme, tolerance: float
+) -> str:
+    """Return the precision of a picture: as asked for, or double where single has too few digits.
+
+    The volume is the cache's. The only other decisions: `exactness_of` expressions along rays, and
+    `run`, which draws a picture again whose numbers are not finite.
+    """
+    volume, solver = cache.volume, innermost(scheme)
+    if precision != "single" or volume.grid.needs_double():
+        return "double"
+    if is_controlled(scheme) and tolerance < FINEST_SINGLE and device != "metal":
+        return "double"
+    if isinstance(solver, VertexScheme) and solver.needs_double(medium):
+        return "double"
+    if scheme.coefficients_at == "field":
+        widths = plain_widths(volume, medium.known_features())
+        texts = tuple((expr.text, width) for expr, width in widths)
+        key = ("needs double", texts, cache.statistics.digests(medium.names))
+        if cache.get_or_make(key, lambda: loses_digits(volume, medium)):
+            return "double"
+    # Sums along rays are extreme where path lengths are very short or very long, and where nothing
+    # but the tails of shells is present.
+    channels = Channels(medium, Binding.to(volume, volume.grid.scale))
+    largest = largest_coefficients(cache.statistics, channels)
+    paths, dense = channels.paths(largest), channels.densest(largest) > _DENSE
+    return "double" if 0.0 < paths < _TINY_SUM or paths > _HUGE or dense else "single"
+
+
+def largest_coefficients(statistics: VolumeStatistics, channels: Channels) -> list[float]:
+    """Return bounds of |j| and α from the ranges of the fields, in the units of channels."""
+    medium, names = channels.medium, channels.medium.names
+
+    def compute() -> tuple[float, ...]:
+        fields = {name: statistics.range_of(name) for name in names}
+        return tuple(float(v.max()) for v in sizes_of_coefficients(channels.bound, fields))
+
+    if statistics.cache is None or not statistics.is_hashed(names):
+        return list(compute())
+    own = medium.key()
+    key = None if own is None else ("largest", own, statistics.digests(names))
+    return list(statistics.cache.get_or_make(key, compute))
+
+
+def sizes_of_coefficients(medium: BoundMedium, fields: dict[str, Interval]) -> list[np.ndarray]:
+    """Return bounds of |j| and α while the fields stay in ranges."""
+    with np.errstate(all="ignore"):
+        ranges = medium.coefficients(fields, RangeContext()).listed()
+    return [np.maximum(np.abs(v.lo), np.abs(v.hi)) for v in ranges]
+
+
+def exactness_of(cache: Cache, medium: Medium) -> tuple[bool, float]:
+    """Return `exactness` of a medium in the cache's volume."""
+    own = medium.key()
+    key = None if own is None else ("exactness", own, cache.statistics.digests(medium.names))
+    return cache.get_or_make(key, lambda: exactness(cache.volume, medium))
 
 
 @np.errstate(all="ignore")
@@ -94,7 +158,7 @@ def in_single_range(medium: Medium, ranges: dict[str, Interval]) -> bool:
 
 
 @np.errstate(all="ignore")
-def needs_double(volume: Volume, medium: Medium) -> bool:
+def loses_digits(volume: Volume, medium: Medium) -> bool:
     """Return whether single precision has too few digits for the fields of a medium.
 
     This is so for very small or large values, and small differences of large numbers. Fields are
@@ -126,16 +190,6 @@ def needs_double(volume: Volume, medium: Medium) -> bool:
             if scalar and _tiny_or_huge(exact):
                 return True
     return False
-
-
-def sums_need_double(numbers: ChannelLayout, bounds: list[float]) -> bool:
-    """Return whether sums along rays exceed the range of single precision.
-
-    These are optical depths, and emission relative to the colours; they are extreme where path
-    lengths are very short or very long, or where only the tails of shells are present.
-    """
-    emission = np.array(bounds[: numbers.emissions])
-    return _tiny_or_huge(emission, _TINY_SUM) or bool(numbers.densest(bounds) > _DENSE)
 
 
 def plain_widths(
@@ -172,9 +226,9 @@ def _values(expr: Any, sample: Sample, kind: type) -> np.ndarray:
     return np.atleast_1d(np.asarray(expr.evaluate(NumpyOps(kind), used), dtype=np.float64))
 
 
-def _tiny_or_huge(values: np.ndarray, tiny: float = _TINY) -> bool:
+def _tiny_or_huge(values: np.ndarray) -> bool:
     size = _largest(values[np.isfinite(values)])
-    return 0.0 < size < tiny or size > _HUGE
+    return 0.0 < size < _TINY or size > _HUGE
 
 
 def _largest(values: np.ndarray) -> float:

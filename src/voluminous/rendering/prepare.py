@@ -20,7 +20,6 @@ from .cache import Cache
 from .job import RenderJob
 from .missing import complete
 from .options import (
-    FINEST_SINGLE,
     RenderOptions,
     check_antialias,
     check_coordinates,
@@ -32,7 +31,7 @@ from .options import (
     sample_count,
 )
 from .pieces import Pieces
-from .precision import needs_double, plain_widths
+from .precision import decide
 from .sources.cells import check_fields
 
 if TYPE_CHECKING:
@@ -92,14 +91,10 @@ def prepare(
         medium = with_each(medium, lambda part: part.on_rays())
     allowed = check_tolerance(tolerance)
     check_name("precision", precision, PRECISIONS)
-    fine = solver.controlled and allowed < FINEST_SINGLE and options.device != "metal"
-    double = precision != "single" or volume.grid.needs_double() or fine
-    if solver.radmc3d_steps and medium.sight:  # its S = j/α of faint wings
-        double = True
     check_fields(volume, medium)
     check_coordinates(solver, volume.grid, medium.names)
-    features = medium.known_features()
-    for expr in (feature.expr for feature in features):  # of media defined outside this package
+    for expr in (feature.expr for feature in medium.known_features()):
+        # Of media that are defined outside this package.
         if volume.without_units(expr) is not expr:
             raise UnitsError(
                 f"{expr.text!r} combines numbers in different units, which this kind of medium "
@@ -110,12 +105,7 @@ def prepare(
         volume, cache, hidden, missing = complete(cache, medium.names, by_field)
     else:
         missing = pieces.missing(medium.names, by_field)
-    if by_field and not double:
-        widths = tuple((expr.text, width) for expr, width in plain_widths(volume, features))
-        key = ("needs double", widths, cache.statistics.digests(medium.names))
-        double = cache.get_or_make(key, lambda: needs_double(volume, medium))
-    if double and precision == "single":
-        precision = "double"
+    precision = decide(precision, options.device, cache, medium, solver, allowed)
     frame = camera.frame(volume.grid)
     job = RenderJob(
         volume=volume,

@@ -25,8 +25,9 @@ from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
 from ..media.context import Tape
-from ..schemes.base import Position, Scheme, Solution, Source
+from ..schemes.base import Around, Position, Scheme, Solution, Source
 from ..schemes.path import Path, empty_path, over
+from ..schemes.post_classified import PostClassified
 from .job import RenderJob
 from .pixels import whole_picture
 from .run import make_tracer, run
@@ -51,16 +52,16 @@ _PARTS = "cell", "length", "begin", "end", "active", "exit"
 _parts = operator.attrgetter(*_PARTS)
 
 
-class Replay(Scheme):
+class Replay(Around[Source]):
     """A scheme that adds the derivatives of Σ `weights` · intensity to all that segments depend on.
 
     What is carried in a loop has no derivatives: the scheme's state is computed again where it was
     computed first, in the previous segment.
     """
 
-    def __init__(self, scheme: Scheme, total: Path, weights: list[Float]) -> None:
-        self.scheme, self.total, self.weights = scheme, total, weights
-        self.name = scheme.name
+    def __init__(self, scheme: Scheme[Source], total: Path, weights: list[Float]) -> None:
+        super().__init__(scheme)
+        self.total, self.weights = total, weights
 
     def start(self, position: Position, source: Source) -> list[Any]:
         first, _ = position.walk.next(position.track, position.cursor)
@@ -78,19 +79,19 @@ class Replay(Scheme):
     ) -> tuple[Solution, list[Any]]:
         (before,) = carried
         never, place = before.fresh & False, Position(segment.walk, segment.track, segment.entry)
-        shown = segment.active & ~self.scheme.hides(segment)
-        if self.scheme.controlled:
-            own: Any = copy.copy(source)
-            own.recording, own.accept = dr.resume_grad, functools.partial(self._add, before, shown)
-            state = self.scheme.after_skip(place, source, before.state, before.fresh)
-            solution, state = self.scheme.solve(segment, own, state)
+        if isinstance(self.scheme, PostClassified):
+            own: Any = copy.copy(self.scheme)
+            own.recording = dr.resume_grad
+            own.accepted = functools.partial(self._add, before, segment.active)
+            state = own.after_skip(place, source, before.state, before.fresh)
+            solution, state = own.solve(segment, source, state)
         else:
             previous = replace(segment, **dict(zip(_PARTS, before.segment, strict=True)))
             with dr.resume_grad():  # type: ignore[no-untyped-call]
                 _, state = self.scheme.solve(previous, source, before.state)
                 state = self.scheme.after_skip(place, source, state, before.fresh)
                 solution, _ = self.scheme.solve(segment, source, state)
-            self._add(before, shown, self._nothing(source), solution, shown)
+            self._add(before, segment.active, self._nothing(source), solution, segment.active)
         solution, state = dr.detach(solution), dr.detach(state)
         return solution, [_Before(over(before.path, solution), state, never, _parts(segment))]
 
@@ -111,13 +112,11 @@ class Replay(Scheme):
         return empty_path(source.backend.Float, len(self.weights), len(self.total.transparency))
 
 
-def tracer_like(job: RenderJob, drawn: Any) -> RayTracer:
-    """Return a tracer with the limits of a source that has been drawn, if there is one."""
+def tracer_like(job: RenderJob, drawn: RayTracer | None) -> RayTracer:
+    """Return a tracer with the tolerance of one that has drawn, if there is one."""
     tracer = make_tracer(job, 0.0)
     if drawn is not None:
-        tracer.source.tolerance = drawn.tolerance
-        if drawn.numbers.spectral:
-            tracer.source.numbers.weigh(drawn.numbers.peaks, job.backend.opaque)
+        tracer.tolerance = drawn.tolerance
     return tracer
 
 
@@ -149,10 +148,10 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         )
     lanes, (nx, ny) = whole_picture(job.frame.pixels, job.backend), job.frame.pixels
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
-        drawn = run(job, 0.0).tracer.source if job.scheme.controlled else None
+        drawn = run(job, 0.0).tracer if job.controlled else None
     tape = job.tape = Tape()
     tracer = tracer_like(job, drawn)
-    if job.scheme.controlled and tracer.source.jumps:
+    if job.controlled and tracer.source.channels.bound.jumps():
         raise InputError(
             f"scheme {job.scheme.name!r} ends its panels where a medium jumps, and has no gradient "
             "by the places of its jumps (of vm.Rectangle, where=…); take scheme='pre-integrated'"
@@ -163,15 +162,15 @@ def gradient(job: RenderJob, weights: np.ndarray) -> tuple[np.ndarray, Tape]:
         dr.eval(total)
     dr.enable_grad(list(tape.numbers.values()))
     tracer = tracer_like(job, drawn)  # its tables depend on the numbers
-    numbers, real = tracer.source.numbers, job.backend.Float
+    channels, real = tracer.source.channels, job.backend.Float
     intensity = np.zeros((len(total.emission), ny * nx))
     there = np.asarray(lanes.there)
     intensity[:, np.asarray(lanes.target)[there]] = [np.asarray(b)[there] for b in total.emission]
     given = [
         dr.gather(real, from_host(real, channel), lanes.target, lanes.there)
-        for channel in (np.reshape(weights, (-1, len(total.emission))) * numbers.unit).T
+        for channel in (np.reshape(weights, (-1, len(total.emission))) * channels.unit).T
     ]
     tracer.scheme = Replay(tracer.scheme, total, given)
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         dr.eval(tracer.march(ray).path)
-    return numbers.mix(intensity.reshape(-1, ny, nx)), tape
+    return channels.intensity(intensity.reshape(-1, ny, nx)), tape

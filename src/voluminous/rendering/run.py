@@ -10,9 +10,9 @@ import numpy as np
 
 from ..backend import dr
 from ..packages import REGISTERED
+from ..schemes.channels import channels_last, in_units_of
 from .antialias import refine
 from .job import RenderJob
-from .sources.channel_layout import channels_last, in_units_of
 from .streaming import StreamingTracer
 from .tolerance import Rounds, add_rounding_error, in_error_unit, render_to_tolerance
 from .tracer import Batches, KernelCache, RayTracer, exhausted
@@ -67,7 +67,7 @@ def run_in_batches(
             result: RenderResult = end.value
             return result
         batch = paths.some(pixel)
-        intensity = tracer.source.numbers.mix(batch.emission)
+        intensity = tracer.source.channels.intensity(batch.emission)
         yield pixel, intensity, np.stack(batch.transparency, axis=-1)
 
 
@@ -96,33 +96,33 @@ def _draw(
     focus: tuple[float, float] | None,
 ) -> Batches[RenderResult]:
     tracer, rounds = make_tracer(job, background), None
-    if job.scheme.controlled:
+    if job.controlled:
         options = job.tolerance, background, seconds, focus
-        paths, limits, enough = yield from render_to_tolerance(tracer, *options)
+        paths, done, enough = yield from render_to_tolerance(tracer, *options)
         if not enough:  # everything visible is as faint as the skipped places
             tracer = make_tracer(job, background, faintest=True)
-            paths, limits, _ = yield from render_to_tolerance(tracer, *options)
-        rounds = Rounds(limits, faintest=not enough)
+            paths, done, _ = yield from render_to_tolerance(tracer, *options)
+        rounds = Rounds(done, faintest=not enough)
         if key := Rounds.key(job, background):
             job.cache.put(key, rounds)
     else:
         paths = yield from tracer.batches(seconds, focus)
     if job.adaptive:
         refine(tracer, paths, job.tolerance)
-    if job.scheme.controlled:
+    if job.controlled:
         add_rounding_error(tracer, paths)
     if len(tracer.groups) > 1:  # memory of their tables
         dr.flush_malloc_cache()
-    (nx, ny), numbers = job.frame.pixels, tracer.source.numbers
+    (nx, ny), channels = job.frame.pixels, tracer.source.channels
     emission, through, depth, error = (
         [row.reshape(ny, nx) for row in rows]
         for rows in (paths.emission, paths.transparency, paths.depth, paths.error)
     )
     wrong = None
     if error:
-        behind = in_error_unit(background, numbers)
-        wrong = in_units_of(numbers.error_unit, error[0] + error[1] * behind)
-    planes = numbers.mix(emission), channels_last(through), channels_last(depth), wrong
+        behind = in_error_unit(background, channels)
+        wrong = in_units_of(channels.error_unit, error[0] + error[1] * behind)
+    planes = channels.intensity(emission), channels_last(through), channels_last(depth), wrong
     return RenderResult(*planes, paths.stopped, tracer, rounds)
 
 

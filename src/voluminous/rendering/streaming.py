@@ -23,7 +23,7 @@ from ..grids.contract import CellBox
 from ..grids.structured import is_structured
 from ..media.ranges import RangeContext
 from ..memory import reuse_memory
-from ..schemes.base import Position
+from ..schemes.base import Position, Scanner
 from ..schemes.path import Path
 from .chunks import Chunks
 from .march import RayState, arrays_in, hand_on, mapped, march
@@ -69,7 +69,7 @@ class StreamingTracer(RayTracer):
         nx, ny = job.frame.pixels
         self.batch = max(self.batch, (nx + _TILE) * (ny + _TILE))  # blocks are read once
         self._done, self._counts = 0, False
-        several = job.scheme.controlled or job.samples > 1
+        several = job.controlled or job.samples > 1
         pieces = self.pieces
         self.chunks = Chunks(pieces.outline, pieces.room, again=several, layers=pieces.dual)
 
@@ -144,13 +144,12 @@ class StreamingTracer(RayTracer):
         Those behind others are then not read.
         """
         pieces, chunks, finer = self.pieces, self.pieces.outline.store.chunks, None
-        source = self.source
-        evaluator = CellEvaluator(self.job.volume, self.job.medium, source.numbers, self.backend)
+        evaluator = CellEvaluator(self.job.volume, self.job.medium, self.backend)
         for box in boxes:
             several = is_structured(pieces.grid) and pieces.side != chunks
             if self.ending is not None and several:
                 most = evaluator.most_in(pieces.ranges(box, self.job.medium.names))
-                if source.numbers.densest(most) * min(chunks) > _OPAQUE:
+                if evaluator.channels.densest(most) * min(chunks) > _OPAQUE:
                     finer = finer or pieces.in_chunks(*rays.origins())
                     yield from finer[pieces.place(box)]
                     continue
@@ -199,17 +198,20 @@ class StreamingTracer(RayTracer):
 
     @property
     def limits(self) -> Any:
-        """The tolerances and weights of this pass, in NumPy's memory."""
-        source = self.source
-        return mapped(lambda a: a.numpy(), [list(source.tolerance), list(source.numbers.weights)])
+        """The tolerance of this pass, in NumPy's memory."""
+        return mapped(lambda a: a.numpy(), self.tolerance)
 
     def task(self, rays: Rays, boxes: Sequence[CellBox]) -> tuple[Any, ...]:
         """Return a function and its arguments, which returns the rays' states elsewhere."""
         return _draw_elsewhere, self.sent, self.limits, rays.plain(), tuple(boxes)
 
+    @property
+    def _everywhere(self) -> bool:
+        return isinstance(self.scheme, Scanner) and self.scheme.everywhere
+
     def visible(self, box: CellBox) -> bool:
         """Return whether the medium may be visible in a block."""
-        if self.scheme.everywhere:
+        if self._everywhere:
             return True
         return bool(np.any(self._visible_in(self.pieces.ranges(box, self.job.medium.names))))
 
@@ -217,14 +219,14 @@ class StreamingTracer(RayTracer):
     def shown(self) -> np.ndarray:
         """In which chunks the medium may be visible, whatever block they are part of."""
         shown: Any = True
-        if not self.scheme.everywhere:
+        if not self._everywhere:
             shown = self._visible_in(self.pieces.ranges_of_chunks(self.job.medium.names))
         return np.broadcast_to(shown, self.pieces.outline.chunk_counts)
 
     def _visible_in(self, ranges: dict[str, Interval]) -> np.ndarray:
         faint = self.source.context.faint if self.pieces.dual else _FAINTEST
         with np.errstate(all="ignore"):
-            return np.asarray(self.source.numbers.bound.may_show(ranges, RangeContext(faint)))
+            return np.asarray(self.source.channels.bound.may_show(ranges, RangeContext(faint)))
 
     def walk_in(self, box: CellBox) -> Any:
         """Return the walk confined to a box of cells."""
@@ -239,9 +241,8 @@ class StreamingTracer(RayTracer):
         meanwhile: Callable[[], None],
     ) -> None:
         source, hidden = self._source(box, len(chosen))
-        walk, scheme = self.walk_in(box), self.scheme
-        if hidden is not None:
-            scheme = scheme.hiding(HiddenCells(hidden).on(self.backend))
+        walk = self.walk_in(box)
+        bits = None if hidden is None else HiddenCells(hidden).on(self.backend)
         meanwhile()
         for part, group, state in zip(parts, self.groups, rays.states, strict=True):
             own = chosen if len(parts) == 1 else rays.unfinished(chosen, state)
@@ -249,7 +250,8 @@ class StreamingTracer(RayTracer):
                 continue
             ray, before = rays.some(own, state)
             _, cursor = walk.enter(ray)
-            after = march(walk, source(group), scheme, ray, before, part.ending, False)
+            within = part.limited(source(group))
+            after = march(walk, within, self.scheme, ray, before, part.ending, False, bits)
             new = hand_on(before, cursor.inside, after)
             dr.eval(new)
             rays.put(own, state, mapped(lambda a: a.numpy(), new))
@@ -508,8 +510,7 @@ def _draw_elsewhere(
     """Return the states of rays that have gone through boxes; see `StreamingTracer.task`."""
     with _LOCK:
         tracer: StreamingTracer = sent.value()
-        tolerance, weights = mapped(lambda a: _on_device(tracer.backend, a), limits)
-        tracer.source.tolerance, tracer.source.numbers.weights = tuple(tolerance), weights
+        tracer.tolerance = mapped(lambda a: _on_device(tracer.backend, a), limits)
         own = Rays(tracer, *rays)
         tracer.through(own, boxes)
         return own.states

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .sources.channel_layout import ChannelLayout, fits_single
+from ..schemes.channels import Channels, fits_single
+from ..schemes.path import PathError
 from .tracer import MARGIN, Batches, Paths, RayTracer
 
 if TYPE_CHECKING:
@@ -32,10 +33,10 @@ _ROUNDING = {"single": 3e-6, "double": 1e-14}
 _UNDERFLOW = 1e-12
 
 
-# Pixels that were traced, or None for all; the arguments of the source's `allow`, and the maxima of
+# Pixels that were traced, or None for all; the arguments of the tracer's `allow`, and the peaks of
 # channels to which errors are relative.
 Allowed: TypeAlias = tuple[float, float, float]
-Limits: TypeAlias = tuple[np.ndarray | None, Allowed, np.ndarray]
+Round: TypeAlias = tuple[np.ndarray | None, Allowed, np.ndarray]
 
 
 @dataclass
@@ -44,19 +45,19 @@ class Rounds:
 
     Attributes
     ----------
-    limits : list of Limits
+    rounds : list of Round
         In the order of tracing.
     faintest : bool
         Even the faintest places were not skipped.
     """
 
-    limits: list[Limits]
+    rounds: list[Round]
     faintest: bool
 
     def of(self, pixel: int) -> tuple[Allowed, np.ndarray]:
         """Return the limits with which a pixel was traced last."""
-        rounds = self.limits[::-1]
-        return next((a, m) for pixels, a, m in rounds if pixels is None or pixel in pixels)
+        last = self.rounds[::-1]
+        return next((a, m) for pixels, a, m in last if pixels is None or pixel in pixels)
 
     @staticmethod
     def key(job: RenderJob, background: float) -> Hashable:
@@ -71,13 +72,14 @@ def render_to_tolerance(
     background: float,
     seconds: float | None = None,
     focus: tuple[float, float] | None = None,
-) -> Batches[tuple[Paths, list[Limits], bool]]:
+) -> Batches[tuple[Paths, list[Round], bool]]:
     """Trace all pixels, then those again whose errors exceed the tolerance; yield each batch.
 
-    Returns the paths, the limits, and False if the medium's faint places, which were skipped, may
+    Returns the paths, the rounds, and False if the medium's faint places, which were skipped, may
     be visible. The errors are those of segments; `add_rounding_error` adds the others.
     """
-    source, spectral = tracer.source, tracer.source.numbers.spectral
+    channels: Channels = tracer.source.channels
+    spectral = channels.spectral
     first, *shares = _SHARES
     if spectral:
         scale = _estimate_maxima(tracer, background)
@@ -87,44 +89,46 @@ def render_to_tolerance(
         allowed = tolerance * scale, tolerance, first
     else:
         allowed, shares = (np.inf, np.inf, 1.0), list(_SHARES)
-    limits: list[Limits] = [(None, allowed, source.numbers.peaks)]
-    source.allow(*limits[0][1])
+    rounds: list[Round] = [(None, allowed, channels.peaks)]
+    tracer.allow(*allowed)
     paths = yield from tracer.batches(seconds, focus)
     for share in shares:
         if spectral:
             _weigh(tracer, paths, background)
         else:
             scale = _brightness(tracer, paths, background).max()
-        behind = in_error_unit(background, source.numbers)
-        wrong, dim, _ = paths.error
+        behind, error = in_error_unit(background, channels), PathError(*paths.error)
         floor, dim_floor = _floor(tracer, paths)
         # Rounding counts up to half of the tolerance: where it alone exceeds it more panels do not
         # help.
         rounding = np.minimum(floor + dim_floor * behind, 0.5 * tolerance * scale)
-        exceeds = wrong + dim * behind + rounding > tolerance * scale
-        pixel = np.flatnonzero(exceeds | (dim > tolerance))
+        exceeds = error.emission + error.transparency * behind + rounding > tolerance * scale
+        pixel = np.flatnonzero(exceeds | (error.transparency > tolerance))
         if not len(pixel):
             break
-        limits.append((pixel, (tolerance * scale, tolerance, share), source.numbers.peaks))
-        source.allow(*limits[-1][1])
+        allowed = tolerance * scale, tolerance, share
+        rounds.append((pixel, allowed, channels.peaks))
+        tracer.allow(*allowed)
         paths.put(pixel, tracer.pixels(pixel))
         yield tracer, pixel, paths
-    source.allow(tolerance * scale, tolerance, first)  # for rays still to come
-    return paths, limits, source.neglected * source.numbers.heaviest <= tolerance * scale
+    tracer.allow(tolerance * scale, tolerance, first)  # for rays still to come
+    neglected = tracer.source.skipping.neglected_emission * channels.heaviest
+    return paths, rounds, neglected <= tolerance * scale
 
 
-def in_error_unit(background: float, numbers: ChannelLayout) -> Any:
+def in_error_unit(background: float, channels: Channels) -> Any:
     """Return a background in the unit of errors, in double precision if its products need it."""
-    value = background / numbers.faintest_unit
+    value = background / channels.faintest_unit
     return value if fits_single(value) else np.float64(value)
 
 
 def _brightness(tracer: RayTracer, paths: Paths, background: float) -> np.ndarray:
-    brightest = tracer.source.numbers.brightest_channel(paths.emission)
+    channels: Channels = tracer.source.channels
+    brightest = channels.brightest_channel(paths.emission)
     through = functools.reduce(np.maximum, paths.transparency)
-    total: np.ndarray = brightest + through * in_error_unit(background, tracer.source.numbers)
+    total: np.ndarray = brightest + through * in_error_unit(background, channels)
     # A picture without net emission is compared with the sum of magnitudes along the ray.
-    return total if np.any(total) else paths.error[2]
+    return total if np.any(total) else PathError(*paths.error).brightness
 
 
 def _estimate_maxima(tracer: RayTracer, background: float) -> float:
@@ -132,9 +136,9 @@ def _estimate_maxima(tracer: RayTracer, background: float) -> float:
 
     A wrong estimate costs time: errors will be relative to the maxima of the picture itself.
     """
-    source, count = tracer.source, int(np.prod(tracer.job.frame.pixels))
-    source.numbers.weigh(np.ones(source.numbers.emissions), tracer.backend.opaque)
-    source.allow(np.inf, np.inf, 1.0)
+    channels, count = tracer.source.channels, int(np.prod(tracer.job.frame.pixels))
+    channels.weigh(np.ones(channels.emissions))
+    tracer.allow(np.inf, np.inf)
     step = max(count // _SAMPLES, _WORTHWHILE) | 1  # odd: not in few columns
     paths = tracer.pixels(np.arange(min(step // 2, count - 1), count, step))
     _weigh(tracer, paths, background)
@@ -142,19 +146,18 @@ def _estimate_maxima(tracer: RayTracer, background: float) -> float:
 
 
 def _weigh(tracer: RayTracer, paths: Paths, background: float) -> None:
-    numbers, (wrong, _, bright) = tracer.source.numbers, paths.error
-    maxima = numbers.maxima(paths.emission, paths.transparency, background)
-    growth = numbers.weigh(maxima, tracer.backend.opaque)
-    wrong *= growth
-    bright *= growth
-    if numbers.medium.thermal:  # nothing is negative: brightness is no more than all channels'
-        total = sum(b / peak for b, peak in zip(paths.emission, numbers.peaks, strict=True))
-        np.minimum(bright, total, out=bright)
+    channels, error = tracer.source.channels, PathError(*paths.error)
+    growth = channels.weigh(channels.maxima(paths.emission, paths.transparency, background))
+    for part in (error.emission, error.brightness):
+        part *= growth
+    if channels.medium.thermal:  # nothing is negative: brightness is no more than all channels'
+        total = sum(b / peak for b, peak in zip(paths.emission, channels.peaks, strict=True))
+        np.minimum(error.brightness, total, out=error.brightness)
 
 
 def _estimate_scale(tracer: RayTracer, background: float) -> float:
     """Return the maximum brightness of a sample of pixels at any error; 0 for a small picture."""
-    tracer.source.allow(np.inf, np.inf, 1.0)
+    tracer.allow(np.inf, np.inf)
     nx, ny = tracer.job.frame.pixels
     if nx * ny < _WORTHWHILE * _SAMPLES:
         return 0.0
@@ -175,21 +178,21 @@ def _estimate_scale(tracer: RayTracer, background: float) -> float:
 
 def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
     """Add the errors due to rounding, underflow, skipped faint places and early termination."""
-    wrong, dim, _ = paths.error
-    floor, dim_floor = _floor(tracer, paths)
-    wrong += floor
-    dim += dim_floor
+    error = PathError(*paths.error)
+    for part, floor in zip(error, _floor(tracer, paths), strict=False):
+        part += floor
 
 
 def _floor(tracer: RayTracer, paths: Paths) -> tuple[np.ndarray, float]:
-    source, brightness = tracer.source, paths.error[2]
+    channels, skipping = tracer.source.channels, tracer.source.skipping
+    brightness = PathError(*paths.error).brightness
     # Sums that were clamped to zero, given that colours are near one.
-    clamped = 2.0 * (source.numbers.emissions + 1) * MARGIN * tracer.backend.tiny
+    clamped = 2.0 * (channels.emissions + 1) * MARGIN * tracer.backend.tiny
     lost = _UNDERFLOW * float(np.max(brightness, initial=0.0))
-    lost += (source.neglected + clamped) * source.numbers.heaviest
+    lost += (skipping.neglected_emission + clamped) * channels.heaviest
     floor = fixed_relative_error(tracer) * brightness + lost
     # For rays that stop early, the transparency states how much of the background is missing.
-    return floor, _ROUNDING[tracer.backend.precision] + source.neglected_depth
+    return floor, _ROUNDING[tracer.backend.precision] + skipping.neglected_depth
 
 
 def fixed_relative_error(tracer: RayTracer) -> float:
@@ -197,4 +200,4 @@ def fixed_relative_error(tracer: RayTracer) -> float:
     lost = _ROUNDING[tracer.backend.precision]
     if tracer.ending is not None:
         lost += tracer.job.early_error
-    return lost + tracer.source.lost if tracer.job.scheme.controlled else lost
+    return lost + tracer.source.lost if tracer.job.controlled else lost

@@ -18,11 +18,12 @@ from ..backend.functions import flush_subnormal
 from ..backend.types import Float
 from ..errors import InputError
 from ..grids.contract import Ray, cells_across
+from ..schemes.base import Scanner, Skipping
+from ..schemes.channels import Channels, Tolerance
 from ..schemes.path import Path, empty_path
 from .march import Cutoff, MarchState, RayState, march
 from .missing import through_cells
 from .pixels import MOST_KEPT, TILE, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
-from .sources.channel_layout import PerChannel, channel_groups
 
 if TYPE_CHECKING:
     from .job import RenderJob
@@ -136,14 +137,16 @@ class RayTracer:
         self.kernels: KernelCache | None = None
         self.background, self.first = brightest_background, 0
         grid, wide = job.volume.grid, job.backend.wide
-        self.walk = source.walk or grid.walk(job.backend, source.walk_kind or job.walk_kind)
-        self.scheme = job.scheme
+        skipping: Skipping = source.skipping
+        kind = "coarse" if skipping.coarse else job.walk_kind
+        self.walk = skipping.walk or grid.walk(job.backend, kind)
+        self.scheme, self.hidden = job.scheme, None
         if job.hidden is not None:
             self.walk = through_cells(self.walk, grid, job.backend)
-            self.scheme = job.scheme.hiding(job.hidden.on(job.backend))
+            self.hidden = job.hidden.on(job.backend)
         # Rays take fewer steps in empty space and where steps are wide. Batches are then fewer and
         # longer (512³, a thin shell: 20 batches took 0.27 s, 2 take 0.22 s).
-        bricks, steps = source.bricks, cells_across(grid)
+        bricks, steps = skipping.bricks, cells_across(grid)
         if bricks is not None:
             steps *= float(max(bricks.filled ** (1 / 3) * bricks.share, 0.03))
         lanes = int(_STEPS_PER_BATCH / steps)
@@ -151,6 +154,7 @@ class RayTracer:
             lanes = min(lanes, max(lanes // count, _MOST_RAYS))
         self.batch = max(1, lanes // TILE**2) * TILE**2
         self.ending = self._ending(brightest_background)
+        self.tolerance: Tolerance | None = None
         self.vectors = job.frame.traced_vectors(job.backend)
         self.places = [
             [wide(step), wide(shift)]
@@ -158,7 +162,7 @@ class RayTracer:
         ]
 
     def _ending(self, brightest_background: float) -> Cutoff | None:
-        job, numbers = self.job, self.source.numbers
+        job, channels = self.job, self.source.channels
         if job.backward or job.cutoff == 0.0:
             return None
         opaque = self.backend.opaque
@@ -167,8 +171,11 @@ class RayTracer:
         bounds = job.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / job.volume.grid.scale
         largest = [diagonal * value for value in self.source.largest]
-        behind = numbers.behind(largest, brightest_background)
-        shares = [1.0] * len(behind) if numbers.spectral else numbers.shares_of_brightest()
+        behind = channels.behind(largest, brightest_background)
+        # Of colours the mean, which is at most the brightest.
+        shares = [1.0] * len(behind)
+        if not channels.spectral:
+            shares = [1.0 / channels.emissions] * channels.emissions
         most = float(np.finfo(self.backend.dtype).max)  # no bound: rays hardly stop
         weights = [opaque(job.early_error * float(w)) for w in shares]
         return Cutoff([opaque(min(b, most)) for b in behind], weights, opaque(0.0))
@@ -179,12 +186,12 @@ class RayTracer:
 
         Gradients are of all together.
         """
-        numbers = self.source.numbers
         if self.results:
             return [slice(None)]
-        if isinstance(numbers, PerChannel) and not self.backend.derivatives:
-            return channel_groups(numbers.emissions, self.job.scheme)
-        return [slice(0, numbers.emissions)]
+        channels: Channels = self.source.channels
+        if self.backend.derivatives:
+            return [slice(0, channels.emissions)]
+        return channels.groups(self.job.scheme)
 
     def parts(self) -> Iterator[tuple[int, RayTracer]]:
         """Yield a tracer of each group of channels, one after the other: each may need memory."""
@@ -193,6 +200,8 @@ class RayTracer:
             if len(groups) > 1:
                 part = copy.copy(self)
                 part.source, part.first = self.source.group(group), group.start
+                if self.tolerance is not None and self.tolerance.weights:
+                    part.tolerance = replace(self.tolerance, weights=self.tolerance.weights[group])
                 part.ending = part._ending(self.background)
             yield number, part
 
@@ -318,6 +327,24 @@ class RayTracer:
             *rows[first : first + errors + 1],
         ]
 
+    def allow(self, emission: float, transparency: float, share: float = 1.0) -> None:
+        """Set the errors allowed in a pixel, and a segment's share; infinite ones never exceed.
+
+        The brightness of a spectrum's channels counts in parts of their peaks.
+        """
+        opaque, channels = self.backend.opaque, self.source.channels
+        most = 0.5 * float(np.finfo(self.backend.dtype).max)
+        first, last = (opaque(min(share * error, most)) for error in (emission, transparency))
+        weights = [opaque(1.0 / peak) for peak in channels.peaks] if channels.spectral else []
+        self.tolerance = Tolerance(first, last, weights)
+
+    def limited(self, source: Any) -> Any:
+        """Return a source with the tolerance."""
+        if self.tolerance is not None:
+            source = copy.copy(source)
+            source.tolerance = self.tolerance
+        return source
+
     def inputs(self, batch: RayBatch) -> tuple[Any, ...]:
         """Return the kernel inputs that change from picture to picture: arrays of one number each.
 
@@ -325,18 +352,12 @@ class RayTracer:
         """
         offset = [self.backend.wide(o) for o in batch.offset]
         lanes = batch.lanes if batch.whole is None else None
-        limits = self.source.tolerance, self.source.numbers.weights
-        return self.vectors, self.places, self.ending, limits, offset, lanes
+        return self.vectors, self.places, self.ending, self.tolerance, offset, lanes
 
     def trace(self, batch: RayBatch, inputs: tuple[Any, ...]) -> tuple[list[Float], Lanes]:
         """Return the components of the paths, traced but not evaluated, and the lanes."""
         reader = copy.copy(self)
-        reader.vectors, reader.places, reader.ending, limits, offset, lanes = inputs
-        if limits[0]:
-            reader.source = copy.copy(self.source)
-            reader.source.tolerance, weights = limits
-            reader.source.numbers = copy.copy(self.source.numbers)
-            reader.source.numbers.weights = weights
+        reader.vectors, reader.places, reader.ending, reader.tolerance, offset, lanes = inputs
         lanes = lanes or batch.lanes
         state = reader.march(reader.ray(lanes, offset, batch.depths))
         path = state.path
@@ -354,7 +375,9 @@ class RayTracer:
                 "take rendering.replay.gradient, or dr.suspend_grad()"
             )
         before, backward = RayState(self.nothing()), self.job.backward
-        state = march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
+        source = self.limited(self.source)
+        how = self.scheme, ray, before, self.ending, backward, self.hidden
+        state = march(self.walk, source, *how)
         if self.results:
             state = replace(state, path=Path(state.carried[: len(self.results)], [], []))
         return state
@@ -368,15 +391,18 @@ class RayTracer:
     @property
     def results(self) -> list[float]:
         """What rays that meet nothing have found, if they look for something else than light."""
-        return self.job.scheme.results(self.source.numbers.extinctions)
+        scheme = self.job.scheme
+        if not isinstance(scheme, Scanner):
+            return []
+        return scheme.results(self.source.channels.extinctions)
 
     @property
     def counts(self) -> tuple[int, int, int]:
         """Number of emissions, extinctions and errors of a path; all results are emissions."""
-        numbers = self.source.numbers
+        channels = self.source.channels
         if self.results:
             return len(self.results), 0, 0
-        return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
+        return channels.emissions, channels.extinctions, 3 if self.job.controlled else 0
 
     def ray(
         self,

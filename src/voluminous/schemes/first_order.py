@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from ..backend.functions import attenuation
 from ..backend.types import Float
 from ..grids.contract import Segment
-from .base import Scheme, Solution
-
-if TYPE_CHECKING:
-    from .base import Source
+from .base import CellSource, Scheme, Solution
 
 
-class FirstOrder(Scheme):
+class FirstOrder(Scheme[CellSource]):
     """Solve a homogeneous segment: θ = e^{-α s}, b = j (1 - e^{-α s}) / α.
 
     The formal solution of the transfer equation with constant coefficients (e.g. Rybicki &
@@ -22,9 +17,10 @@ class FirstOrder(Scheme):
     """
 
     name = "first-order"
+    order = 1
 
     def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
+        self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         j, alpha = source.at(segment)
         depth = [a * segment.length for a in alpha]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
@@ -22,13 +22,21 @@ class Path:
     transparency, depth : list of arrays
         θ and τ per extinction.
     error : list of arrays
-        Empty, or three arrays: error of b, error of θ, and brightness of b.
+        Empty, or those of a `PathError`.
     """
 
     emission: list[Float]
     transparency: list[Float]
     depth: list[Float]
     error: list[Float] = field(default_factory=list)
+
+
+class PathError(NamedTuple):
+    """The errors of b and θ, and the brightness of b, to which rounding is relative."""
+
+    emission: Any
+    transparency: Any
+    brightness: Any
 
 
 def empty_path(real: Float, channels: int, extinctions: int, errors: int = 0) -> Path:
@@ -72,13 +80,13 @@ def _error_over(front: Path, back: Path) -> list[Float]:
     """
     if not front.error:
         return []
-    (wrong, dim, bright), (wrong_back, dim_back, bright_back) = front.error, back.error
+    first, last = PathError(*front.error), PathError(*back.error)
     through = most(front.transparency)
-    behind = through * wrong_back
+    emission = _hypotenuse(first.emission, through * last.emission)
     return [
-        dr.fma(dim, bright_back, _hypotenuse(wrong, behind)),
-        dr.fma(through, dim_back, dim * most(back.transparency)),
-        dr.fma(through, bright_back, bright),
+        dr.fma(first.transparency, last.brightness, emission),
+        dr.fma(through, last.transparency, first.transparency * most(back.transparency)),
+        dr.fma(through, last.brightness, first.brightness),
     ]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +19,9 @@ from ..backend.functions import branch, loop, precision_of, records
 from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from ..media.jumps import first_jump, jumps_ahead
-from ..media.panel import NODES, PLACES
-from .base import Position, Scheme, Solution
-from .path import Path, empty_path, last_argument, most, over
+from ..media.panel import PLACES
+from .base import FieldScheme, FieldSource, Node, Position, Solution
+from .path import Path, PathError, empty_path, last_argument, layer, most, over
 from .pre_integrated import begin_values
 from .step_doubling import Limits, solve_with_error
 
@@ -42,57 +43,57 @@ _LEAST_PART = 0.25
 # structures.
 _BEND, _MOST_BEND = 1.0, 0.3
 
-# The fields at a place, and the scalars.
-Place = tuple[dict[str, Float], list[Float]]
 
-
-class PostClassified(Scheme):
+class PostClassified(FieldScheme):
     """Classify interpolated fields, to a tolerance."""
 
     name = "post-classified"
     order = 2
-    coefficients_at = "field"
     controlled = True
 
-    def coarseness_for(self, tolerance: float) -> float:
+    def coarseness(self, tolerance: float) -> float:
         return min(_BEND * math.sqrt(tolerance), _MOST_BEND)
 
-    def start(self, position: Position, source: Any) -> list[Float]:
+    def recording(self) -> AbstractContextManager[None]:
+        """Return a context in which panels are solved; `replay` differentiates in it."""
+        return nullcontext()
+
+    def accepted(self, front: Path, panel: Path, where: Mask) -> None:
+        """Take note of an accepted panel, and of the part of its segment in front of it."""
+
+    def start(self, position: Position, source: FieldSource) -> list[Any]:
         """Carry the scalars at the ray's position (NaN: not computed yet), and what lies in front.
 
         That is the transparency per extinction; one where the walk goes towards the observer.
         """
         unknown: Any = source.context.real(math.nan)
-        clear: Any = [source.backend.Float(1) for _ in range(source.numbers.extinctions)]
-        return [*(unknown for _ in source.scalars), clear]
+        clear: Any = [source.backend.Float(1) for _ in range(source.channels.extinctions)]
+        return [*(unknown for _ in source.channels.medium.scalars()), clear]
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Float], moved: Mask
-    ) -> list[Float]:
+        self, position: Position, source: FieldSource, carried: list[Any], moved: Mask
+    ) -> list[Any]:
         *scalars, through = carried
         return [*(dr.select(moved, math.nan, x) for x in scalars), through]
 
-    def after_discarded(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        """Continue with the scalars after the hidden segment, and what was in front of it."""
-        return [*onward[:-1], carried[-1]]
-
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
-    ) -> tuple[Solution, list[Float]]:
+        self, segment: Segment, source: FieldSource, carried: list[Any]
+    ) -> tuple[Solution, list[Any]]:
         *scalars, through = carried
-        ray = _Ray.along(segment, source)
-        values = [begin_values(source, ray.fields, scalars), *map(ray.scalars, PLACES[1:])]
-        inside = source.looks_inside
-        places = [(ray.fields.own(s) if inside else {}) for s in PLACES]
-        scalars_only = source.panel(places, values, segment.length, where=PLACES, culling_only=True)
-        visible, _ = source.bound.visible(scalars_only)
-        numbers, (allowed, dim) = source.numbers, source.tolerance
-        nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
+        ray = _Ray(self, source, segment)
+        first = ray.inside(0.0), begin_values(segment, ray.fields, scalars)
+        nodes = [first, *map(ray.fields.node, PLACES[1:])]
+        culled = ray.fields.panel(nodes, culling_only=True)
+        visible, _ = ray.bound.visible(culled)
+        channels, tolerance = source.channels, source.tolerance
+        nothing = empty_path(source.backend.Float, channels.emissions, channels.extinctions, 3)
         through = dr.detach(through)  # what is accepted has no derivative
         clearest = most(through)
         behind = 1.0 / dr.select(clearest > 1e-6, clearest, 1e-6)
+        limits = Limits(tolerance.emission * behind, tolerance.transparency * behind, through)
+        values = [scalars for _, scalars in nodes]
         path = branch(
-            args=(values, Limits(allowed * behind, dim * behind, through), nothing),
+            args=(values, limits, nothing),
             cond=visible & segment.active,
             true_fn=functools.partial(_segment, ray),
             false_fn=last_argument,
@@ -105,56 +106,41 @@ class PostClassified(Scheme):
         return path, [*after, through]
 
 
-@dataclass
 class _Ray:
-    """A segment of a ray: what its fields and scalars are at any place from 0 to 1."""
+    """A segment of a ray while it is solved."""
 
-    source: Any
-    segment: Segment
-    fields: Any
-    length: Float
+    def __init__(self, scheme: PostClassified, source: FieldSource, segment: Segment) -> None:
+        self.scheme, self.source, self.segment = scheme, source, segment
+        self.fields, self.medium = source.along(segment), source.channels.medium
+        self.bound = source.channels.bound
+        self.jumps = self.bound.jumps()
+        self.real = type(segment.length)
 
-    @classmethod
-    def along(cls, segment: Segment, source: Any) -> _Ray:
-        return cls(source, segment, source.along(segment), segment.length)
+    def inside(self, s: Float) -> dict[str, Float]:
+        """Return the fields at a place, if panels need them."""
+        return self.fields.at(s) if self.fields.looks_inside else {}
 
-    def scalars(self, s: Float) -> list[Float]:
-        found: list[Float] = self.source.evaluated(self.fields.own(s))
-        return found
-
-    def place(self, s: Float) -> Place:
-        """Return the fields that the medium looks at within panels, and the scalars."""
-        own = self.fields.own(s)
-        return own if self.source.looks_inside else {}, self.source.evaluated(own)
-
-    def panel(self, begin: Float, width: Float, places: list[Place]) -> Panel:
-        """Return the panel with these three, or five, places."""
-        fields, values = zip(*places, strict=True)
-        where = PLACES if len(places) == len(PLACES) else NODES
-        options: dict[str, Any] = {"where": where, "many": self.fields.many}
-        if self.source.looks_inside:
-            options["ahead"] = self.fields.ahead
-            options["between"] = lambda s: self.fields.own(dr.fma(width, s, begin))
-        panel: Panel = self.source.panel(fields, values, self.length * width, **options)
-        return panel
+    def again(self, arguments: tuple[Segment, ...]) -> _Ray:
+        """Return it with the segment that a loop has as an argument."""
+        return _Ray(self.scheme, self.source, *arguments) if arguments else self
 
     def solved(
-        self, begin: Float, width: Float, places: list[Place], limits: Limits, front: Path
+        self, begin: Float, width: Float, nodes: list[Node], limits: Limits, front: Path
     ) -> tuple[Path, Mask]:
         """Return the solution of a panel without a jump inside, and where it may miss something.
 
-        From the fields and scalars at five `PLACES`; `front` is the part of the segment before it.
+        From five nodes; `front` is the part of the segment before it.
         """
-        panel = self.panel(begin, width, places)
-        panel.without_jumps = bool(self.source.jumps)
-        _, unresolved = self.source.bound.visible(panel)
+        panel = self.fields.panel(nodes, begin, width)
+        panel.without_jumps = bool(self.jumps)
+        _, unresolved = self.bound.visible(panel)
         return solve_with_error(self.source, panel, limits.seen(front)), unresolved
 
 
 def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path) -> Path:
-    with ray.source.recording():
+    with ray.scheme.recording():
         found, good = _as_one(ray, values, limits, nothing)
-    ray.source.accept(nothing, found, good)
+    ray.scheme.accepted(nothing, found, good)
     several = functools.partial(_in_panels, ray, nothing)
     path: Path = branch((values, limits, found), good, last_argument, several)
     return path
@@ -163,19 +149,16 @@ def _segment(ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path
 def _as_one(
     ray: _Ray, values: list[list[Float]], limits: Limits, nothing: Path
 ) -> tuple[Path, Mask]:
-    source, real = ray.source, type(ray.length)
-    if records(ray.length):  # scalars that were computed outside have no derivatives
-        values = [ray.scalars(s) for s in PLACES]
-    inside = source.looks_inside
-    places: list[Place] = [
-        (ray.fields.own(s) if inside else {}, own) for s, own in zip(PLACES, values, strict=True)
-    ]
-    whole = ray.panel(real(0), real(1), places[::2])
-    count, uncounted = jumps_ahead(whole, source.jumps)
-    if source.surface_only:
+    real, fields = ray.real, ray.fields
+    if records(ray.segment.length):  # scalars that were computed outside have no derivatives
+        values = [fields.scalars(s) for s in PLACES]
+    nodes = [(ray.inside(s), own) for s, own in zip(PLACES, values, strict=True)]
+    whole = fields.panel(nodes[::2])
+    count, uncounted = jumps_ahead(whole, ray.jumps)
+    if ray.medium.surface_only:
         good = ~uncounted & (count < 2)
         return _with_layer(ray, whole, good & (count > 0), nothing), good
-    found, unresolved = ray.solved(real(0), real(1), places, limits, nothing)
+    found, unresolved = ray.solved(real(0), real(1), nodes, limits, nothing)
     return found, ~unresolved & limits.accept(found) & (count == 0) & ~uncounted
 
 
@@ -185,31 +168,30 @@ class _State:
 
     begin: Float
     width: Float
-    place: Place
+    node: Node
     path: Path
 
 
 def _in_panels(
     ray: _Ray, nothing: Path, values: list[list[Float]], limits: Limits, found: Path
 ) -> Path:
-    source, real = ray.source, type(ray.length)
+    real = ray.real
     # Dr.Jit 1.5 loses the derivatives of what a loop in a loop uses besides its arguments.
-    arguments = (ray.segment,) if records(ray.length) else ()
+    arguments = (ray.segment,) if records(ray.segment.length) else ()
 
     def going_on(state: _State, *_: Segment) -> Mask:
         return state.begin < 1.0
 
     def step(state: _State, *own: Segment) -> tuple[Any, ...]:
-        with source.recording():
-            here = _Ray.along(own[0], source) if own else ray
-            solved, good, last, width = _tried(here, state, values[-1], limits, nothing)
-        source.accept(state.path, solved, good)
+        with ray.scheme.recording():
+            solved, good, last, width = _tried(ray.again(own), state, values[-1], limits, nothing)
+        ray.scheme.accepted(state.path, solved, good)
         path = dr.select(good, over(state.path, solved), state.path)
         begin, width = next_panel(good, state.begin, width, state.width)
-        return _State(begin, width, dr.select(good, last, state.place), path), *own
+        return _State(begin, width, dr.select(good, last, state.node), path), *own
 
-    first = (ray.fields.own(0.0) if source.looks_inside else {}, values[0])
-    state = _State(real(0), real(1.0 if source.jumps else 0.5), first, nothing)
+    first = ray.inside(0.0), values[0]
+    state = _State(real(0), real(1.0 if ray.jumps else 0.5), first, nothing)
     end: _State
     end, *_ = loop((state, *arguments), going_on, step, label="panels")
     return end.path
@@ -217,51 +199,57 @@ def _in_panels(
 
 def _tried(
     ray: _Ray, state: _State, after: list[Float], limits: Limits, nothing: Path
-) -> tuple[Path, Mask, Place, Float]:
+) -> tuple[Path, Mask, Node, Float]:
     """Return the next panel solved, where that is accurate enough, its end and its width.
 
     `after` are the scalars at the end of the segment.
     """
-    source, begin, width = ray.source, state.begin, state.width
-    recorded = records(ray.length)
-    first = ray.place(begin) if recorded else state.place  # loops carry no derivatives
+    fields, surface_only, begin, width = (
+        ray.fields,
+        ray.medium.surface_only,
+        state.begin,
+        state.width,
+    )
+    recorded = records(ray.segment.length)
+    first = fields.node(begin) if recorded else state.node  # loops carry no derivatives
 
-    def up_to(width: Float) -> tuple[Place, Place]:
+    def up_to(width: Float) -> tuple[Node, Node]:
         """Return middle and end of a panel.
 
         At the end of the segment scalars equal the next segment's to the last bit; otherwise a
         crossing could be counted twice.
         """
         end = begin + width
-        fields, own = ray.place(end)
+        inside, values = fields.node(end)
         if not recorded:
-            own = [dr.select(end >= 1.0, b, a) for a, b in zip(own, after, strict=True)]
-        return ray.place(dr.fma(width, 0.5, begin)), (fields, own)
+            values = [dr.select(end >= 1.0, b, a) for a, b in zip(values, after, strict=True)]
+        return fields.node(dr.fma(width, 0.5, begin)), (inside, values)
 
     middle, last = up_to(width)
     passed = uncounted = begin < 0.0
-    if source.jumps:
-        trial = ray.panel(begin, width, [first, middle, last])
-        count, uncounted = jumps_ahead(trial, source.jumps)
+    if ray.jumps:
+        trial = fields.panel([first, middle, last], begin, width)
+        count, uncounted = jumps_ahead(trial, ray.jumps)
         passed = count > 0
         # A surface without width that is alone in a panel need not be at its end.
-        several = count > (1 if source.surface_only else 0)
+        several = count > (1 if surface_only else 0)
         behind = _BEHIND[precision_of(type(width))]
-        cut = dr.fma(first_jump(trial, source.jumps), width, behind)
+        cut = dr.fma(first_jump(trial, ray.jumps), width, behind)
         width = dr.select(several & (cut < width), cut, width)
         middle, last = up_to(width)
     least = width <= _NARROWEST
-    if source.surface_only:
+    if surface_only:
         solved, good = nothing, ~uncounted | least
     else:
-        quarters = [ray.place(dr.fma(width, part, begin)) for part in (0.25, 0.75)]
-        places = [first, quarters[0], middle, quarters[1], last]
-        solved, unresolved = ray.solved(begin, width, places, limits, state.path)
+        quarters = [fields.node(dr.fma(width, part, begin)) for part in (0.25, 0.75)]
+        nodes = [first, quarters[0], middle, quarters[1], last]
+        solved, unresolved = ray.solved(begin, width, nodes, limits, state.path)
         part = dr.select(width > _LEAST_PART, width, _LEAST_PART)
         good = (limits.times(part).accept(solved) & ~unresolved & ~uncounted) | least
-        good |= dr.isnan(solved.error[0] + solved.error[1]) & (width <= _NOT_FINITE)
-    panel = ray.panel(begin, width, [first, middle, last])
-    panel.without_jumps = bool(source.jumps)
+        error = PathError(*solved.error)
+        good |= dr.isnan(error.emission + error.transparency) & (width <= _NOT_FINITE)
+    panel = fields.panel([first, middle, last], begin, width)
+    panel.without_jumps = bool(ray.jumps)
     return _with_layer(ray, panel, good & passed, solved), good, last, width
 
 
@@ -278,18 +266,20 @@ def next_panel(good: Mask, begin: Float, width: Float, tried: Float) -> tuple[Fl
 
 
 def _with_layer(ray: _Ray, panel: Panel, passed: Mask, solved: Path) -> Path:
-    source = ray.source
-    if not source.layered:
+    medium = ray.medium
+    if not any(part.surface_only for part in medium.components()):
         return solved
 
     def layered(solved: Path) -> Path:
         place: Float = 1.0
-        if source.surface_only and source.looks_inside:
-            place = first_jump(panel, source.jumps)
-        layer: Path = source.layer(panel, place)
+        if medium.surface_only and ray.fields.looks_inside:
+            place = first_jump(panel, ray.jumps)
+        sheet = ray.bound.sheet(panel, place)
+        assert sheet is not None  # some part is a surface
+        path = layer(sheet.emissivity, sheet.extinction)
         zero = 0.0 * panel.length
-        layer.error = [zero, zero, source.numbers.brightness(layer.emission)]
-        return over(solved, layer)
+        path.error = [zero, zero, ray.source.tolerance.brightness(path.emission)]
+        return over(solved, path)
 
     result: Path = branch((solved,), passed, layered, last_argument)
     return result

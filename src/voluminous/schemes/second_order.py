@@ -23,7 +23,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import branch, horner, loop, precision_of
 from ..backend.types import Float, Int, Mask
-from .base import Coefficients, Solution, VertexScheme
+from .base import JAlpha, Solution, VertexScheme
 
 # (order of the series, optical depth up to which it suffices): the truncation error of θ is
 # τ^(n+1)/(n+1)!, 5e-9 and 1e-18.
@@ -39,10 +39,9 @@ class SecondOrder(VertexScheme):
     """Solve a segment whose emissivity and extinction are linear in distance."""
 
     name = "second-order"
+    order = 2
 
-    def between(
-        self, front: Coefficients, back: Coefficients, length: Float, scale: Float
-    ) -> Solution:
+    def between(self, front: JAlpha, back: JAlpha, length: Float, scale: Float) -> Solution:
         (j_front, alpha_front), (j_back, alpha_back) = front, back
         a_front, a_back = ([a * length for a in alpha] for alpha in (alpha_front, alpha_back))
         depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]

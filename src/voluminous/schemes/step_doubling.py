@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..backend import dr
 from ..backend.functions import any_attenuation, precision_of
 from ..backend.types import Float, Mask
-from .base import Coefficients
-from .path import Path, most, over
+from ..media.bound import integrated
+from .base import FieldSource, JAlpha
+from .channels import Channels, Tolerance
+from .path import Path, PathError, most, over
 from .pre_integrated import solve_means
 
 if TYPE_CHECKING:
+    from ..media.context import MediumSample
     from ..media.panel import Panel
 
 # The error of the correction for the order of light and absorption along a panel, as a part of it:
@@ -61,32 +66,33 @@ class Limits:
 
         Smaller panels would not reduce an error that is due to rounding.
         """
-        wrong, dim, bright = path.error
-        rounding = _ROUNDING[precision_of(type(wrong))]
-        good = (wrong <= self.emission) | (wrong <= rounding * bright)
-        return good & ((dim <= self.transparency) | (dim <= rounding))
+        error = PathError(*path.error)
+        rounding = _ROUNDING[precision_of(type(error.emission))]
+        good = (error.emission <= self.emission) | (error.emission <= rounding * error.brightness)
+        return good & ((error.transparency <= self.transparency) | (error.transparency <= rounding))
 
 
-def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
+def solve_with_error(source: FieldSource, panel: Panel, seen: list[Float]) -> Path:
     """Return a panel solved as two halves, and its error.
 
     `seen` are factors on errors, one per extinction; none if they are one.
     """
-    numbers = source.numbers.seen(seen) if seen else source.numbers
-    *means, off = source.integrate(panel)
-    solved = front, back = [_solved(numbers, own, 0.5 * panel.length) for own in means]
+    tolerance = source.tolerance.seen(seen) if seen else source.tolerance
+    constant = [part.constant_source_function for part in source.channels.medium.components()]
+    *means, off = source.channels.integrate(panel)
+    solved = front, back = [_solved(tolerance, own, 0.5 * panel.length) for own in means]
     found = over(front, back)
     dims = [t * a * panel.length for t, a in zip(found.transparency, off[1], strict=True)]
     wrong = []
     for c, j in enumerate(off[0]):
         k = c if len(dims) > 1 else 0
-        if source.constant_source_function:
+        if constant == [True]:
             wrong.append(found.transparency[k] * j * panel.length)
         else:
             through = any_attenuation(found.depth[k])[1]
             wrong.append(dr.fma(found.emission[c] * off[1][k], through, j * through) * panel.length)
-    if not source.constant_source_function:
-        shares = numbers.shares(solved, panel)
+    if constant != [True]:
+        shares = _shares(source.channels, tolerance, solved, panel)
         uneven = [
             [_most_uneven(*ends) for ends in zip(*halves, strict=True)]
             for halves in zip(*shares, strict=True)
@@ -99,11 +105,11 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
             found.emission[c] = dr.fma(d, known, b)
             told = dr.fma(_TOLD_IF_DENSE, depth, _TOLD_BY_ORDER) + (1.0 - known)
             wrong[c] = dr.fma(dr.abs(d), told, wrong[c])
-    error = numbers.brightness(wrong)
-    if not source.constant_source_function:
-        ordering, occluded = _ordering_error(source, shares, uneven), _occluded(front, back)
-        error = error + most(ordering) + numbers.brightness(occluded)
-        source_range = source.bound.source_range(panel)
+    error = tolerance.brightness(wrong)
+    if constant != [True]:
+        ordering, occluded = _ordering_error(constant, shares, uneven), _occluded(front, back)
+        error = error + most(ordering) + tolerance.brightness(occluded)
+        source_range = source.channels.bound.source_range(panel)
         if source_range is not None:
             # What is seen of an opaque panel is a mean of the source function, whatever the order;
             # more matter than was found would add what comes through.
@@ -112,11 +118,13 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
                 dr.abs(b) * (s + theta / dr.select(theta < 1.0, 1.0 - theta, 1e-6))
                 for theta, s, b in rows
             ]
-            every = zip(*map(numbers.bright, (wrong, occluded, most_wrong)), ordering, strict=True)
+            every = zip(
+                *map(tolerance.bright, (wrong, occluded, most_wrong)), ordering, strict=True
+            )
             error = most([dr.minimum(w + h + o, m) for w, h, m, o in every])
     if seen:
         dims = [d * w for d, w in zip(dims, seen, strict=True)]
-    found.error = [error, most(dims), numbers.brightness(found.emission)]
+    found.error = [error, most(dims), tolerance.brightness(found.emission)]
     return found
 
 
@@ -124,8 +132,35 @@ def solve_with_error(source: Any, panel: Panel, seen: list[Float]) -> Path:
 Share = list[tuple[Float, Float]]
 
 
+def _shares(
+    channels: Channels, tolerance: Tolerance, solved: Sequence[Path], panel: Panel
+) -> list[list[Share]]:
+    """Return brightness and optical depth of each part on both halves, per extinction."""
+    parts, grey = channels.bound.parts, channels.extinctions == 1
+    if len(parts) > 1:
+        found, length = [integrated(part, panel) for part in parts], 0.5 * panel.length
+        return [
+            [_share(tolerance, grey, half(one), length) for one in found]
+            for half in (operator.attrgetter("first"), operator.attrgetter("last"))
+        ]
+    if grey:
+        return [[[(path.error[2], path.depth[0])]] for path in solved]
+    return [[list(zip(tolerance.bright(p.emission), p.depth, strict=True))] for p in solved]
+
+
+def _share(tolerance: Tolerance, grey: bool, means: MediumSample, length: Float) -> Share:
+    depths = [a * length for a in means.extinction]
+    if grey:
+        bright = [tolerance.brightness(means.emissivity)]
+    else:
+        bright = tolerance.bright(means.emissivity)
+        depths = depths if len(depths) > 1 else depths * len(bright)
+    rows = zip(bright, depths, strict=True)
+    return [(b * length * any_attenuation(depth)[1], depth) for b, depth in rows]
+
+
 def _ordering_error(
-    source: Any, shares: list[list[Share]], uneven: list[list[Float]]
+    constant: list[bool], shares: list[list[Share]], uneven: list[list[Float]]
 ) -> list[Float]:
     """Return the error due to the unknown order of structures along the ray within each half.
 
@@ -139,7 +174,7 @@ def _ordering_error(
         for own in shares:
             for i, first in enumerate(own):
                 for k, other in enumerate(own):
-                    if i == k and source.constant_source_functions[i]:
+                    if i == k and constant[i]:
                         continue
                     (bright, _), (_, depth) = first[c], other[c]
                     one, two = uneven[i][c], uneven[k][c]
@@ -182,8 +217,8 @@ def _by_gradients(front: Path, back: Path) -> list[Float]:
     return found
 
 
-def _solved(numbers: Any, means: Coefficients, length: Float) -> Path:
+def _solved(tolerance: Tolerance, means: JAlpha, length: Float) -> Path:
     path = solve_means(means, length)
     zero = type(length)(0)
-    path.error = [zero, zero, numbers.brightness(path.emission)]
+    path.error = [zero, zero, tolerance.brightness(path.emission)]
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,16 +18,14 @@ from ...expressions.interval import Interval
 from ...fields import COORDINATES, coordinates
 from ...geometry import CARTESIAN
 from ...grids.cartesian.grid import CartesianGrid
+from ...media.bound import Binding
 from ...media.context import Context, Tape
 from ...media.contract import Medium
-from ...media.ranges import RangeContext
 from ...memory import check_memory
+from ...schemes.channels import Channels, channel_groups
 from ...volume import Volume
 from ..cache import VolumeStatistics
-from .channel_layout import ChannelLayout, PerChannel, channel_groups
-
-if TYPE_CHECKING:
-    pass
+from ..precision import largest_coefficients, sizes_of_coefficients
 
 # Dr.Jit arrays, and the offsets of packets in them, are 32-bit.
 LARGEST = 2**32 - 1
@@ -42,8 +40,8 @@ class CellEvaluator:
 
     Attributes
     ----------
-    numbers : PerChannel or SharedProfiles
-        The numbers computed per cell.
+    channels : Channels
+        Which values are computed per cell.
     places : list of str
         The coordinates that the medium uses. Those of Cartesian grids are computed in
         the kernel. Those of other grids are computed on the host: for consecutive cells during
@@ -56,12 +54,12 @@ class CellEvaluator:
         self,
         volume: Volume,
         medium: Medium,
-        numbers: ChannelLayout,
         backend: Backend,
         statistics: VolumeStatistics | None = None,
         tape: Tape | None = None,
     ) -> None:
-        self.volume, self.medium, self.numbers = volume, medium, numbers
+        binding = Binding.to(volume, volume.grid.scale, backend.precision)
+        self.volume, self.medium, self.channels = volume, medium, Channels(medium, binding)
         self.backend, self.grid, self.tape = backend, volume.grid, tape
         self.statistics = statistics or VolumeStatistics(volume)
         check_fields(volume, medium)
@@ -70,10 +68,14 @@ class CellEvaluator:
         self._traced = cartesian and isinstance(self.grid, CartesianGrid)
         self.origin: tuple[int, ...] = ()
 
-    def group(self, numbers: PerChannel) -> CellEvaluator:
-        """Return the evaluator of some of the channels."""
+    def normalised(self) -> CellEvaluator:
+        """Return the evaluator with the units of emission that suit kernels."""
+        return self.using(self.channels.normalised(self.sizes))
+
+    def using(self, channels: Channels) -> CellEvaluator:
+        """Return the evaluator of some of the channels, or of other values per cell."""
         part = copy.copy(self)
-        part.medium, part.numbers = numbers.medium, numbers
+        part.medium, part.channels = channels.medium, channels
         return part
 
     def within(self, volume: Volume, origin: tuple[int, int, int]) -> CellEvaluator:
@@ -97,12 +99,12 @@ class CellEvaluator:
         )
 
     def evaluate(self, fields: dict[str, Float], real: Any = None) -> list[Float]:
-        """Return the numbers times the grid's scale, from field values (traced)."""
+        """Return the values of a table, per unit of the grid's scale (traced)."""
         context = self.context(real or self.backend.Wide, self.tape)
-        return self.numbers.table_values(fields, context)
+        return self.channels.table_values(fields, context)
 
     def classify(self, first: int, count: int) -> tuple[list[Float], Mask]:
-        """Return the numbers of consecutive cells, and where they cannot be used (traced)."""
+        """Return the values of consecutive cells, and where they cannot be used (traced)."""
         backend = self.backend
         if self._traced:
             fields = self._centers(dr.arange(backend.UInt, count) + dr.opaque(backend.UInt, first))
@@ -121,14 +123,14 @@ class CellEvaluator:
         bad = backend.Bool(False)
         for v in values:
             bad |= ~dr.isfinite(v)
-        for v in values[self.numbers.signed :]:
+        for v in values[self.channels.signed :]:
             bad |= v < 0
         return values, bad
 
     def refuse(self, values: list[Float], bad: Mask, first: int) -> None:
         """Raise the error that names the first cell with unusable coefficients."""
         bad = np.asarray(bad)
-        place, channels = int(np.flatnonzero(bad)[0]), self.numbers.emissions
+        place, channels = int(np.flatnonzero(bad)[0]), self.channels.emissions
         cell = tuple(int(i) for i in np.unravel_index(first + place, self.grid.shape))
         wrong = []
         for k, v in enumerate(values):
@@ -183,20 +185,18 @@ class CellEvaluator:
 
     @functools.cached_property
     def largest(self) -> list[float]:
-        """Bounds of the numbers' magnitudes, from the ranges of the fields alone."""
-        fields = {name: self.statistics.range_of(name) for name in self.medium.names}
-        return [float(end.max()) for end in self.most_in(fields)]
+        """See `precision.largest_coefficients`."""
+        return largest_coefficients(self.statistics, self.channels)
 
-    @property
+    @functools.cached_property
     def sizes(self) -> list[float]:
         """The bounds, or for a spectrum without them the largest values in some cells."""
-        numbers, sizes = self.numbers, list(self.largest)
-        if not numbers.spectral or np.all(np.isfinite(sizes[: numbers.emissions])):
+        channels, sizes = self.channels, list(self.largest)
+        if not channels.spectral or np.all(np.isfinite(sizes[: channels.emissions])):
             return sizes
-        assert isinstance(numbers, PerChannel)
         count = min(_RUN, self.grid.size)
-        for group in channel_groups(numbers.emissions):
-            part = self.group(numbers.group(group))
+        for group in channel_groups(self.medium):
+            part = self.using(channels.group(group))
             part.tape = None
             for first in np.linspace(0, self.grid.size - count, _RUNS).astype(int).tolist():
                 values, _ = part.classify(first, count)
@@ -208,10 +208,8 @@ class CellEvaluator:
         return sizes
 
     def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
-        """Return bounds of the numbers' magnitudes while the fields stay in ranges."""
-        with np.errstate(all="ignore"):
-            ranges = self.numbers.values(fields, RangeContext())
-        return [np.maximum(np.abs(v.lo), np.abs(v.hi)) for v in ranges]
+        """Return bounds of |j| and α per unit of the grid's scale, with fields in ranges."""
+        return sizes_of_coefficients(self.channels.bound, fields)
 
 
 def check_fields(volume: Volume, medium: Medium) -> None:

@@ -15,9 +15,9 @@ from ...errors import InputError
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
+from ...schemes.channels import unit_near
 from ..cache import Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
-from .channel_layout import unit_near
 
 if TYPE_CHECKING:
     from ...grids.contract import DualGrid, Grid

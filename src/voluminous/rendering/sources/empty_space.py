@@ -15,9 +15,8 @@ from ...grids.cartesian.leap import BITS, Bricks, brick_shape, make_bricks
 from ...grids.trees.octree import OctreeGrid
 from ...media.ranges import RangeContext
 from ..cache import Cache
-from ..precision import exactness
 from .cells import CellEvaluator
-from .corner_layouts import CornerPackets
+from .corner_layouts import CornerPackets, FieldLattice
 from .wide_steps import difference_limits, wide_steps
 
 if TYPE_CHECKING:
@@ -113,20 +112,6 @@ def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> dict[s
     return {name: ranges(name) for name in evaluator.medium.names}
 
 
-def get_exactness(evaluator: CellEvaluator, cache: Cache) -> tuple[bool, float]:
-    """Set the evaluator's bounds, and return `exactness`; cached with the volume."""
-    volume, medium = evaluator.volume, evaluator.medium
-    key = None
-    if medium.key() is not None:
-        # The numbers of shapes differ from those of all their colours.
-        kind = type(evaluator.numbers).__name__
-        key = ("numbers", medium.key(), kind, cache.statistics.digests(medium.names))
-    evaluator.largest, exact = cache.get_or_make(
-        key, lambda: (evaluator.largest, exactness(volume, medium))
-    )
-    return exact
-
-
 def get_bricks(
     evaluator: CellEvaluator, cache: Cache, faint: float, window: Window, coarseness: float = 0.0
 ) -> Bricks | None:
@@ -153,7 +138,7 @@ def get_bricks(
 
 def _visible(evaluator: CellEvaluator, ranges: dict[str, Interval], faint: float) -> np.ndarray:
     with np.errstate(all="ignore"):
-        return np.asarray(evaluator.numbers.bound.may_show(ranges, RangeContext(faint)))
+        return np.asarray(evaluator.channels.bound.may_show(ranges, RangeContext(faint)))
 
 
 def worthwhile_bricks(
@@ -163,6 +148,35 @@ def worthwhile_bricks(
     if steps is None and np.count_nonzero(visible) > window.worthwhile * visible.size:
         return None
     return make_bricks(visible, backend, steps=steps)
+
+
+def get_pruned_walk(
+    evaluator: CellEvaluator,
+    cache: Cache,
+    faint: float,
+    kind: str,
+    lattices: Mapping[str, FieldLattice],
+) -> Any:
+    """Return a walk through visible leaves of a tree, or None; cached with the volume.
+
+    The lattices have the values at their corners, if they have such.
+    """
+    medium, grid, backend = evaluator.medium, evaluator.grid, evaluator.backend
+    if not isinstance(grid, OctreeGrid) or not all(
+        name in evaluator.volume for name in medium.names
+    ):
+        return None
+
+    def make() -> Any:
+        visible = np.empty(grid.size, bool)
+        for part, ranges in ranges_of_cells(evaluator.volume, medium.names, lattices):
+            visible[part] = _visible(evaluator, ranges, faint)
+        return pruned_walk(grid, visible, backend, kind)
+
+    key = medium.visible_key()
+    if key is not None:
+        key = ("pruned", kind, key, faint, backend, cache.statistics.digests(medium.names))
+    return cache.get_or_make(key, make)
 
 
 def pruned_walk(grid: OctreeGrid, visible: np.ndarray, backend: Backend, kind: str) -> Any:
@@ -191,11 +205,3 @@ def ranges_of_cells(
             low, high = (functools.reduce(end, columns) for end in (np.minimum, np.maximum))
             ranges[name] = Interval(low * unit, high * unit)
         yield part, ranges
-
-
-def visible_leaves(evaluator: CellEvaluator, lattices: dict[str, Any], faint: float) -> np.ndarray:
-    """Return which leaves may be visible, given the values at their corners, or in them."""
-    visible, names = np.empty(evaluator.grid.size, bool), evaluator.medium.names
-    for part, ranges in ranges_of_cells(evaluator.volume, names, lattices):
-        visible[part] = _visible(evaluator, ranges, faint)
-    return visible

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,16 +19,13 @@ from ...grids.structured import is_structured
 from ...grids.trees.octree import OctreeGrid
 from ...memory import check_memory, fits
 from ...progress import reporter
-from ...schemes.base import Coefficients, Scheme
+from ...schemes.base import JAlpha, Scanner, Scheme, Skipping, VertexScheme, innermost
+from ...schemes.channels import Channels, ColouredShapes
 from ...volume import Volume
 from ..cache import SLABS, Cache
-from ..precision import in_single_range
+from ..precision import exactness_of, in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
-from .channel_layout import ChannelLayout, PerChannel, channel_groups, some_channels
-from .empty_space import CELLS, get_bricks, get_exactness, pruned_walk, visible_leaves
-
-if TYPE_CHECKING:
-    pass
+from .empty_space import CELLS, get_bricks, get_pruned_walk, pruned_walk
 
 _ADVICE = (
     "use precision='single', scheme='first-order' (which can do without a table), "
@@ -43,6 +40,8 @@ _FAINT = {"single": 1e-9, "double": 1e-18}
 CELLS_PER_STEP = 0.125
 # A table of so few cells takes no time, and names the first cell with bad coefficients.
 _FEW_CELLS = 1 << 22
+# Shapes per cell below this, or above its inverse, are tabulated as coefficients, which have units.
+_LEAST_SHAPE = 1e-18
 
 
 @dataclass
@@ -52,43 +51,40 @@ class CoefficientTable:
     Attributes
     ----------
     packets : list of arrays
-        Interleaved numbers, one flat array per packet of 4, 2 or 1.
-    numbers : PerChannel or SharedProfiles
-        Layout of the numbers.
-    largest : list of float
-        Largest magnitude of each number, times the grid's scale.
-    bounds : list of float
-        Their bounds from the ranges of the fields, before rounding.
-    bricks, walk : optional
-        Bricks that rays may skip; or a walk through part of the grid.
+        Interleaved values, one flat array per packet of 4, 2 or 1.
+    channels : Channels
+        What the values are.
+    highest : list of float
+        Largest magnitude of each value.
     """
 
     packets: list[Float]
     widths: list[int]
-    numbers: ChannelLayout
-    largest: list[float]
+    channels: Channels
+    highest: list[float]
     backend: Backend
-    bounds: list[float]
-    bricks: Any = None
-    walk: Any = None
-    walk_kind: ClassVar[str | None] = None
-    tolerance: ClassVar[tuple[Float, ...]] = ()
+    skipping: Skipping = field(default_factory=Skipping)
 
     @classmethod
     def empty(cls, evaluator: CellEvaluator, size: int) -> CoefficientTable:
-        numbers, backend = evaluator.numbers, evaluator.backend
-        widths = [4] * (numbers.count // 4) + [w for w in (2, 1) if numbers.count & w]
+        channels, backend = evaluator.channels, evaluator.backend
+        count = channels.count
+        widths = [4] * (count // 4) + [w for w in (2, 1) if count & w]
         if size * max(widths) > LARGEST:
             raise InputError(
                 f"a table of {size} x {max(widths)} numbers exceeds the {LARGEST} that an array "
                 "can hold; render the volume in parts, or with scheme='first-order'"
             )
         packets = [dr.empty(backend.Float, size * width) for width in widths]
-        bounds = numbers.in_units(evaluator.largest)
-        return cls(packets, widths, numbers, [0.0] * numbers.count, backend, bounds)
+        return cls(packets, widths, channels, [0.0] * count, backend)
+
+    @property
+    def largest(self) -> list[float]:
+        """Bounds of j and α per unit of the grid's scale."""
+        return self.channels.largest(self.highest)
 
     def store(self, values: list[Float], first: int, *also: Any, measured: bool = True) -> None:
-        """Write the numbers of consecutive places, in one kernel with `also`.
+        """Write the values of consecutive places, in one kernel with `also`.
 
         The largest of them are `measured`, unless their bounds will do.
         """
@@ -103,10 +99,10 @@ class CoefficientTable:
         size = [dr.abs(v) for v in values if measured]
         dr.eval(self.packets, size, *also)
         for k, v in enumerate(size):
-            self.largest[k] = max(self.largest[k], float(dr.max(v)[0]))
+            self.highest[k] = max(self.highest[k], float(dr.max(v)[0]))
 
     def gather(self, index: Int, active: Mask) -> list[Float]:
-        """Return all numbers at a flat index."""
+        """Return all values at a flat index."""
         values: list[Float] = []
         mode = dr.ReduceMode.Auto
         if self.backend.derivatives and self.backend.device == "cpu":
@@ -119,8 +115,8 @@ class CoefficientTable:
             values += [packet] if width == 1 else list(packet)
         return values
 
-    def at(self, segment: Segment) -> Coefficients:
-        return self.numbers.split(self.gather(segment.cell, segment.active))
+    def at(self, segment: Segment) -> JAlpha:
+        return self.channels.split(self.gather(segment.cell, segment.active))
 
     def interpolate(self, corners: Corners, active: Mask) -> list[Float]:
         total: list[Float] = []
@@ -135,10 +131,10 @@ class CoefficientTable:
     def visible(self, faint: float) -> np.ndarray:
         """Return which places have coefficients above a fraction of their peak."""
         visible: Any = False
-        largest = iter(self.largest)
+        highest = iter(self.highest)
         for data, width in zip(self.packets, self.widths, strict=True):
-            for numbers in np.asarray(data).reshape(-1, width).T:
-                visible = visible | (np.abs(numbers) > faint * next(largest))
+            for values in np.asarray(data).reshape(-1, width).T:
+                visible = visible | (np.abs(values) > faint * next(highest))
         return np.asarray(visible)
 
 
@@ -165,13 +161,13 @@ def vertex_table(evaluator: CellEvaluator, *, measured: bool = True) -> Coeffici
     grid, UInt, Float = evaluator.grid, evaluator.backend.UInt, evaluator.backend.Float
     table = CoefficientTable.empty(evaluator, grid.vertex_count)
     cells, held = None, (0, 0)
-    for (first, last), around in _vertex_pieces(grid, 8 * SLAB // max(8, evaluator.numbers.count)):
+    for (first, last), around in _vertex_pieces(grid, 8 * SLAB // max(8, evaluator.channels.count)):
         if around != held or cells is None:
             cells = None  # one at a time
             cells, held = cell_table(evaluator, *around, measured=False), around
         vertex = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
         begin = dr.opaque(UInt, around[0])
-        total, number = [Float(0)] * evaluator.numbers.count, Float(0)
+        total, number = [Float(0)] * evaluator.channels.count, Float(0)
         for cell, there in grid.vertex_cells(vertex, evaluator.backend):
             values = cells.gather(UInt(cell) - begin, there)
             total = [t + v for t, v in zip(total, values, strict=True)]
@@ -206,28 +202,28 @@ class OnRay:
     Parameters
     ----------
     evaluator : CellEvaluator
+        In units that suit kernels.
     single : bool
         Evaluate it in the precision of the picture; the bits then differ from a table's.
     read : bool
         Take the fields of the volume; else `within` gives those of a part of it.
     """
 
-    bricks: Any = None
-    walk: Any = None
-    walk_kind = None
-    tolerance: tuple[Float, ...] = ()
-
     def __init__(
-        self, evaluator: CellEvaluator, *, single: bool = False, read: bool = True
+        self,
+        evaluator: CellEvaluator,
+        skipping: Skipping | None = None,
+        *,
+        single: bool = False,
+        read: bool = True,
     ) -> None:
         self.evaluator, self.backend = evaluator, evaluator.backend
         self.real = self.backend.Float if single else self.backend.Wide
-        self.numbers = evaluator.numbers
-        self.numbers.normalise(evaluator.sizes)
+        self.channels, self.skipping = evaluator.channels, skipping or Skipping()
+        self.largest = self.channels.in_units(evaluator.largest)
         self.fields: dict[str, Float] = {}
         if read:
             self._read(evaluator)
-        self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
 
     def _read(self, evaluator: CellEvaluator) -> None:
         volume = evaluator.volume
@@ -256,12 +252,12 @@ class OnRay:
     def group(self, channels: slice) -> OnRay:
         """Return the source of some of the channels."""
         part = copy.copy(self)
-        part.numbers = cast(PerChannel, self.numbers).group(channels)
-        part.evaluator = self.evaluator.group(part.numbers)
-        part.largest = part.bounds = some_channels(self.numbers, self.largest, channels)
+        part.channels = self.channels.group(channels)
+        part.evaluator = self.evaluator.using(part.channels)
+        part.largest = self.channels.some_of(self.largest, channels)
         return part
 
-    def at(self, segment: Segment) -> Coefficients:
+    def at(self, segment: Segment) -> JAlpha:
         cell, active = segment.cell, segment.active
         places = self.evaluator.coordinates(cell, active)
         fields = {name: self.real(value) for name, value in places.items()}
@@ -270,9 +266,9 @@ class OnRay:
         if sight := self.evaluator.medium.sight:
             fields |= self._sight(segment, sight)
         values = self.evaluator.evaluate(fields, self.real)
-        for k in range(self.numbers.emissions, len(values)):
+        for k in range(self.channels.signed, len(values)):
             values[k] = dr.select(values[k] >= 0, values[k], math.nan)
-        return self.numbers.split([flush_subnormal(self.backend.Float(v)) for v in values])
+        return self.channels.split([flush_subnormal(self.backend.Float(v)) for v in values])
 
     def _sight(self, segment: Segment, axes: tuple[str, ...]) -> dict[str, Float]:
         ray, grid = segment.ray, self.evaluator.grid
@@ -290,22 +286,17 @@ class TablesOfGroups:
     In memory there is one table at a time.
     """
 
-    walk = walk_kind = None
-    tolerance: tuple[Float, ...] = ()
-
-    def __init__(self, evaluator: CellEvaluator, bricks: Any) -> None:
-        self.evaluator, self.backend, self.bricks = evaluator, evaluator.backend, bricks
-        self.numbers = evaluator.numbers
-        self.numbers.normalise(evaluator.sizes)
-        self.largest = self.bounds = self.numbers.in_units(evaluator.largest)
+    def __init__(self, evaluator: CellEvaluator, skipping: Skipping) -> None:
+        self.evaluator, self.backend, self.skipping = evaluator, evaluator.backend, skipping
+        self.channels = evaluator.channels
+        self.largest = self.channels.in_units(evaluator.largest)
 
     def group(self, channels: slice) -> CoefficientTable:
         """Return the source of some of the channels."""
         dr.sync_thread()  # the table before is free only now
-        part = self.evaluator.group(cast(PerChannel, self.numbers).group(channels))
-        table = vertex_table(part, measured=False)
-        table.bricks = self.bricks
-        table.largest = some_channels(self.numbers, self.largest, channels)
+        table = vertex_table(self.evaluator.using(self.channels.group(channels)), measured=False)
+        table.skipping = self.skipping
+        table.highest = self.channels.some_of(self.largest, channels)
         return table
 
 
@@ -323,58 +314,74 @@ def tabulated(
     whole : bool
         No cells are hidden.
     """
-    backend, numbers, grid = evaluator.backend, evaluator.numbers, evaluator.grid
-    by_cell = scheme.coefficients_at == "cell"
+    evaluator, backend, grid = _in_tables(evaluator, scheme), evaluator.backend, evaluator.grid
+    channels, by_cell = evaluator.channels, scheme.coefficients_at == "cell"
     places = grid.size if by_cell else grid.vertex_count
-    needed = places * numbers.count * backend.dtype.itemsize
+    needed = places * channels.count * backend.dtype.itemsize
     recorded = evaluator.tape is not None
     if recorded and by_cell:  # the gradient of a table takes 1.3 times as long, its memory apart
-        return OnRay(evaluator)
+        return OnRay(evaluator.normalised())
     sight = evaluator.medium.sight
-    crowded = by_cell and _crowded(numbers, needed, grid.size / steps)
+    crowded = by_cell and _crowded(channels, needed, grid.size / steps)
     if crowded and not evaluator.volume.tables:  # not even hashed: it takes a while for 1024³
-        return OnRay(evaluator)
-    faint = 0.0 if scheme.complete else _FAINT[backend.precision]
-    count = len(channel_groups(numbers.emissions, scheme))
+        return OnRay(evaluator.normalised())
+    scanner = isinstance(scheme, Scanner)
+    faint = 0.0 if scanner else _FAINT[backend.precision]
+    everywhere = isinstance(scheme, Scanner) and scheme.everywhere
 
     def on_ray(single: bool = False, leaps: bool = True) -> OnRay:
-        source = OnRay(evaluator, single=single)
-        if leaps and not scheme.everywhere:
-            source.bricks = get_bricks(evaluator, cache, faint, CELLS)
-        known = all(name in evaluator.volume for name in evaluator.medium.names)
-        if whole and known and isinstance(grid, OctreeGrid) and not scheme.everywhere:
-            source.walk = _pruned(evaluator, cache)
-        return source
+        skipping = Skipping()
+        if leaps and not everywhere:
+            skipping.bricks = get_bricks(evaluator, cache, faint, CELLS)
+        if whole and not everywhere:
+            skipping.walk = get_pruned_walk(evaluator, cache, 0.0, "cells", {})
+        return OnRay(evaluator.normalised(), skipping, single=single)
 
     if _without_table(evaluator, scheme):
         if by_cell:
             return on_ray(_fits_in_single(evaluator, cache))
-        bricks = None if scheme.everywhere else get_bricks(evaluator, cache, faint, CELLS)
+        skipping = Skipping(None if everywhere else get_bricks(evaluator, cache, faint, CELLS))
+        count = len(channels.groups(scheme))
         check_memory(needed // count + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
-        return TablesOfGroups(evaluator, bricks)
+        return TablesOfGroups(evaluator.normalised(), skipping)
     key: Hashable = None
-    if (own := numbers.key()) is not None and not recorded:
+    if (own := channels.key()) is not None and not recorded:
         digests = cache.statistics.digests(evaluator.medium.names)
         seen = evaluator.volume.sight.key() if sight else None
-        key = (own, scheme.coefficients_at, (faint, scheme.everywhere), backend, digests, seen)
+        key = (own, scheme.coefficients_at, (faint, everywhere), backend, digests, seen)
         found: CoefficientTable | None = cache.get(key)
         if found is not None:
-            return replace(found, numbers=numbers.reuse(found.numbers))
+            return replace(found, channels=channels.reuse(found.channels))
     if crowded:
-        return OnRay(evaluator)
+        return OnRay(evaluator.normalised())
     if by_cell and not recorded and grid.size > _FEW_CELLS:
         crossed = cache.get_or_make(key and ("crossed", key), lambda: [0.0])
         crossed[0] += steps
         if grid.size > CELLS_PER_STEP * crossed[0]:
             return on_ray(leaps=crossed[0] > steps)
     check_memory(needed + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
-    numbers.normalise(evaluator.sizes)
+    evaluator = evaluator.normalised()
     table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)
-    if not scheme.everywhere:
-        table.bricks = get_bricks(evaluator, cache, faint, CELLS)
+    if not everywhere:
+        table.skipping.bricks = get_bricks(evaluator, cache, faint, CELLS)
         if whole and by_cell and isinstance(grid, OctreeGrid):
-            table.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
+            table.skipping.walk = pruned_walk(grid, table.visible(faint), backend, "cells")
     return table if key is None else cache.put(key, table)
+
+
+def _in_tables(evaluator: CellEvaluator, scheme: Scheme) -> CellEvaluator:
+    """Return an evaluator of the values that a table of a scheme holds."""
+    medium, binding = evaluator.medium, evaluator.channels.binding
+    context = evaluator.context(evaluator.backend.Float, evaluator.tape)
+    if isinstance(solver := innermost(scheme), VertexScheme):
+        channels = solver.channels(medium, binding, context)
+        if channels is not None:
+            return evaluator.using(channels)
+    if ColouredShapes.serve(medium) and len(evaluator.channels.groups(scheme)) == 1:
+        shapes = ColouredShapes(medium, binding, context)
+        if _LEAST_SHAPE < shapes.brightest(shapes.in_units(evaluator.largest)) < 1.0 / _LEAST_SHAPE:
+            return evaluator.using(shapes)
+    return evaluator
 
 
 def on_ray_in_pieces(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> OnRay:
@@ -382,34 +389,22 @@ def on_ray_in_pieces(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> 
 
     The bits are those of `tabulated`.
     """
+    evaluator = _in_tables(evaluator, scheme)
     single = _without_table(evaluator, scheme) and _fits_in_single(evaluator, cache)
-    return OnRay(evaluator, single=single, read=False)
+    return OnRay(evaluator.normalised(), single=single, read=False)
 
 
 def _without_table(evaluator: CellEvaluator, scheme: Scheme) -> bool:
     """Return whether there is no table of all channels: of many, or of lines, which rays shift."""
-    numbers = evaluator.numbers
-    many = len(channel_groups(numbers.emissions, scheme)) > 1
+    many = len(evaluator.channels.groups(scheme)) > 1
     many |= scheme.coefficients_at == "cell" and bool(evaluator.medium.sight)
-    return many and isinstance(numbers, PerChannel) and not evaluator.backend.derivatives
-
-
-def _pruned(evaluator: CellEvaluator, cache: Cache) -> Any:
-    medium, backend = evaluator.medium, evaluator.backend
-    own = medium.visible_key()
-    key = None
-    if own is not None:
-        key = ("pruned cells", own, backend, cache.statistics.digests(medium.names))
-
-    def make() -> Any:
-        return pruned_walk(evaluator.grid, visible_leaves(evaluator, {}, 0.0), backend, "cells")
-
-    return cache.get_or_make(key, make)
+    return many and not evaluator.backend.derivatives
 
 
 def _fits_in_single(evaluator: CellEvaluator, cache: Cache) -> bool:
+    """Return whether single precision evaluates the medium, for all values that fields have."""
     medium, statistics = evaluator.medium, cache.statistics
-    if not get_exactness(evaluator, cache)[0]:
+    if not exactness_of(cache, medium)[0]:
         return False
 
     def check() -> bool:
@@ -420,7 +415,7 @@ def _fits_in_single(evaluator: CellEvaluator, cache: Cache) -> bool:
     return cache.get_or_make(key, check)
 
 
-def _crowded(numbers: ChannelLayout, needed: int, cells_per_step: float) -> bool:
+def _crowded(channels: Channels, needed: int, cells_per_step: float) -> bool:
     """Return True if the medium is better evaluated on the ray than for all cells beforehand.
 
     That is so where the rays visit few of the cells, unless the table can be cached and leaves
@@ -428,4 +423,4 @@ def _crowded(numbers: ChannelLayout, needed: int, cells_per_step: float) -> bool
     """
     if not fits(needed + SLABS):
         return True
-    return cells_per_step >= 0.5 and (numbers.key() is None or not fits(4 * needed))
+    return cells_per_step >= 0.5 and (channels.key() is None or not fits(4 * needed))

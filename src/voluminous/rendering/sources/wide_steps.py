@@ -23,6 +23,7 @@ from ...expressions import Expression
 from ...expressions.interval import Interval
 from ...grids.cartesian.dual_walk import WIDEST
 from ...grids.cartesian.leap import BITS
+from ...grids.straight_chord import trilinear
 from ...media.bound import BoundMedium
 from ...media.context import Context
 from ...media.profiles import Shaped
@@ -31,7 +32,7 @@ from .cells import CellEvaluator, device_array
 
 
 @dataclass(frozen=True)
-class Limit:
+class Deviation:
     """Error allowed in a scalar of a part of a medium."""
 
     part: BoundMedium
@@ -70,7 +71,7 @@ def _everywhere(x: Float, context: Context) -> Float:
     return x * 0.0 + 1.0
 
 
-def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit, ...] | None:
+def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Deviation, ...] | None:
     """Return the error allowed in every expression, or None if the medium excludes wider steps.
 
     Wider steps are for media that depend only on scalars with structures of known widths.
@@ -83,11 +84,11 @@ def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit,
     if not scalars or used != set(medium.names) or not all(n in evaluator.volume for n in used):
         return None
     limits = []
-    for part, bound in zip(medium.components(), evaluator.numbers.bound.parts, strict=True):
+    for part, bound in zip(medium.components(), evaluator.channels.bound.parts, strict=True):
         least: dict[str, float] = {}
         for expr, width in plain_widths(evaluator.volume, part.features()):
             least[expr.text] = min(width, least.get(expr.text, np.inf))
-        limits += [Limit(bound, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
+        limits += [Deviation(bound, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
     return tuple(limits) if all(0 < limit.width < np.inf for limit in limits) else None
 
 
@@ -103,7 +104,7 @@ def wide_steps(
     evaluator: CellEvaluator,
     visible: np.ndarray,
     ranges: dict[str, Interval],
-    limits: tuple[Limit, ...],
+    limits: tuple[Deviation, ...],
 ) -> np.ndarray | None:
     """Return log2 of the step width allowed in each brick, or None if few may be wide."""
     # The width that keeps the optical depth low enough; for a single shell with proportional j and
@@ -111,7 +112,7 @@ def wide_steps(
     most, parts = np.full(visible.shape, WIDEST, np.uint8), evaluator.medium.components()
     if len(parts) > 1 or not isinstance(parts[0], Shaped):
         some = {name: Interval(r.lo[visible], r.hi[visible]) for name, r in ranges.items()}
-        dense = evaluator.numbers.densest(evaluator.most_in(some))
+        dense = evaluator.channels.densest(evaluator.most_in(some))
         most[visible] = sum(dense * (1 << k) <= _DEEPEST for k in range(1, WIDEST + 1))
     cubes, steps = _Cubes(evaluator, limits), np.zeros(visible.shape, np.uint8)
     for step in range(WIDEST, 0, -1):
@@ -146,7 +147,7 @@ class _Cubes:
     centres inside.
     """
 
-    def __init__(self, evaluator: CellEvaluator, limits: tuple[Limit, ...]) -> None:
+    def __init__(self, evaluator: CellEvaluator, limits: tuple[Deviation, ...]) -> None:
         self.backend, self.limits = evaluator.backend, limits
         self.context = evaluator.context(self.backend.Wide)
         volume = evaluator.volume
@@ -162,6 +163,10 @@ class _Cubes:
         corners = [
             self._fields([f + side * b for f, b in zip(first, up, strict=True)]) for up in _UP
         ]
+        cubes = {}
+        for name in self.data:
+            values = [corner[name] for corner in corners]
+            cubes[name] = [[values[4 * i + 2 * j :][:2] for j in (0, 1)] for i in (0, 1)]
         exprs = {limit.expr.text: limit.expr for limit in self.limits}
         planes = {text: self._plane(expr, corners) for text, expr in exprs.items()}
         row = dr.opaque(UInt, side + 1)
@@ -176,13 +181,13 @@ class _Cubes:
             inner = [backend.Int(i) for i in (layer, plane - layer * row, number - plane * row)]
             exact = self._fields([f + i for f, i in zip(first, inner, strict=True)])
             fraction = [backend.Wide(i) * (1.0 / side) for i in inner]
-            near = self._trilinear(corners, fraction)
+            near = {name: trilinear(values, fraction) for name, values in cubes.items()}
             good = dr.full(backend.Bool, True, 1)
             for limit in self.limits:
                 mean, *rises = planes[limit.expr.text]
                 flat = mean + sum(r * (2.0 * f - 1.0) for r, f in zip(rises, fraction, strict=True))
-                value, trilinear = (self.context.evaluate(limit.expr, f) for f in (exact, near))
-                good &= limit.holds(value, [trilinear, flat], self.context)
+                value, inside = (self.context.evaluate(limit.expr, f) for f in (exact, near))
+                good &= limit.holds(value, [inside, flat], self.context)
             return number + 1, good
 
         lanes = dr.width(first[0])
@@ -212,15 +217,3 @@ class _Cubes:
             for axis in range(3)
         ]
         return [sum(values) * 0.125, *rises]
-
-    def _trilinear(
-        self, corners: list[dict[str, Float]], fraction: list[Float]
-    ) -> dict[str, Float]:
-        weights = []
-        for up in _UP:
-            parts = [f if b else 1.0 - f for f, b in zip(fraction, up, strict=True)]
-            weights.append(parts[0] * parts[1] * parts[2])
-        return {
-            name: sum(w * c[name] for w, c in zip(weights, corners, strict=True))
-            for name in self.data
-        }
