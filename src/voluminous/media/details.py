@@ -192,10 +192,6 @@ class Details(Value):
         """Return the unit of its emissivity; None where colours are plain numbers."""
         return None
 
-    def formulas(self) -> Medium | None:
-        """Return the medium with its Python function as expressions, if possible; else None."""
-        return None
-
 
 def intensity_unit(medium: Medium, volume: Evaluation) -> Unit:
     """Return the unit of emissivity times a volume's length; None where colours are plain."""

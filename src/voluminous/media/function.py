@@ -61,7 +61,11 @@ def with_formulas(medium: Medium) -> Medium:
 
     Functions are read for each picture, because variables in their closures may have changed.
     """
-    return with_each(medium, lambda part: part.formulas() or part)
+
+    def read_part(part: Medium) -> Medium:
+        return (part.formulas() if isinstance(part, Function) else None) or part
+
+    return with_each(medium, read_part)
 
 
 _MOST_CHANNELS = 4096
