@@ -10,7 +10,7 @@ import numpy as np
 from fake_server import float16, log_jpeg, pack
 
 import voluminous as vm
-from voluminous.rotation import angles_towards, image_axes
+from voluminous.geometry import angles_towards, image_axes
 
 OPTIONS = [
     {},
