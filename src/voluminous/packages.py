@@ -51,11 +51,3 @@ def install_line(extra: str) -> str:
 def is_installed(module: str) -> bool:
     """Return True if a module can be found; it is not imported."""
     return importlib.util.find_spec(module) is not None
-
-
-def room(name: str) -> Any:
-    """Return a module of voluminous by its name: for methods whose work is done in a room above.
-
-    So imports keep pointing down, and nothing is loaded before it is used.
-    """
-    return importlib.import_module(f"voluminous.{name}")
