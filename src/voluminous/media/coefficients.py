@@ -248,33 +248,33 @@ def _on_one_side(
     return (pieces, sides) if count <= _MOST_EDGES else (expressions, ())
 
 
-def _times(expression: Expression, factor: float, own: Unit, unit: Unit) -> Expression:
-    change = parse_unit((unit or 1) / (own or 1))
+def _times(expression: Expression, factor: float, given: Unit, unit: Unit) -> Expression:
+    change = parse_unit((unit or 1) / (given or 1))
     return expression if change is None else times(expression, factor, change)
 
 
-def _emission_in(expression: Expression, own: Unit, unit: Unit) -> Expression:
-    if own == unit or expression == Expression(0):
+def _emission_in(expression: Expression, given: Unit, unit: Unit) -> Expression:
+    if given == unit or expression == Expression(0):
         return expression
     from astropy import units as u
 
     plain = u.dimensionless_unscaled
     try:
-        return _times(expression, float((own or plain).to(unit or plain)), own, unit)
+        return _times(expression, float((given or plain).to(unit or plain)), given, unit)
     except (u.UnitsError, TypeError) as error:
         raise UnitsError(
-            f"emissivity {expression.text!r} is in {unit_name(own) or 'plain numbers'}, expected "
+            f"emissivity {expression.text!r} is in {unit_name(given) or 'plain numbers'}, expected "
             f"{unit_name(unit) or 'a plain number'}; emissivities of all channels need units of "
             "one kind"
         ) from error
 
 
-def _extinction_in(expression: Expression, own: Unit, length: Unit) -> Expression:
+def _extinction_in(expression: Expression, given: Unit, length: Unit) -> Expression:
     unit = None if length is None else parse_unit(length**-1)
-    if own is None or own == unit or expression == Expression(0):
+    if given is None or given == unit or expression == Expression(0):
         return expression
-    factor = per_length(own, length, f"extinction {expression.text!r}")
-    return _times(expression, factor, own, unit)
+    factor = per_length(given, length, f"extinction {expression.text!r}")
+    return _times(expression, factor, given, unit)
 
 
 def per_length(unit: Unit, length: Unit, subject: str) -> float:

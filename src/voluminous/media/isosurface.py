@@ -160,8 +160,8 @@ class Isosurface(Medium):
         others = map(Feature, self._directions)
         opacities = tuple(map(max, self.opacities))
         surfaces = Colors(self.levels, self.colors, 0.5 * self.width, opacities)
-        own = Feature(self.expr, self.width, scalar=True, colors=surfaces)
-        return (own, *others, *self.modulation.features())
+        scalar_feature = Feature(self.expr, self.width, scalar=True, colors=surfaces)
+        return (scalar_feature, *others, *self.modulation.features())
 
     def strongest(self) -> tuple[float, float]:
         low, high = self.emission_range()
@@ -289,8 +289,8 @@ class BoundSurfaces(BoundMedium):
             return [Jump(self.expr, level) for level in self.levels]
         half = 0.5 * self.width
         sides = [x for level in self.levels for x in (level - half, level + half)]
-        own = [Jump(self.expr, x) for x in sides] if self._varies else []
-        return [*own, *self.modulation.jumps()]
+        walls = [Jump(self.expr, x) for x in sides] if self._varies else []
+        return [*walls, *self.modulation.jumps()]
 
     def panel_bounds(self, panel: EnclosedPanel, context: EnclosureContext) -> list[PanelBounds]:
         number, plain = context.number, context.plain

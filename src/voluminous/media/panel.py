@@ -84,11 +84,11 @@ class Panel:
     def fields(self, s: Float) -> dict[str, Any]:
         """Return all fields at s, and the coordinates derived from x, y and z."""
         if isinstance(s, float) and s in self.where:
-            own = dict(self.places[self.where.index(s)])
+            fields = dict(self.places[self.where.index(s)])
         else:
             assert self.between is not None
-            own = self.between(s)
-        return completed(self.context.ops, own, self.context)
+            fields = self.between(s)
+        return completed(self.context.ops, fields, self.context)
 
     def scalar(self, expr: Expression, s: float) -> Float:
         """Return an expression at one of its places; computed once."""
@@ -142,10 +142,10 @@ class Panel:
         places, length = self.places[k : k + 3], 0.5 * self.length
         half = Panel(places, self.context, length, between=between, ahead=self.ahead)
         half.without_jumps = self.without_jumps
-        own = dict(zip(self.where[k : k + 3], NODES, strict=True))
+        nodes = dict(zip(self.where[k : k + 3], NODES, strict=True))
         for (text, s), value in self._scalars.items():
-            if s in own:
-                half._scalars[text, own[s]] = value
+            if s in nodes:
+                half._scalars[text, nodes[s]] = value
         return half
 
     def controls(self, expr: Expression) -> list[Float]:

@@ -139,13 +139,13 @@ class PiecewiseLinear:
         lower = dr.minimum(first.interval, last.interval)
         upper = dr.maximum(first.interval, last.interval)
         between = self.sums.between(lower, upper, ~together)
-        way = dr.abs(last.x - first.x)
-        per_way = 1.0 / dr.select(together, 1.0, way)
+        change = dr.abs(last.x - first.x)
+        per_change = 1.0 / dr.select(together, 1.0, change)
         found = []
         for c, inner in enumerate(between):
             ends = dr.select(turned, last.right[c] + first.left[c], first.right[c] + last.left[c])
             middle = 0.5 * (first.value[c] + last.value[c])
-            found.append(dr.select(together, middle, per_way * (inner + ends)))
+            found.append(dr.select(together, middle, per_change * (inner + ends)))
         return found
 
     def _near(self, x: Float) -> Mask:
@@ -318,22 +318,24 @@ class TableMiddles:
         upper = dr.select(turned, first.interval, last.interval)
         area, about_origin, square = self.sums.between(lower, upper, apart)
         start = dr.select(turned, last.x, first.x)
-        way = dr.abs(last.x - first.x)
+        change = dr.abs(last.x - first.x)
         lows, highs = (
-            [dr.select(turned, b, a) for a, b in zip(own, other, strict=True)]
-            for own, other in (
+            [dr.select(turned, b, a) for a, b in zip(one, other, strict=True)]
+            for one, other in (
                 (_to_node(first), _to_node(last)),
                 (_from_node(last), _from_node(first)),
             )
         )
         mass = lows[0] + area + highs[0]
-        moment = lows[1] + (about_origin - (start - self.origin) * area) + way * highs[0] - highs[1]
-        per_way = dr.select(apart, 1.0 / dr.select(apart, way, 1.0), 0.0)
-        mass, moment = mass * per_way, moment * per_way * per_way
+        moment = (
+            lows[1] + (about_origin - (start - self.origin) * area) + change * highs[0] - highs[1]
+        )
+        per_change = dr.select(apart, 1.0 / dr.select(apart, change, 1.0), 0.0)
+        mass, moment = mass * per_change, moment * per_change * per_change
         return (
             mass,
             dr.select(turned, mass - moment, moment),
-            (lows[2] + square + highs[2]) * per_way,
+            (lows[2] + square + highs[2]) * per_change,
         )
 
 
@@ -345,8 +347,8 @@ def _from_node(p: Place) -> list[Float]:
     return [p.left[-1], *_moments(p.x - p.low, p.value[-1], p.before[-1])]
 
 
-def _moments(way: Float, near: Float, far: Float) -> tuple[Float, Float]:
-    return way * way * (near + 2.0 * far) / 6.0, way * _square(near, far)
+def _moments(width: Float, near: Float, far: Float) -> tuple[Float, Float]:
+    return width * width * (near + 2.0 * far) / 6.0, width * _square(near, far)
 
 
 def _square(a: Float, b: Float) -> Float:

@@ -12,9 +12,9 @@ from .panel import extremes
 # 2^p - 1 (Richardson 1911), which is subtracted where the difference is below a part of the mean.
 _SUBTRACTED = {1: 0.0, 2: 1 / 3, 4: 1 / 15}
 _CLOSE = 0.05
-# What is told as the error, as a part of the difference: at first order (kinks and jumps), where
+# The error, as a part of the difference: at first order (kinks and jumps), where
 # structures are in one half only, and in steps of many cells, whose walls are kinks, the difference
-# may be small by accident. More is told the larger the difference is.
+# may be small by accident. It is larger the larger the difference is.
 _TOLD = {1: 3.0, 2: 1.0, 4: 0.45}
 _TOLD_IF_THIN, _TOLD_IF_MANY, _TOLD_IF_FAR = 2.0, 1.0, 2.0
 _MORE = 10.0
@@ -32,10 +32,10 @@ def doubled(
     uneven = dr.abs(first - last) / dr.select(size > 0.0, 2.0 * size, 1.0)
     thin = uneven * uneven
     thin = thin * thin
-    told = dr.select(many, _TOLD_IF_MANY, dr.fma(_TOLD_IF_THIN, thin, _TOLD[order]))
-    told = dr.fma(_MORE, off / dr.select(close, size, 1.0), told)
+    share = dr.select(many, _TOLD_IF_MANY, dr.fma(_TOLD_IF_THIN, thin, _TOLD[order]))
+    share = dr.fma(_MORE, off / dr.select(close, size, 1.0), share)
     first, last = dr.fma(part, first, first), dr.fma(part, last, last)
-    return first, last, off * dr.select(close, told, _TOLD_IF_FAR)
+    return first, last, off * dr.select(close, share, _TOLD_IF_FAR)
 
 
 def simpson(first: Float, middle: Float, last: Float) -> Float:
@@ -92,7 +92,7 @@ _TOLD_BY_CHANGE, _TOLD_BY_CURVE, _TOLD_BY_BEND = 0.4, 0.4, 0.4
 
 
 def inverse_slope(
-    nodes: list[Float], cubic: Float, quartic: Float, place: Float, way: Float
+    nodes: list[Float], cubic: Float, quartic: Float, place: Float, deviation: Float
 ) -> tuple[Float, Float, Mask]:
     """Return the mean inverse slope of a scalar over a shape, its error, and where it is usable.
 
@@ -105,7 +105,7 @@ def inverse_slope(
         The scalar at the ends and in the middle.
     cubic, quartic : arrays
         Its third difference, and the fourth.
-    place, way : arrays
+    place, deviation : arrays
         Centre of mass and standard deviation of the shape, as fractions of the change of x.
     """
     a, m, b = nodes
@@ -128,9 +128,9 @@ def inverse_slope(
     middle = newton(near, place)
     center = 1.0 / slope(middle)
     turn = 2.0 * dr.fma(c, 3.0 * middle - 1.5, bow) * center
-    change = way * center * turn
+    change = deviation * center * turn
     square = change * change
-    second = 1.5 * square - 3.0 * c * center * (way * center) * (way * center)
+    second = 1.5 * square - 3.0 * c * center * (deviation * center) * (deviation * center)
     mean = dr.fma(center, second, center)
     missed = turn * (middle - near)
     error = missed * missed + _TOLD_BY_CHANGE * square + _TOLD_BY_CURVE * dr.abs(second)

@@ -158,8 +158,8 @@ class Table(Medium):
         # Without structures there are only jumps: the width is 0.
         least = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
         width = least if self.unit is None else least * self.unit
-        own = Feature(self.expr, width, scalar=True, colors=self._scale())
-        return (own, *self.modulation.features())
+        scalar = Feature(self.expr, width, scalar=True, colors=self._scale())
+        return (scalar, *self.modulation.features())
 
     def _scale(self) -> Colors:
         values = self.values if self.unit is None else self.values * self.unit
