@@ -78,8 +78,8 @@ def test_what_is_given_stays_and_what_is_measured_has_the_unit_of_the_field():
 def test_a_picture_has_the_measured_range_and_measures_it_once(monkeypatch):
     from voluminous.calibration import open_numbers
 
-    counted, cells = [], open_numbers.cell_runs
-    monkeypatch.setattr(open_numbers, "cell_runs", lambda *a: counted.append(1) or cells(*a))
+    counted, runs = [], open_numbers.cell_runs
+    monkeypatch.setattr(open_numbers, "cell_runs", lambda *args: counted.append(1) or runs(*args))
     x, y = (cube(16).evaluate(name).astype("f4") for name in "xy")
     grid = vm.CartesianGrid.uniform(16, (-1, 1))
     volume = vm.Volume(grid, f=x, t=y)

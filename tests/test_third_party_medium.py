@@ -8,8 +8,8 @@ import pytest
 
 import voluminous as vm
 from voluminous.expressions import Expression
-from voluminous.media.color_by import Colors
 from voluminous.media.context import Feature, MediumSample
+from voluminous.media.details import Colors
 from voluminous.movies import fade
 
 mpl.use("Agg")

@@ -13,8 +13,8 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..media import Medium
 from ..media.bound import Binding
-from ..media.color_by import Colors
 from ..media.context import Feature
+from ..media.details import Colors
 from ..media.ranges import RangeContext
 from ..media.sum import with_each
 from ..units import Unit, unit_name

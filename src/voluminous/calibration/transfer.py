@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
 from ..media import ColorBy, Medium
-from ..media.color_by import Colors
+from ..media.details import Colors
 from ..media.modulation import Modulation
 from ..media.sum import with_each
 from ..notebook import png

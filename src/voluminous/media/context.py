@@ -16,7 +16,7 @@ from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.drjit_ops import interpolate
 
 if TYPE_CHECKING:
-    from .color_by import Colors
+    from .details import Colors
 
 T = TypeVar("T")
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -10,7 +11,8 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..units import Unit
+from ..units import Unit, plain
+from ..units import described as plain_values
 from ..units import unit_of as unit_of_value
 from ..value import Value
 from .arguments import with_plain_expressions
@@ -21,6 +23,52 @@ if TYPE_CHECKING:
     from .contract import Medium
     from .modulation import Modulation
     from .shading import Shade
+
+
+@dataclass(eq=False)
+class Colors:
+    """The colours of a medium at values of an expression, for plots and colour bars.
+
+    Attributes
+    ----------
+    values : array_like or Quantity, shape (n,)
+        Values of the expression.
+    rows : array_like, shape (n, channel), or None
+        Emission there; None where another expression has the colours.
+    half_width : float or Quantity, optional
+        Half the width of a shell around each value. None: the colours in between are interpolated.
+    opacities : sequence of float, optional
+        What a crossing of each value takes away, of a surface; None for other media.
+    is_open : bool
+        The ends ``vmin`` and ``vmax`` of the range are measured in a volume.
+    positive : bool
+        Only positive values have colours.
+    """
+
+    values: Any
+    rows: Any
+    half_width: Any = None
+    opacities: Sequence[float] | None = None
+    is_open: bool = False
+    positive: bool = False
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of the values, if they have one."""
+        return unit_of_value(self.values)
+
+    def values_in(self, unit: Unit) -> np.ndarray:
+        """Return the values as numbers in a unit."""
+        return np.asarray(plain(self.values, unit, "values"))
+
+    def closed(self, low: float, high: float, unit: Unit) -> dict[str, Any]:
+        """Return arguments for the open ends of the range: numbers in a unit."""
+        return {"vmin": low * (unit or 1), "vmax": high * (unit or 1)}
+
+    def describe(self) -> dict[str, Any]:
+        """Return what a colour bar shows, as plain values."""
+        shown = {"values": self.values, "colors": self.rows, "half_width": self.half_width}
+        return {name: plain_values(value) for name, value in shown.items() if value is not None}
 
 
 class Details(Value):

@@ -36,9 +36,9 @@ from .arguments import (
     scalar,
 )
 from .bound import Binding, BoundMedium
-from .color_by import Colors
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .details import Colors
 from .jumps import SENSITIVITY, Jump, on_chord, passes, slope_at
 from .modulation import Factors, Modulation, modulated_colors
 from .panel import Panel, extremes, kept, noise_of

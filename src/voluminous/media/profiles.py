@@ -32,9 +32,9 @@ from .arguments import (
     scalar,
 )
 from .bound import Binding, BoundMedium
-from .color_by import Colors
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .details import Colors
 from .jumps import Jump
 from .modulation import Modulation, modulated
 from .panel import Middle, Panel, extremes, kept, middle_of, third_differences

@@ -26,9 +26,10 @@ from .arguments import (
     named,
 )
 from .bound import Binding, BoundMedium
-from .color_by import ColorBy, Colors
+from .color_by import ColorBy
 from .context import Context, Feature, Halves, MediumSample
 from .contract import Medium
+from .details import Colors
 from .jumps import NOISE, Jump, passes
 from .modulation import Modulation
 from .panel import PLACES, Panel, extremes, kept, noise_of
