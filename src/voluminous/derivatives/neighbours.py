@@ -77,7 +77,7 @@ class NeighbourDifferences:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return what lies beyond the faces of cells: below and above, for each axis in turn.
 
-        Numbers (6, n), -1 where nothing is; ways from centre to centre (6, 3, n), differences of
+        Numbers (6, n), -1 where nothing is; vectors from centre to centre (6, 3, n), differences of
         the values (6, n), and inverse cubes of the distances (6, n), 0 where nothing is.
         """
         grid, own = self.grid, np.arange(first, last)
@@ -91,10 +91,10 @@ class NeighbourDifferences:
             number[face] = grid.locate(np.ascontiguousarray(points))
         number[number == own] = -1  # one cell goes all around
         there = number >= 0
-        way = np.moveaxis(self.centers[:, number] - self.centers[:, None, own], 0, 1)
-        distance = np.sqrt(np.sum(way * way, axis=1))
+        vector = np.moveaxis(self.centers[:, number] - self.centers[:, None, own], 0, 1)
+        distance = np.sqrt(np.sum(vector * vector, axis=1))
         weight = np.where(there, 1.0 / np.where(there, distance, 1.0) ** 3, 0.0)
-        return number, way, self.values[number] - self.values[own], weight
+        return number, vector, self.values[number] - self.values[own], weight
 
 
 def evaluated(size: int, evaluate: Callable[[int, int], np.ndarray]) -> np.ndarray:
@@ -127,10 +127,10 @@ def filled_up(
     return bends
 
 
-def _gradient(way: np.ndarray, rise: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _gradient(vector: np.ndarray, rise: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the gradients (3, n) that fit the differences best; zero where nothing tells."""
-    matrix = np.einsum("fn,fan,fbn->nab", weight, way, way)
-    right = np.einsum("fn,fan->na", np.where(weight > 0.0, weight * rise, 0.0), way)
+    matrix = np.einsum("fn,fan,fbn->nab", weight, vector, vector)
+    right = np.einsum("fn,fan->na", np.where(weight > 0.0, weight * rise, 0.0), vector)
     regular = np.linalg.det(matrix) > _LEAST * np.trace(matrix, axis1=1, axis2=2) ** 3
     out = np.zeros_like(right)
     out[regular] = np.linalg.solve(matrix[regular], right[regular, :, None])[..., 0]
@@ -140,16 +140,20 @@ def _gradient(way: np.ndarray, rise: np.ndarray, weight: np.ndarray) -> np.ndarr
 
 
 def _second(
-    along: np.ndarray, gradient: np.ndarray, way: np.ndarray, rise: np.ndarray, weight: np.ndarray
+    along: np.ndarray,
+    gradient: np.ndarray,
+    vector: np.ndarray,
+    rise: np.ndarray,
+    weight: np.ndarray,
 ) -> np.ndarray:
     """Return the second derivatives along directions (3, 3, n); NaN where a neighbour is missing.
 
     The part of a rise that is aside of a direction follows from the gradient.
     """
     along = np.repeat(along, 2, axis=0)
-    distance = np.sum(way * along, axis=1)
+    distance = np.sum(vector * along, axis=1)
     slope = np.sum(along * gradient, axis=1)
-    rise = rise - (np.sum(way * gradient, axis=1) - distance * slope)
+    rise = rise - (np.sum(vector * gradient, axis=1) - distance * slope)
     there = weight > 0.0
     both = there[::2] & there[1::2] & (distance[::2] < 0) & (distance[1::2] > 0)
     before, behind = np.where(both, distance[::2], -1.0), np.where(both, distance[1::2], 1.0)

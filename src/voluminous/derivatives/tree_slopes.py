@@ -82,12 +82,12 @@ class TreeCellsPart:
 class Neighbour:
     """One neighbour of each cell of a part.
 
-    `way`, `shift`: vector between the centres, along the axes, in lengths and in finest units;
+    `vector`, `shift`: vector between the centres, along the axes, in lengths and in finest units;
     `rises`: difference of the values of each field; `there`: whether the neighbour exists;
     `number`: flat number of the neighbour.
     """
 
-    way: list[Float]
+    vector: list[Float]
     shift: list[Float]
     rises: list[Float]
     there: Mask
@@ -254,9 +254,9 @@ class CellSlopes:
         for found in self._beyond(face, part):
             # Subtract the rise along the face, given by the gradient.
             aside = sum(
-                (1.0 - a) * w * g for a, w, g in zip(across, found.way, gradient, strict=True)
+                (1.0 - a) * w * g for a, w, g in zip(across, found.vector, gradient, strict=True)
             )
-            distance += sum(a * w for a, w in zip(across, found.way, strict=True))
+            distance += sum(a * w for a, w in zip(across, found.vector, strict=True))
             total += dr.select(found.there, found.rises[0] - aside, 0.0)
             count += dr.select(found.there, 1.0, 0.0)
             beside = dr.select(found.there, found.number, beside)
@@ -276,24 +276,26 @@ class CellSlopes:
         right = [[real(0)] * 3 for _ in self.fields]
         alike, across, slanted = dr.gather(Bool, self.alike, face), self._across(face), Bool(False)
         for found in self._beyond(face, part):
-            way, there = self._sloping(found.way), found.there & ~alike
-            square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+            vector, there = self._sloping(found.vector), found.there & ~alike
+            square = vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]
             weight = dr.select(there, 1.0 / (square * dr.sqrt(square)), 0.0)
-            pull = [weight * w for w in way]
+            pull = [weight * w for w in vector]
             right = [
                 [dr.fma(p, rise, r) for p, r in zip(pull, own, strict=True)]
                 for rise, own in zip(found.rises, right, strict=True)
             ]
-            matrix = [dr.fma(pull[a], way[b], m) for (a, b), m in zip(_PAIRS, matrix, strict=True)]
+            matrix = [
+                dr.fma(pull[a], vector[b], m) for (a, b), m in zip(_PAIRS, matrix, strict=True)
+            ]
             count += dr.select(there, 1.0, 0.0)
             slanted |= found.aside(across)
         share = dr.select(count > 0.0, 1.0 / count, 0.0)
         sums = [share * m for m in matrix], [[share * r for r in own] for own in right]
         return *sums, (count > 0.0) | alike, slanted
 
-    def _sloping(self, way: list[Float]) -> list[Float]:
+    def _sloping(self, vector: list[Float]) -> list[Float]:
         zero = self.backend.Float(0)
-        return [zero if alike else w for w, alike in zip(way, self.around.alike, strict=True)]
+        return [zero if alike else w for w, alike in zip(vector, self.around.alike, strict=True)]
 
     def _across(self, face: Int) -> list[Float]:
         return [dr.abs(dr.gather(self.backend.Float, column, face)) for column in self.tables[0]]
@@ -316,11 +318,11 @@ class CellSlopes:
         cell, there = self.around.cell_at(place, active)
         corner, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]
-        way = [dr.select(there, w, 0.0) for w in self.spacing.ways(part.middle, middle)]
+        vector = [dr.select(there, w, 0.0) for w in self.spacing.vectors(part.middle, middle)]
         shift = [m - own for m, own in zip(middle, part.middle, strict=True)]
         values = self._of(cell.number, there)
         rises = [value - own for value, own in zip(values, part.values, strict=True)]
-        return Neighbour(way, shift, rises, there, cell.number)
+        return Neighbour(vector, shift, rises, there, cell.number)
 
 
 def _sums(one: list[Float], other: list[Float]) -> list[Float]:
@@ -391,9 +393,9 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
             size = [dr.select(far, r, s) for r, s in zip(reach, size, strict=True)]
         place = [dr.fma(s, o, m) for m, s, o in zip(part.middle, size, offset, strict=True)]
         found = slopes.towards(part, place, active)
-        terms = _terms([w / own for w, own in zip(found.way, width, strict=True)])
+        terms = _terms([w / own for w, own in zip(found.vector, width, strict=True)])
         square = terms[0] * terms[0] + terms[1] * terms[1] + terms[2] * terms[2]
-        weight = dr.select(found.there, 1.0 / (square * square), 0.0)  # nowhere the way is zero
+        weight = dr.select(found.there, 1.0 / (square * square), 0.0)  # no vector is zero
         pull = [weight * term for term in terms]
         matrix = [
             dr.fma(pull[row], terms[column], total)
@@ -416,9 +418,9 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
     return first, [h / (w * w) for h, w in zip(found[3:6], width, strict=True)]
 
 
-def _terms(way: list[Float]) -> list[Float]:
-    bends = [(0.5 if a == b else 1.0) * way[a] * way[b] for a, b in _QUADRATIC_FIT_PAIRS]
-    return [*way, *bends]
+def _terms(vector: list[Float]) -> list[Float]:
+    bends = [(0.5 if a == b else 1.0) * vector[a] * vector[b] for a, b in _QUADRATIC_FIT_PAIRS]
+    return [*vector, *bends]
 
 
 def _solved(matrix: dict[tuple[int, int], Any], right: list[Float]) -> list[Float]:
@@ -478,7 +480,6 @@ class BoxesOfTree:
         return found, np.array(alone)
 
     def derivative(self, operation: str) -> np.ndarray:
-        """Return a derivative in all cells; see `NeighbourDifferences.derivative`."""
         if operation == "laplacian":
             return self._laplacian()
         out = np.empty(self.grid.size)

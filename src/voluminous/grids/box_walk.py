@@ -163,18 +163,15 @@ class RectilinearAxis(Axis):
         return dr.maximum(self.backend.Int(above) - 1, 0)
 
     def track(self, side: Side, position: Float) -> AxisTrack:
-        """Return the track of rays that are at mirrored `position` where distances start."""
         lead = dr.select(side.parallel, NEVER, -position * side.pace)
         table = dr.select(side.down, self.down_table, 0)
         return self._narrowed(position, side.speed, side.pace, lead, table)
 
     def crossing(self, track: AxisTrack, index: Int) -> Float:
-        """Return the distance at which the ray leaves mirrored cell `index`."""
         slot = track.table + self.backend.UInt(index) + 1
         return dr.fma(dr.gather(self.backend.Float, self.mirrored, slot), track.pace, track.lead)
 
     def cell_at(self, track: AxisTrack, t: Float) -> Float:
-        """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
         Float, place = self.backend.Float, dr.fma(t, track.speed, track.position)
         above = first_true(
             self.count,
@@ -184,7 +181,6 @@ class RectilinearAxis(Axis):
         return Float(self.backend.Int(above) - 1)
 
     def fraction(self, track: AxisTrack, index: Int, t: Float) -> Float:
-        """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         slot = track.table + self.backend.UInt(index)
         lower = dr.gather(self.backend.Float, self.mirrored, slot)
         inverse = dr.gather(self.backend.Float, self.inverse_width, slot)

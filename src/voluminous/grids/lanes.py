@@ -25,15 +25,15 @@ def least(values: list[Float]) -> Float:
     return functools.reduce(lesser, values)
 
 
-def nearest(ways: list[Float]) -> list[Mask]:
+def nearest(distances: list[Float]) -> list[Mask]:
     """Return for each axis whether its wall is the nearest; the first one where several are."""
     through, taken = [], None
-    for k, way in enumerate(ways[:-1]):
-        first = functools.reduce(operator.and_, [way <= other for other in ways[k + 1 :]])
+    for k, distance in enumerate(distances[:-1]):
+        first = functools.reduce(operator.and_, [distance <= other for other in distances[k + 1 :]])
         first = first if taken is None else first & ~taken
         taken = first if taken is None else taken | first
         through.append(first)
-    return [*through, ways[0] == ways[0] if taken is None else ~taken]
+    return [*through, distances[0] == distances[0] if taken is None else ~taken]
 
 
 def pick(through: list[Mask], values: list[Float]) -> Float:

@@ -23,24 +23,24 @@ def trilinear(values: Values, place: list[Float]) -> Float:
     return horner(place[2], [faces[0], faces[1] - faces[0]])
 
 
-def trilinear_cubic(values: Values, start: list[Float], way: list[Float]) -> list[Float]:
+def trilinear_cubic(values: Values, start: list[Float], run: list[Float]) -> list[Float]:
     """Return a trilinear function along a straight line, as a cubic (power basis)."""
     edges = [
-        [_line(values[0][b][c], values[1][b][c], start[0], way[0]) for c in (0, 1)] for b in (0, 1)
+        [_line(values[0][b][c], values[1][b][c], start[0], run[0]) for c in (0, 1)] for b in (0, 1)
     ]
-    faces = [_blend(edges[0][c], edges[1][c], start[1], way[1]) for c in (0, 1)]
-    return _blend(faces[0], faces[1], start[2], way[2])
+    faces = [_blend(edges[0][c], edges[1][c], start[1], run[1]) for c in (0, 1)]
+    return _blend(faces[0], faces[1], start[2], run[2])
 
 
-def _line(low: Float, high: Float, start: Float, way: Float) -> list[Float]:
+def _line(low: Float, high: Float, start: Float, run: Float) -> list[Float]:
     rise = high - low
-    return [horner(start, [low, rise]), rise * way]
+    return [horner(start, [low, rise]), rise * run]
 
 
-def _blend(low: list[Float], high: list[Float], start: Float, way: Float) -> list[Float]:
+def _blend(low: list[Float], high: list[Float], start: Float, run: Float) -> list[Float]:
     rise = [b - a for a, b in zip(low, high, strict=True)]
     here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
-    onward = [r * way for r in rise]
+    onward = [r * run for r in rise]
     inner = [a + b for a, b in zip(here[1:], onward[:-1], strict=True)]
     return [here[0], *inner, onward[-1]]
 
@@ -73,7 +73,7 @@ class StraightChord:
         return self._fractions(self.segment.end)
 
     @property
-    def way(self) -> list[Float]:
+    def run(self) -> list[Float]:
         """How far it goes, as fractions of the cell along each axis."""
         return [b - a for a, b in zip(self.start, self.end, strict=True)]
 
@@ -92,10 +92,9 @@ class StraightChord:
 
     def cubic(self, values: Values) -> list[Any]:
         """Return a field along the segment, from its values at the corners of the cell."""
-        return trilinear_cubic(values, self.start, self.way)
+        return trilinear_cubic(values, self.start, self.run)
 
     def at(self, s: Float) -> tuple[Any, list[Float]]:
-        """Return the chord of the cell around a place of the segment, and the place in it."""
         return self, [dr.fma(s, b - a, a) for a, b in zip(self.start, self.end, strict=True)]
 
     def _fractions(self, t: Float) -> list[Float]:

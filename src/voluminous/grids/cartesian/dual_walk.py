@@ -42,8 +42,7 @@ class DualTrack(CartesianTrack):
 
     `sign`, `offset`: the fraction along an axis is ``offset + sign · mirrored fraction``;
     `first_corner`: what to add to the mirrored lower vertex to get the lower vertex; `origin`,
-    `direction`: the point where distances start, and the way per unit of distance, in the volume's
-    unit.
+    `direction`: the point where distances start, and the vector per distance, in the volume's unit.
     """
 
     sign: list[Float]
@@ -118,7 +117,7 @@ class DualWalk(CartesianWalk):
         return super().enter(replace(ray, first=first, last=last))
 
     def _between_faces(self, ray: Ray) -> tuple[Float, Float]:
-        """Return the distances at which rays enter and leave the domain; the wrong way if never."""
+        """Return where rays enter and leave the domain; in the wrong order if they never do."""
         Wide = self.backend.Wide
         # These are in the volume's unit, where any number may be a length.
         first, last = Wide(-dr.inf), Wide(dr.inf)
@@ -209,7 +208,6 @@ class CoarseChord(Chord):
         return self.segment.exit.width
 
     def at(self, s: Float) -> tuple[FineCell, list[Float]]:
-        """Return the cell around a place of the segment, and the place in it."""
         Int, width = self.walk.backend.Int, self.width
         last = Int(width) - 1
         index, inside = [], []

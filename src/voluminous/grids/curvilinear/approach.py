@@ -28,14 +28,14 @@ ROUNDING = 32.0
 class Approach:
     """Rays in `Wide`, in units of the grid's scale, as ``point + t direction``.
 
-    `point`, `direction`: where the distance t is zero, and the unit direction; `way`: distance of
-    that point from the ray's origin; `arrive`, `leave`: the t at which rays enter and leave the
+    `point`, `direction`: where the distance t is zero, and the unit direction; `offset`: how far
+    that point is from the ray's origin; `arrive`, `leave`: the t at which rays enter and leave the
     surface around everything; `hits`: lanes that do; `passage`: where they pass the axis.
     """
 
     point: list[Float]
     direction: list[Any]
-    way: Float
+    offset: Float
     arrive: Float
     leave: Float
     hits: Mask
@@ -62,8 +62,8 @@ class AxisApproach(Approach):
 
 def approach_centre(origin: list[Float], direction: list[Float], outer: Float) -> CentreApproach:
     """Return rays counted from where they come nearest to the origin; all lengths scaled."""
-    first_way = -dot(origin, direction)
-    near = along(origin, direction, first_way)
+    first = -dot(origin, direction)
+    near = along(origin, direction, first)
     # The first point is off along the ray by the rounding of a far origin: once more.
     more = -dot(near, direction)
     point = along(near, direction, more)
@@ -78,7 +78,7 @@ def approach_centre(origin: list[Float], direction: list[Float], outer: Float) -
     normal = [dr.select(central, a, p * inverse) for a, p in zip(across, point, strict=True)]
     point = [dr.select(central, 0.0, p) for p in point]
     half = dr.sqrt(dr.maximum((outer - radius) * (outer + radius), 0.0))
-    return CentreApproach(point, direction, first_way + more, -half, half, half > 0, radius, normal)
+    return CentreApproach(point, direction, first + more, -half, half, half > 0, radius, normal)
 
 
 def _horizontal_normal(direction: list[Float]) -> list[Float]:
@@ -111,18 +111,16 @@ def approach_axis(
     arrive, leave = _between(z, dz, low, high)
     arrive, leave = dr.maximum(arrive, nearest - half), dr.minimum(leave, nearest + half)
     hits = arrive < leave
-    way = dr.select(hits, dr.clip(nearest, arrive, leave), 0.0)
-    way = dr.select(parallel & hits, 0.5 * (arrive + leave), way)
+    t = dr.select(hits, dr.clip(nearest, arrive, leave), 0.0)
+    t = dr.select(parallel & hits, 0.5 * (arrive + leave), t)
     still = [dr.select(parallel, 0.0, dx), dr.select(parallel, 0.0, dy), dz]
-    side = dr.select(way == nearest, 0.0, dr.select(way > nearest, Wide(1), -1))
+    side = dr.select(t == nearest, 0.0, dr.select(t > nearest, Wide(1), -1))
     side = dr.select(parallel, 0.0, side)
-    return AxisApproach(
-        along(origin, still, way), still, way, arrive - way, leave - way, hits, side
-    )
+    return AxisApproach(along(origin, still, t), still, t, arrive - t, leave - t, hits, side)
 
 
 def _between(z: Float, dz: Any, low: Float, high: Float) -> tuple[Float, Float]:
-    """Return the distances at which rays are between two planes; the wrong way if never."""
+    """Return the distances at which rays are between two planes; in the wrong order if never."""
     Wide = type(z)
     parallel = dr.abs(dz) < PARALLEL
     pace = 1.0 / dr.select(parallel, 1.0, dz)
@@ -137,9 +135,9 @@ def dot(a: list[Float], b: list[Float]) -> Float:
     return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
 
 
-def along(origin: list[Float], direction: list[Float], way: Float) -> list[Float]:
+def along(origin: list[Float], direction: list[Float], t: Float) -> list[Float]:
     """Return the point at a distance."""
-    return [dr.fma(way, d, o) for o, d in zip(origin, direction, strict=True)]
+    return [dr.fma(t, d, o) for o, d in zip(origin, direction, strict=True)]
 
 
 # How far from the axis limits at the axis itself are taken, in ε of the unit of length.

@@ -503,8 +503,8 @@ class Planes(Running):
         return RunningTrack(surface, self.lines(surface), start, start, down)
 
     def place(self, surface: PlaneTrack, t: Float) -> Float:
-        way = dr.select(surface.parallel, 0.0, t / surface.pace)
-        return surface.height + way
+        rise = dr.select(surface.parallel, 0.0, t / surface.pace)
+        return surface.height + rise
 
     def is_ahead(self, surface: PlaneTrack, wall: list[Float], here: Float) -> Mask:
         return wall[0] > here

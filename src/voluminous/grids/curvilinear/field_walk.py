@@ -19,6 +19,7 @@ from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..contract import Segment
 from ..lanes import lesser
+from ..straight_chord import StraightChord
 from .surfaces import NUMBERS, Arithmetic, SurfaceGrid
 from .walk import CurvilinearWalk, SurfaceExit, SurfaceTrack, flat, norm
 
@@ -34,19 +35,10 @@ _NEAREST = 64.0
 _PARALLEL = 1e-12
 
 
-class CurvilinearChord:
+class CurvilinearChord(StraightChord):
     """A segment through a dual cell or a leaf, a curve in its coordinates."""
 
     walk: SmoothWalk
-    width = None
-
-    def __init__(self, walk: SmoothWalk, track: SurfaceTrack, segment: Segment) -> None:
-        self.walk, self.track, self.segment = walk, track, segment
-
-    @property
-    def cell(self) -> Int:
-        """Flat number of the leaf."""
-        return self.segment.cell
 
     @property
     def corner(self) -> Int:
@@ -54,28 +46,15 @@ class CurvilinearChord:
         return self.walk.corner(self.track, self.segment.exit)
 
     @property
-    def start(self) -> list[Float]:
-        """Where it enters, as fractions of the cell along each axis."""
-        return self._place(0.0)
-
-    @property
-    def end(self) -> list[Float]:
-        """Where it leaves, as fractions of the cell along each axis."""
-        return self._place(1.0)
-
-    @property
     def position(self) -> list[Float]:
-        """Where it enters, in the volume's coordinates."""
         return [p * self.walk.length for p in self.point(0.0)]
 
     @property
     def step(self) -> list[Float]:
-        """How far it goes, in the volume's coordinates."""
         return [self.segment.length * self.walk.length * d for d in self.track.direction]
 
     def at(self, s: Float) -> tuple[Any, list[Float]]:
-        """Return the chord of the cell around a place of the segment, and the place in it."""
-        return self, self._place(s)
+        return self, self.place(self.point(s))
 
     def distance(self, s: Float) -> Float:
         """Return how far along the ray a place of the segment is, s from 0 to 1."""
@@ -95,9 +74,6 @@ class CurvilinearChord:
         """
         passage, end = self.track.passage, self.segment.exit.t
         return self.walk.point(self.track, *passage.beside(self.distance(s), end))
-
-    def _place(self, s: float) -> list[Float]:
-        return self.place(self.point(s))
 
 
 class SmoothWalk(CurvilinearWalk):

@@ -83,11 +83,9 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
 
     @functools.cached_property
     def tree(self) -> Tree:
-        """From whole numbers of finest units to leaves."""
         return octree_tree(self.base_shape, self.places)
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
         return self.places.boxes(self.base_shape, first, last)
 
     def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -113,11 +111,9 @@ class RefinedCells(LeafGrid, CurvilinearGrid):
 
     @functools.cached_property
     def vertex_numbers(self) -> VertexNumbers:
-        """Numbers of the vertices of all leaves."""
         return octree_vertices(self)
 
     def surroundings(self, backend: Backend) -> RefinedSurroundings:
-        """Return what finds the leaves around vertices in kernels, in double precision."""
         return RefinedSurroundings(self, backend.with_precision("double"))
 
     def neighbourhood(self, backend: Backend) -> StraightSurroundings:

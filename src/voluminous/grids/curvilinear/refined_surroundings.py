@@ -1,12 +1,12 @@
 """Neighbours of leaves of a refined curvilinear grid in straight space: which, and how far.
 
-Ways are along the directions of r, θ and φ (R, φ and z) at the leaf they start from, which are the
-same all the way. So functions of x, y and z are fitted, which are smooth on the axis and in the
-centre, where functions of r, θ and φ need not be. Beyond the axis and the centre are the leaves
-opposite.
+Vectors are along the directions of r, θ and φ (R, φ and z) at the leaf they start from, which are
+the same everywhere on them. So functions of x, y and z are fitted, which are smooth on the axis and
+in the centre, where functions of r, θ and φ need not be. Beyond the axis and the centre are the
+leaves opposite.
 
 Along an angle with one cell all is symmetric: the same leaf is found wherever that angle is turned
-to. Turned by a little it tells that nothing changes on the way round.
+to. Turned by a little it tells that nothing changes on going round.
 """
 
 from __future__ import annotations
@@ -96,8 +96,8 @@ class ContinuedSpacing(Spacing):
     def widths(self, middle: list[Float], size: list[Float]) -> list[Float]:
         return super().widths(self._moved(middle), size)
 
-    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
-        return super().ways(self._moved(start), self._moved(end))
+    def vectors(self, start: list[Float], end: list[Float]) -> list[Float]:
+        return super().vectors(self._moved(start), self._moved(end))
 
     def _moved(self, place: list[Float]) -> list[Float]:
         return [p + n for p, n in zip(place, self.before, strict=True)]
@@ -114,9 +114,9 @@ class OwnSpacing(ContinuedSpacing):
         super().__init__(grid, grid.edges, backend)
         self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
 
-    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
-        ways, bases = super().ways(start, end), self.widths(start, self.parts)
-        return [w / base for w, base in zip(ways, bases, strict=True)]
+    def vectors(self, start: list[Float], end: list[Float]) -> list[Float]:
+        moves, bases = super().vectors(start, end), self.widths(start, self.parts)
+        return [w / base for w, base in zip(moves, bases, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class StraightSurroundings(RefinedSurroundings):
 
 
 class StraightSpacing(ContinuedSpacing):
-    """Ways along the directions of the coordinates at their start, in units of the grid's scale."""
+    """Vectors along the directions of the coordinates at their start, in units of the scale."""
 
     def __init__(self, grid: Any, backend: Backend) -> None:
         angles = [name in ("theta", "phi") for name in grid.coordinates]
@@ -236,13 +236,13 @@ class StraightSpacing(ContinuedSpacing):
         around = dr.fma(gradient[1], dr.cos(theta) / (r * dr.sin(theta)), away)
         return dr.select(axis == 0, 0.0, dr.select(axis == 1, away, around))
 
-    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
-        own, differences = self._own(start), super().ways(start, end)
+    def vectors(self, start: list[Float], end: list[Float]) -> list[Float]:
+        own, differences = self._own(start), super().vectors(start, end)
         return (_spherical if self.spherical else _cylindrical)(own, differences)
 
     def _own(self, place: list[Float]) -> list[Float]:
         axes = zip(self.axes, self.before, place, self.starts, strict=True)
-        return [axis.way(before, before + p) + start for axis, before, p, start in axes]
+        return [axis.distance(before, before + p) + start for axis, before, p, start in axes]
 
 
 def _alike(grid: Any) -> list[bool]:
@@ -263,7 +263,7 @@ def _open(grid: Any, alike: list[bool]) -> list[tuple[bool, bool]]:
 
 
 def _spherical(own: list[Float], differences: list[Float]) -> list[Float]:
-    """Return a way along r, θ and φ, from where it starts and the differences of these.
+    """Return a vector along r, θ and φ, from where it starts and the differences of these.
 
     Of differences of cosines no digit is lost.
     """

@@ -369,7 +369,6 @@ class Running(Surfaces):
     """Surfaces that are met one after the other; ``count`` is how many have been."""
 
     def enter(self, track: RunningTrack, t: Float) -> Int:
-        """Return the count at a distance: how many of the walls ahead have been met there."""
         here = self.place(track.surface, t)
         met = first_true(
             self.walls,

@@ -120,15 +120,14 @@ class CurvilinearWalk(Walk):
         return [dr.opaque(self.backend.Int, strides[a]) for a in self.axes]
 
     def enter(self, ray: Ray) -> tuple[SurfaceTrack, SurfaceCursor]:
-        """Return the track and the cursor at the point where each ray enters the first cell."""
         Float = self.backend.Float
         origin = [o * self.to_scale for o in ray.origin]
         approach = self.approach(origin, list(ray.direction))
         begin, end = approach.arrive, approach.leave
         if ray.first is not None:
-            begin = dr.maximum(begin, dr.fma(ray.first, self.to_scale, -approach.way))
+            begin = dr.maximum(begin, dr.fma(ray.first, self.to_scale, -approach.offset))
         if ray.last is not None:
-            end = dr.minimum(end, dr.fma(ray.last, self.to_scale, -approach.way))
+            end = dr.minimum(end, dr.fma(ray.last, self.to_scale, -approach.offset))
         inside = approach.hits & (begin < end)
         if ray.active is not None:
             inside &= ray.active
@@ -141,7 +140,7 @@ class CurvilinearWalk(Walk):
         )
         bounded = ray.last is not None
         leave = lesser(leave, Float(end)) if bounded else leave
-        entry = approach.way + approach.arrive
+        entry = approach.offset + approach.arrive
         arrive, passage = Float(approach.arrive), approach.passage.narrow(Float)
         track = SurfaceTrack(tracks, point, direction, arrive, leave, bounded, entry, passage)
         t = Float(dr.select(inside, begin, 0.0))
@@ -154,7 +153,6 @@ class CurvilinearWalk(Walk):
         return SurfaceCursor(count, self._times(track, count), t, inside)
 
     def next(self, track: SurfaceTrack, cursor: SurfaceCursor) -> tuple[Segment, SurfaceCursor]:
-        """Return the segment through the present cell, and the cursor in the next one."""
         count, ahead, t, family = self._step(track, cursor)
         active = self._in_cell(track, cursor)
         cell = self.backend.UInt(flat(self._cells(track, cursor.count), self.strides))
@@ -175,7 +173,8 @@ class CurvilinearWalk(Walk):
         number = pick_any(through, count, self.backend.Int(0))
         following = meet(lines, self.families[0].wall_at(ahead(slot, number)), number < 0)
         times = [
-            dr.select(own, following, way) for own, way in zip(through, cursor.ahead, strict=True)
+            dr.select(own, following, distance)
+            for own, distance in zip(through, cursor.ahead, strict=True)
         ]
         family = self._number(through)
         if not self.stepped:
@@ -271,12 +270,12 @@ class CurvilinearWalk(Walk):
 
     def _jump(self, track: SurfaceTrack, count: list[Int], t: Float) -> tuple[list[Int], Float]:
         gaps, ahead = self._gaps(track, count), self._times(track, count)
-        ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
+        ends = [dr.select(g, -wall, NEVER) for g, wall in zip(gaps, ahead, strict=True)]
         through = nearest(ends)
         end = lesser(greater(-least(ends), t), track.leave)
 
         def passed(count: list[Int], through: list[Mask], end: Float) -> list[Int]:
-            # All walls of the other families on the way have been crossed.
+            # All walls of the other families before it have been crossed.
             return [
                 dr.select(own, k, dr.maximum(k, family.enter(a, end)))
                 for own, k, family, a in zip(through, count, self.families, track.axes, strict=True)
@@ -289,7 +288,6 @@ class CurvilinearWalk(Walk):
         return _beyond(count, through), end
 
     def entry_corners(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Corners:
-        """Return the vertices of the cell and multilinear weights at the cursor."""
         standing = SurfaceExit(self.backend.Int(-1), cursor.count, cursor.t)
         return self._cell_corners(track, standing)
 

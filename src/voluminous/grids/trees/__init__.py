@@ -1,1 +1,1 @@
-"""Cells of different sizes in a tree of blocks: octrees and nested patches."""
+"""Cells of different sizes in a tree of nodes: octrees and nested patches."""

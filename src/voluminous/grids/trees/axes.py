@@ -105,7 +105,6 @@ class RectilinearTreeAxis(TreeAxis):
         return dr.select(side.down, self.down_table, 0)
 
     def first_place(self, side: Side, position: Float) -> Float:
-        """Return the place at a mirrored position in or around the domain."""
         Float, UInt, coordinate = (
             self.backend.Float,
             self.backend.UInt,
@@ -121,22 +120,18 @@ class RectilinearTreeAxis(TreeAxis):
         return self._inside((base + part) * self.per_base)
 
     def leaving(self, track: AxisTrack) -> Float:
-        """Return the distance at which rays leave the domain."""
         return dr.fma(self.total, track.pace, track.lead)
 
     def crossing(self, track: AxisTrack, low: Float, size: Float) -> Float:
-        """Return the distance at which the ray leaves a cell."""
         base = self._base(low)
         wall, width, _ = self._cell(track.table, base)
         part = dr.fma(low + size, self.bases, -base)
         return dr.fma(dr.fma(part, width, wall), track.pace, track.lead)
 
     def beyond(self, track: AxisTrack, t: Float, low: Float) -> Float:
-        """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return self.place(track, t, low) - low
 
     def place(self, track: AxisTrack, t: Float, reached: Float) -> Float:
-        """Return the place of the ray at distance `t`; it has come as far as `reached`."""
         base = self._base(reached)
         wall, _, inverse = self._cell(track.table, base)
         part = (dr.fma(t, track.speed, track.position) - wall) * inverse
@@ -199,9 +194,9 @@ class Spacing:
         """Return by how much a gradient that turns with an axis changes along it: not at all."""
         return 0.0
 
-    def ways(self, start: list[Float], end: list[Float]) -> list[Float]:
-        """Return the distances between places, neither of which is on a wall of base cells."""
-        return [axis.way(a, b) for axis, a, b in zip(self.axes, start, end, strict=True)]
+    def vectors(self, start: list[Float], end: list[Float]) -> list[Float]:
+        """Return the vectors between places, neither of which is on a wall of base cells."""
+        return [axis.distance(a, b) for axis, a, b in zip(self.axes, start, end, strict=True)]
 
 
 class _Even:
@@ -214,7 +209,7 @@ class _Even:
     def unit(self, place: Float) -> Float:
         return self.width
 
-    def way(self, start: Float, end: Float) -> Float:
+    def distance(self, start: Float, end: Float) -> Float:
         return (end - start) * self.width
 
 
@@ -232,7 +227,7 @@ class _Uneven:
     def unit(self, place: Float) -> Float:
         return dr.gather(self.real, self.widths, self.UInt(self._base(place)))
 
-    def way(self, start: Float, end: Float) -> Float:
+    def distance(self, start: Float, end: Float) -> Float:
         bases = [self._base(place) for place in (start, end)]
         first, last = (
             dr.fma(place - base * self.parts, self.unit(place), self._wall(base))

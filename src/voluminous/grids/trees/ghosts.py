@@ -65,11 +65,9 @@ class LeavesWithGhosts:
 
     @functools.cached_property
     def cells_per_level(self) -> tuple[int, ...]:
-        """Number of leaves of each level."""
         return tuple(np.bincount(self.levels).tolist())
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corners and sizes of consecutive leaves in finest units, int64 (3, n)."""
         begin, end = min(first, self.own), min(last, self.own)
         some = slice(max(first - self.own, 0), max(last - self.own, 0))
         parts = [(self._low[:, some], self._size[:, some])]
@@ -79,7 +77,6 @@ class LeavesWithGhosts:
         return low, size
 
     def surroundings(self, backend: Backend) -> GhostSurroundings:
-        """Return what finds cells around vertices in kernels, by their numbers among these."""
         return GhostSurroundings(self, backend)
 
     def _at_corners(

@@ -1,7 +1,7 @@
-"""The tree of blocks of an octree: few look-ups a step, and little memory.
+"""The tree of nodes of an octree: few look-ups a step, and little memory.
 
 An octree's leaves are numbered depth first, so the leaves of a part refined evenly are numbered by
-their interleaved bits: such a part, up to 8 cells wide, is a single entry. Blocks, four entries
+their interleaved bits: such a part, up to 8 cells wide, is a single entry. Nodes, four entries
 wide, are needed where levels change.
 """
 
@@ -21,7 +21,7 @@ from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Cell, Orientation, Tree
 if TYPE_CHECKING:
     from ...backend.device import Backend
 
-# Levels from one block to those below it.
+# Levels from one node to those below it.
 STEP = 2
 # The kind has three bits: evenly refined entries are 2^3 cells wide at most, cells 2^3 entries.
 _EVEN = 3
@@ -36,14 +36,14 @@ def octree_tree(counts: tuple[int, ...], places: Places, numbers: np.ndarray | N
         raise InputError(f"an octree can have {NONE} leaves at most, got {len(places.levels)}")
     axes, deepest = places.axes, places.deepest
     leaves = _Leaves(places.levels, places.aligned_levels(), numbers)
-    levels, blocks = _blocks(leaves, axes, _root_level(counts, places, leaves))
+    levels, nodes = _nodes(leaves, axes, _root_level(counts, places, leaves))
     extent = np.array(counts, np.int64)
     extent[list(axes)] <<= deepest
     units = np.ones((len(levels), 3), np.int64)
     units[:, list(axes)] = 1 << (deepest - np.array(levels))[:, None]
     holes = numbers is not None and bool((numbers == NONE).any())
     clusters = tuple(levels[0] if axis in axes else 0 for axis in range(3))
-    return Tree(extent, units, np.concatenate(blocks), Halved(axes), holes, clusters)
+    return Tree(extent, units, np.concatenate(nodes), Halved(axes), holes, clusters)
 
 
 def _root_level(counts: tuple[int, ...], places: Places, leaves: _Leaves) -> int:
@@ -55,37 +55,35 @@ def _root_level(counts: tuple[int, ...], places: Places, leaves: _Leaves) -> int
     cells = float(np.prod(counts, dtype=float))
     fitting = [w for w in range(_EVEN + 1) if w == 0 or cells * 2.0 ** (bits * w) <= most]
     if leaves.number is not None:
-        # Siblings may differ in being holes: the last blocks must be made of the smallest leaves.
+        # Siblings may differ in being holes: the last nodes must be made of the smallest leaves.
         fitting = [w for w in fitting if (deepest - w) % STEP == 0] or [deepest % STEP]
     # Entries of a level are mixed only if there are cells two levels deeper.
     return min(fitting, key=lambda w: (max(0, -((w + 1 - deepest) // STEP)), w))
 
 
-def _blocks(
-    leaves: _Leaves, axes: tuple[int, ...], root: int
-) -> tuple[list[int], list[np.ndarray]]:
-    levels, blocks, total = [root], [], 0
+def _nodes(leaves: _Leaves, axes: tuple[int, ...], root: int) -> tuple[list[int], list[np.ndarray]]:
+    levels, nodes, total = [root], [], 0
     order = _order(axes, root)
     while True:
         words, mixed, leaves = leaves.entries(levels[-1], len(axes))
         total += len(words)
-        # In the order of the leaves, blocks are met as the entries are that point to them.
+        # In the order of the leaves, nodes are met as the entries are that point to them.
         order_below = _order(axes, STEP)
         pointers = total + len(order_below) * np.arange(np.count_nonzero(mixed))
         if total + len(order_below) * len(pointers) > NUMBER_MASK:
-            raise InputError(f"the octree needs more than {NUMBER_MASK} entries in its blocks")
+            raise InputError(f"the octree needs more than {NUMBER_MASK} entries in its nodes")
         words[mixed] = pointers
-        blocks.append(words.reshape(-1, len(order))[:, order].reshape(-1))
+        nodes.append(words.reshape(-1, len(order))[:, order].reshape(-1))
         if not len(pointers):
-            return levels, blocks
+            return levels, nodes
         levels.append(levels[-1] + STEP)
         order = order_below
 
 
 def _order(axes: tuple[int, ...], steps: int) -> np.ndarray:
-    """Return which depth-first entry comes where in a block, whose first axis is to run fastest.
+    """Return which depth-first entry comes where in a node, whose first axis is to run fastest.
 
-    A block is a cell halved some times; the root consists of one for each base cell.
+    A node is a cell halved some times; the root consists of one for each base cell.
     """
     digits: dict[int, list[int]] = {axis: [] for axis in axes}
     for step in range(steps):
@@ -143,7 +141,6 @@ class Halved:
     def cells(
         self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers and sizes of the cells around places; see `tree.Numbering`."""
         number = (entry & NUMBER_MASK).astype(np.int64)
         kind = (entry >> NUMBER_BITS).astype(np.int64)
         deeper, size = np.maximum(kind - PLAIN, 0), unit.copy()
@@ -154,7 +151,6 @@ class Halved:
         return np.where(entry & NUMBER_MASK == NONE, -1, number), size
 
     def traced(self, tree: Tree, backend: Backend) -> TracedHalved:
-        """Return the same for kernels."""
         return TracedHalved(self.axes, tree, backend)
 
 
@@ -176,26 +172,25 @@ class TracedHalved:
         self.larger = bool(((kinds > 0) & (kinds < PLAIN)).any())
 
     def located(self, place: list[Float]) -> list[Int]:
-        """Return the finest units that places are in."""
         return [self.Whole(p) for p in place]
 
     def root(self, unit: list[Int]) -> list[Int]:
-        """Return the indices of the root's entries around finest units."""
         bits = self.Whole(self.root_bits)
         return [
             self.backend.UInt(u >> bits if axis in self.axes else u) for axis, u in enumerate(unit)
         ]
 
-    def slot(self, unit: list[Int], level: Int, way: Orientation) -> Int:
-        """Return the number of an entry of a tree level in its block."""
+    def slot(self, unit: list[Int], level: Int, sense: Orientation) -> Int:
         bits, slot = self.Whole(self.root_bits - level * STEP), self.backend.UInt(0)
         for k, axis in enumerate(self.axes):
-            local = self._local(unit[axis] >> bits, way.flip[axis], (1 << STEP) - 1)
+            local = self._local(unit[axis] >> bits, sense.flip[axis], (1 << STEP) - 1)
             slot = slot | (local << (k * STEP))
         return slot
 
-    def cell(self, entry: Int, unit: list[Int], level: Int, way: Orientation, active: Mask) -> Cell:
-        """Return the cells around finest units, from entries of a tree level that are no blocks.
+    def cell(
+        self, entry: Int, unit: list[Int], level: Int, sense: Orientation, active: Mask
+    ) -> Cell:
+        """Return the cells around finest units, from entries of a tree level that are no nodes.
 
         Nothing is looked up: `active` is for numberings that do.
         """
@@ -209,14 +204,13 @@ class TracedHalved:
         for axis, u in enumerate(unit):
             if axis in self.axes:
                 index = u >> bits
-                local = self._local(index, way.flip[axis], mask)
+                local = self._local(index, sense.flip[axis], mask)
                 number = number + (self._spread(local) << self.axes.index(axis))
                 u = index << bits
             low.append(Float(u))
         return Cell(number, low, [Float(self.Whole(1) << bits)])
 
     def sizes_of(self, cell: Cell) -> list[Float]:
-        """Return the sizes of cells along each axis."""
         return [cell.size[0] if axis in self.axes else 1.0 for axis in range(3)]
 
     def _local(self, index: Int, flip: Int, mask: Int) -> Int:

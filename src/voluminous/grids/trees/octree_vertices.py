@@ -46,7 +46,6 @@ class OctreeLattices:
         return parts + 1
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return first points, spacings, and points per axis of consecutive lattices."""
         which = slice(first, last)
         leaf, level = self.leaf[which].astype(np.int64), self.level[which].astype(np.int64)
         corner = self.grid.boxes(int(leaf[0]), int(leaf[-1]) + 1)[0][:, leaf - leaf[0]]

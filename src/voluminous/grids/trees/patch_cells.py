@@ -281,7 +281,6 @@ class PatchNumbering:
     def cells(
         self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers and sizes of the cells around places; a hole is its entry."""
         hole, patches = entry == ABSENT, self.patches
         patch = np.where(hole, 0, entry & NUMBER_MASK)
         size = patches.sizes[patches.level[patch]].T
@@ -294,7 +293,6 @@ class PatchNumbering:
         return np.where(hole, -1, number), np.where(hole, unit, size)
 
     def traced(self, tree: Tree, backend: Backend) -> TracedPatches:
-        """Return the same for kernels."""
         return TracedPatches(self.patches, tree, backend)
 
 
@@ -338,15 +336,12 @@ class TracedPatches:
         self.ratios = [from_host(backend.UInt, r) for r in ratios.T]
 
     def located(self, place: list[Float]) -> list[Float]:
-        """Return places moved to the middle of their finest unit."""
         return [dr.floor(p) + 0.5 for p in place]
 
     def root(self, place: list[Float]) -> list[Int]:
-        """Return the indices of the root's entries around centred places."""
         return [self.backend.UInt(p * i) for p, i in zip(place, self.per_root, strict=True)]
 
-    def slot(self, place: list[Float], level: Int, way: Orientation) -> Int:
-        """Return the number of an entry of a tree level in its block."""
+    def slot(self, place: list[Float], level: Int, sense: Orientation) -> Int:
         Float, UInt = self.backend.Float, self.backend.UInt
         slot, stride, level = UInt(0), UInt(1), UInt(level)
         for axis, p in enumerate(place):
@@ -354,14 +349,14 @@ class TracedPatches:
             per_outer = dr.gather(Float, self.per_unit[axis], level - 1)
             ratio = dr.gather(UInt, self.ratios[axis], level)
             local = self._index(p * per_unit) - self._index(p * per_outer) * ratio
-            slot = slot + _unmirrored(local, ratio, way.flip[axis]) * stride
+            slot = slot + _unmirrored(local, ratio, sense.flip[axis]) * stride
             stride = stride * ratio
         return slot
 
     def cell(
-        self, entry: Int, place: list[Float], level: Int, way: Orientation, active: Mask
+        self, entry: Int, place: list[Float], level: Int, sense: Orientation, active: Mask
     ) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no blocks.
+        """Return the cells around places, from entries of a tree level that are no nodes.
 
         Of lanes that are not active anything may be returned.
         """
@@ -380,7 +375,7 @@ class TracedPatches:
         low = [i * s for i, s in zip(index, size, strict=True)]
         i, j, k = (
             _unmirrored(self._index(own), n, flip)
-            for own, n, flip in zip(index, count, way.flip, strict=True)
+            for own, n, flip in zip(index, count, sense.flip, strict=True)
         )
         number = row[0] + i * row[1] + j * row[2] + k
         if self.tabled:
@@ -393,7 +388,7 @@ class TracedPatches:
             return cell
         strides = (row[1], row[2], UInt(1))
         # All bits or none: modulo 2^32, the stride or minus it.
-        cell.strides = [(s ^ flip) - flip for s, flip in zip(strides, way.flip, strict=True)]
+        cell.strides = [(s ^ flip) - flip for s, flip in zip(strides, sense.flip, strict=True)]
         cell.end = [
             # Halves keep quotients of whole numbers away from these, however they are rounded.
             dr.fma(dr.floor(dr.fma(own, per_block, 0.5 * per_block)), n, n) * s
@@ -402,7 +397,6 @@ class TracedPatches:
         return cell
 
     def sizes_of(self, cell: Cell) -> list[Float]:
-        """Return the sizes of cells along each axis."""
         return cell.size * (3 // len(cell.size))
 
     def _sizes_of_level(self, level: Int) -> tuple[list[Float], list[Float], list[Int]]:
@@ -486,6 +480,5 @@ class TileLattices:
     points: np.ndarray
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return first points, spacings, and points per axis of consecutive lattices."""
         some = slice(first, last)
         return self.low[:, some], self.step[:, some], self.points[:, some]

@@ -1,4 +1,4 @@
-"""The tree of blocks over nested patches: which patch is the finest one at a place.
+"""The tree of nodes over nested patches: which patch is the finest one at a place.
 
 Entries of the tree are painted with the patches that cover them, the coarsest first. How small they
 must be is known beforehand: all corners of the patches up to some level are multiples of some size,
@@ -17,9 +17,9 @@ from ...memory import check_memory
 from ..boxes import expanded, unravelled
 from .tree import ABSENT, NONE, NUMBER_BITS, PLAIN
 
-# What arrays take at the same time for each entry of blocks.
+# What arrays take at the same time for each entry of nodes.
 _BYTES_PER_ENTRY = 32
-# Entries of a block along an axis, where there is a choice, and at most.
+# Entries of a node along an axis, where there is a choice, and at most.
 _WIDE, _WIDEST = 4, 16
 # Root entries per cell, at most, and how many are no matter.
 _ROOT_SHARE, _ROOT_FREE = 0.125, 1 << 15
@@ -47,7 +47,7 @@ class Painted:
 
     `full` (entries,): the last patch that covers each entry, by rank; -1 where none does; `mixed`
     (m,): entries that a later patch covers partly; `corner` (m, 3): their lower corners in units of
-    entries; `rank`, `block` (k,): patches, and the mixed entries (by their place among these) that
+    entries; `rank`, `node` (k,): patches, and the mixed entries (by their place among these) that
     they cover partly.
     """
 
@@ -55,13 +55,13 @@ class Painted:
     mixed: np.ndarray
     corner: np.ndarray
     rank: np.ndarray
-    block: np.ndarray
+    node: np.ndarray
 
 
 def _painted_below(
     boxes: PatchBoxes, above: Painted, unit: np.ndarray, ratio: np.ndarray
 ) -> Painted:
-    """Return the blocks of mixed entries: `ratio` entries of size `unit` each."""
+    """Return the nodes of mixed entries: `ratio` entries of size `unit` each."""
     volume = int(ratio.prod())
     check_memory(
         _BYTES_PER_ENTRY * volume * len(above.mixed),
@@ -69,8 +69,8 @@ def _painted_below(
         "patches that begin at multiples of some number of cells take less",
     )
     order = np.argsort(above.rank, kind="stable")  # the last one painted is the finest
-    ranks, blocks = above.rank[order], above.block[order]
-    starts = above.corner[blocks] * ratio
+    ranks, nodes = above.rank[order], above.node[order]
+    starts = above.corner[nodes] * ratio
     low = np.clip(boxes.low[ranks] // unit, starts, starts + ratio)
     high = np.clip(-(-boxes.high[ranks] // unit), starts, starts + ratio)
     before = np.cumsum((high - low).prod(axis=1)) // _SOME
@@ -82,7 +82,7 @@ def _painted_below(
             which, index = part[which], index.T
             rank, (x, y, z) = ranks[which], (index - starts[which]).T
             begins, ends = boxes.low[rank] <= index * unit, (index + 1) * unit <= boxes.high[rank]
-            entry = blocks[which] * volume + x + ratio[0] * (y + ratio[1] * z)
+            entry = nodes[which] * volume + x + ratio[0] * (y + ratio[1] * z)
             yield rank, entry, (begins & ends).all(axis=1)
 
     full = np.repeat(above.full[above.mixed], volume)
@@ -97,10 +97,10 @@ def _painted_below(
     for rank, entry, inside in pieces() if len(mixed) else ():
         needed = (rank > full[entry]) & ~inside
         partly.append((rank[needed], place[entry[needed]]))
-    block, inner = np.divmod(mixed, volume)
-    corner = above.corner[block] * ratio + unravelled(inner, ratio).T
-    rank, block = (np.concatenate(part) for part in zip(*partly, strict=True))
-    return Painted(full, mixed, corner, rank, block)
+    node, inner = np.divmod(mixed, volume)
+    corner = above.corner[node] * ratio + unravelled(inner, ratio).T
+    rank, node = (np.concatenate(part) for part in zip(*partly, strict=True))
+    return Painted(full, mixed, corner, rank, node)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class PatchEntries:
     `units` (K, 3): sizes of the entries of its levels; `entries`; `starts` (K + 1,): where the
     entries of each level start, and where the last ones end; `clusters`: how the root is laid out
     (`tree.Tree`); `shape` (3,): number of the root's entries along each axis; `corners` (m, 3):
-    where the blocks of the levels below the root begin, in units of their entries.
+    where the nodes of the levels below the root begin, in units of their entries.
     """
 
     units: np.ndarray
@@ -135,8 +135,8 @@ class PatchEntries:
                 yield some, unravelled(order[some], self.shape)
                 continue
             ratio = self.units[level - 1] // self.units[level]
-            block, inner = np.divmod(some, int(ratio.prod()))
-            yield some, self.corners[level - 1][block].T + unravelled(inner, ratio)
+            node, inner = np.divmod(some, int(ratio.prod()))
+            yield some, self.corners[level - 1][node].T + unravelled(inner, ratio)
 
 
 def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEntries:
@@ -149,7 +149,7 @@ def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEnt
     starts, corners = [0], []
     while len(above.mixed):
         ratio = units[len(words) - 1] // units[len(words)] if words else shape
-        if words:  # entries that are blocks tell where these start
+        if words:  # entries that are nodes tell where these start
             words[-1][above.mixed] = starts[-1] + int(ratio.prod()) * np.arange(len(above.mixed))
             corners.append(above.corner * ratio)
         above = _painted_below(boxes, above, units[len(words)], ratio)
@@ -157,7 +157,7 @@ def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEnt
         words.append(np.where(above.full < 0, ABSENT, name).astype(np.uint32))
         starts.append(starts[-1] + len(words[-1]))
         if starts[-1] > NONE:
-            raise InputError("patches need too many blocks: their corners lie too irregularly")
+            raise InputError("patches need too many nodes: their corners lie too irregularly")
     clusters, order = _cluster_order(shape)
     words[0] = words[0][order]
     entries = np.concatenate(words)
@@ -196,7 +196,7 @@ def _units(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> np.ndarray:
 def _without_wide_steps(chain: list[np.ndarray], extent: np.ndarray) -> list[np.ndarray]:
     """Return sizes that divide those before, none much smaller, from one as large as the domain on.
 
-    A step that is a large prime would make blocks of its third power of entries. Above such a step
+    A step that is a large prime would make nodes of its third power of entries. Above such a step
     sizes grow by small factors instead, and the root ends beyond the domain.
     """
     units, exact = [chain[-1]], np.ones(3, bool)

@@ -1,4 +1,4 @@
-"""A tree of blocks over the cells of a refined grid: from a place to the cell that contains it.
+"""A tree of nodes over the cells of a refined grid: from a place to the cell that contains it.
 
 On the host (`Tree`) and in kernels (`TreeLookup`).
 
@@ -7,13 +7,13 @@ wall of every cell lies at a whole number of them. Which coordinate belongs to a
 geometry's business; the tree knows integers only, so the same tree serves Cartesian and curvilinear
 grids.
 
-The root block divides the domain into equal *entries*; an entry is either all that one needs to
-know of the cells in it, or points to a block of smaller entries. Blocks of one level have the same
+The root node divides the domain into equal *entries*; an entry is either all that one needs to
+know of the cells in it, or points to a node of smaller entries. Nodes of one level have the same
 shape, so a place is enough to tell which of its entries is meant. An entry is one word::
 
     kind (3 bits) | number (29 bits)
 
-Kind 0 is a block, which starts at entry `number`; `ABSENT` is a hole, where there is no cell. The
+Kind 0 is a node, which starts at entry `number`; `ABSENT` is a hole, where there is no cell. The
 other kinds mean what the tree's *numbering* (`Halved`, or that of patches) says. Many cells may
 share an entry (a uniform stretch of the grid), and an entry may be a part of a larger cell: trees
 are therefore small beside their cells, and mostly flat.
@@ -40,7 +40,7 @@ NUMBER_BITS = 29
 NUMBER_MASK = (1 << NUMBER_BITS) - 1
 # The number of a place where there is no cell.
 NONE = NUMBER_MASK
-# The kind of entries that are no blocks, of which a numbering may use others too.
+# The kind of entries that are no nodes, of which a numbering may use others too.
 PLAIN = 4
 ABSENT = np.uint32(PLAIN << NUMBER_BITS | NONE)
 
@@ -55,7 +55,7 @@ class Found:
 
 
 class Numbering(Protocol):
-    """What the entries of a tree mean that are no blocks."""
+    """What the entries of a tree mean that are no nodes."""
 
     def cells(
         self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
@@ -78,13 +78,13 @@ class TracedNumbering(Protocol):
     def root(self, place: list[Float]) -> list[Int]:
         """Return the indices of the root's entries around places."""
 
-    def slot(self, place: list[Float], level: Int, way: Orientation) -> Int:
-        """Return the number of an entry of a tree level in its block."""
+    def slot(self, place: list[Float], level: Int, sense: Orientation) -> Int:
+        """Return the number of an entry of a tree level in its node."""
 
     def cell(
-        self, entry: Int, place: list[Float], level: Int, way: Orientation, active: Mask
+        self, entry: Int, place: list[Float], level: Int, sense: Orientation, active: Mask
     ) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no blocks.
+        """Return the cells around places, from entries of a tree level that are no nodes.
 
         Of lanes that are not active anything may be returned.
         """
@@ -95,7 +95,7 @@ class TracedNumbering(Protocol):
 
 @dataclass(frozen=True)
 class Tree:
-    """Blocks of entries.
+    """Nodes of entries.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Tree:
         Size of an entry of each tree level, the root first. Each divides the one before; the
         root's last entries may reach beyond the domain.
     entries : array of uint32
-        All blocks, the root first; within a block the first axis runs fastest.
+        All nodes, the root first; within a node the first axis runs fastest.
     numbering : Numbering
         What entries mean.
     holes : bool
@@ -136,7 +136,7 @@ class Tree:
 
     @property
     def ratios(self) -> np.ndarray:
-        """Shapes of the blocks below the root, (K - 1, 3)."""
+        """Shapes of the nodes below the root, (K - 1, 3)."""
         ratios: np.ndarray = self.units[:-1] // self.units[1:]
         return ratios
 
@@ -148,7 +148,7 @@ class Tree:
         return Found(number, place // size * size, size)
 
     def descend(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the entries around places (3, n) that are no blocks, and their tree levels."""
+        """Return the entries around places (3, n) that are no nodes, and their tree levels."""
         level = np.zeros(place.shape[1], np.uint8)
         index, bits = place // self.units[0][:, None], np.array(self.clusters)[:, None]
         size = 1 << bits[:, 0]
@@ -192,7 +192,7 @@ class Orientation:
     """Along which axes lanes count places from the upper end ("mirrored"), downwards.
 
     `start`, `strides`: ``start + Σ cluster · stride`` is where a cluster of the root starts, from
-    mirrored indices; `flip`: what mirrors an index within a block, by an exclusive or: all bits or
+    mirrored indices; `flip`: what mirrors an index within a node, by an exclusive or: all bits or
     none; `padding`: how far beyond the domain the root begins, from where places are counted.
     """
 
@@ -246,20 +246,20 @@ class TreeLookup:
                 flip[axis] = dr.select(down[axis], UInt(0xFFFFFFFF), 0)
         return Orientation(start, strides, flip, padding)
 
-    def find(self, place: list[Float], way: Orientation, active: Mask) -> Cell:
+    def find(self, place: list[Float], sense: Orientation, active: Mask) -> Cell:
         """Return the cells that contain places between zero and `top`."""
         UInt, place = self.backend.UInt, self.numbering.located(place)
         there = place  # as counted from the root's end
-        if way.padding:
-            there = [p + beyond for p, beyond in zip(place, way.padding, strict=True)]
-        root = self._root(self.numbering.root(there), way)
+        if sense.padding:
+            there = [p + beyond for p, beyond in zip(place, sense.padding, strict=True)]
+        root = self._root(self.numbering.root(there), sense)
         entry = dr.gather(UInt, self.entries, root, active)
-        entry, size = self._descended(entry, there, way, active)
-        cell = self.numbering.cell(entry, place, size, way, active)
-        if way.padding and self.tree.holes:
+        entry, size = self._descended(entry, there, sense, active)
+        cell = self.numbering.cell(entry, place, size, sense, active)
+        if sense.padding and self.tree.holes:
             hole = ~self.is_cell(cell)
             for axis, size in enumerate(self.sizes(cell)):
-                low = dr.floor(there[axis] / size) * size - way.padding[axis]
+                low = dr.floor(there[axis] / size) * size - sense.padding[axis]
                 cell.low[axis] = dr.select(hole, low, cell.low[axis])
         if any(self.stretches):
             self._keep_within_stretches(cell, place)
@@ -284,16 +284,16 @@ class TreeLookup:
         through: list[Mask],
         reached: list[Float],
         place: Callable[[], list[Float]],
-        way: Orientation,
+        sense: Orientation,
         active: Mask,
     ) -> Cell:
         """Return the cells that rays come to from others.
 
-        In blocks most come to a neighbour in the same block, and nothing is looked up unless a ray
+        In nodes most come to a neighbour in the same node, and nothing is looked up unless a ray
         of the vector leaves its own: first order takes 0.7 to 0.85 of the time so.
         """
         if not cell.strides:
-            return self.find(place(), way, active)
+            return self.find(place(), sense, active)
         unknown = active & functools.reduce(
             operator.or_, [r >= end for r, end in zip(reached, cell.end, strict=True)]
         )
@@ -302,16 +302,16 @@ class TreeLookup:
             number = number + dr.select(crossed, stride, 0)
 
         def found(_: Cell) -> Cell:
-            return self.find(place(), way, unknown)
+            return self.find(place(), sense, unknown)
 
         near = replace(cell, number=number, low=reached)
         entered: Cell = if_else((near,), unknown, found, _same)
         return entered
 
-    def _root(self, index: list[Int], way: Orientation) -> Int:
-        root, shift = way.start, 0
+    def _root(self, index: list[Int], sense: Orientation) -> Int:
+        root, shift = sense.start, 0
         for i, stride, flip, bits in zip(
-            index, way.strides, way.flip, self.tree.clusters, strict=True
+            index, sense.strides, sense.flip, self.tree.clusters, strict=True
         ):
             if bits:
                 root = root + (((i ^ flip) & ((1 << bits) - 1)) << shift)
@@ -328,27 +328,27 @@ class TreeLookup:
         return cell.number != NONE
 
     def _descended(
-        self, entry: Int, place: list[Float], way: Orientation, active: Mask
+        self, entry: Int, place: list[Float], sense: Orientation, active: Mask
     ) -> tuple[Int, Int]:
-        """Follow entries that are blocks down to one that is none; return it, and its level."""
+        """Follow entries that are nodes down to one that is none; return it, and its level."""
         UInt, level = self.backend.UInt, self.backend.Int(0)
         if len(self.tree.units) == 1:
             return entry, level
 
-        def is_block(entry: Int, level: Int) -> Mask:
+        def is_node(entry: Int, level: Int) -> Mask:
             return active & (entry >> NUMBER_BITS == 0)
 
         def down(entry: Int, level: Int) -> tuple[Int, Int]:
             level = level + 1
-            slot = entry + self.numbering.slot(place, level, way)
-            return dr.gather(UInt, self.entries, slot, is_block(entry, level)), level
+            slot = entry + self.numbering.slot(place, level, sense)
+            return dr.gather(UInt, self.entries, slot, is_node(entry, level)), level
 
         if len(self.tree.units) == 2:
-            # A branch: vectors of rays are often in entries that are no blocks, all of them.
-            return if_else((entry, level), is_block(entry, level), down, _unchanged)
+            # A branch: vectors of rays are often in entries that are no nodes, all of them.
+            return if_else((entry, level), is_node(entry, level), down, _unchanged)
         # A loop may not change what all lanes share.
         level = dr.select(active, level, 0)
-        return loop((entry, level), is_block, down, label="descent")
+        return loop((entry, level), is_node, down, label="descent")
 
 
 def _same(cell: Cell) -> Cell:

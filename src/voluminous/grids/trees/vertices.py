@@ -78,7 +78,7 @@ class Surroundings:
     def __init__(self, grid: LeafGrid, backend: Backend) -> None:
         self.grid, tree = grid, grid.tree
         self.lookup = TreeLookup(tree, backend)
-        self.way = self.lookup.orient()
+        self.sense = self.lookup.orient()
         self.extent = [dr.opaque(backend.Wide, float(n)) for n in tree.extent]
 
     def cells(self, vertex: list[Float], active: Mask) -> list[tuple[Cell, Mask]]:
@@ -95,7 +95,7 @@ class Surroundings:
         there = active
         for p, extent in zip(place, self.extent, strict=True):
             there = there & (p > 0.0) & (p < extent)
-        cell = self.lookup.find(place, self.way, there)
+        cell = self.lookup.find(place, self.sense, there)
         return cell, there & self.lookup.is_cell(cell)
 
     def spacing(self, backend: Backend) -> Spacing:

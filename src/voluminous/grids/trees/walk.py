@@ -39,7 +39,7 @@ class TreeTrack(Track):
     """
 
     axes: list[AxisTrack]
-    way: Orientation
+    sense: Orientation
     entry: Float
     leave: Float
     bounded: bool
@@ -107,11 +107,11 @@ class TreeWalk(BoxWalk):
         leave = least([axis.leaving(track) for axis, track in zip(self.axes, tracks, strict=True)])
         if bound is not None:
             leave = dr.select(bound < leave, bound, leave)
-        way = self.lookup.orient([side.down for side in sides])
+        sense = self.lookup.orient([side.down for side in sides])
         t = self.backend.Float(begin)
         inside &= t < leave
-        cell = self.lookup.find(place, way, inside)
-        track = TreeTrack(tracks, way, arrive, leave, bound is not None)
+        cell = self.lookup.find(place, sense, inside)
+        track = TreeTrack(tracks, sense, arrive, leave, bound is not None)
         return track, TreeCursor(cell, t, inside)
 
     def next(self, track: TreeTrack, cursor: TreeCursor) -> tuple[Segment, TreeCursor]:
@@ -148,7 +148,7 @@ class TreeWalk(BoxWalk):
                 for p, crossed, low, s in zip(places, through, cell.low, size, strict=True)
             ]
 
-        entered = self.lookup.entered(cell, through, reached, place, track.way, inside)
+        entered = self.lookup.entered(cell, through, reached, place, track.sense, inside)
         leaving = TreeExit(through, cell, entered, inside, ~(wall < track.leave))
         number, length, active = cell.number, end - cursor.t, cursor.inside
         if self.holes:
@@ -161,14 +161,12 @@ class TreeWalk(BoxWalk):
         return segment, TreeCursor(entered, end, inside)
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
-        """Return the eight vertices of the cell and trilinear weights at the cursor."""
         base, strides = self._vertices(track, cursor.cell, cursor.inside)
         fractions = self.fractions(track, cursor.cell, cursor.t)
         near = _ON_WALL[precision_of(self.backend.Float)]
         return trilinear(base, [dr.select(f < near, 0.0, f) for f in fractions], strides)
 
     def exit_corners(self, track: TreeTrack, segment: Segment) -> Corners:
-        """Return the vertices around the end of a segment: four of the wall it leaves through."""
         leaving = segment.exit
         entered = self._entered_is_finer(leaving)
         cell = Cell(
@@ -207,7 +205,7 @@ class TreeWalk(BoxWalk):
             number = dr.select(self.lookup.is_cell(cell), number, 0)
         base, strides = self.grid.vertex_numbers.of(number, active, self.backend)
         signed = []
-        for stride, flip in zip(strides, track.way.flip, strict=True):
+        for stride, flip in zip(strides, track.sense.flip, strict=True):
             base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it
             signed.append((stride ^ flip) - flip)
         return base, signed
@@ -227,7 +225,7 @@ def _select(mask: Mask, first: list[Float], second: list[Float]) -> list[Float]:
 
 @dataclass
 class TreeRayTrack(TreeTrack):
-    """Also the ray: where distances start, and the way per distance, in the volume's unit."""
+    """Also the ray: where distances start, and the vector per distance, in the volume's unit."""
 
     origin: list[Float]
     direction: list[Float]
@@ -240,7 +238,7 @@ class TreeChord(StraightChord):
         mirrored = self.walk.fractions(self.track, self.segment.exit.left, t)
         return [
             dr.select(flip != 0, 1.0 - f, f)
-            for f, flip in zip(mirrored, self.track.way.flip, strict=True)
+            for f, flip in zip(mirrored, self.track.sense.flip, strict=True)
         ]
 
 
