@@ -162,8 +162,6 @@ class Shade:
 
 # Largest change of the cosine between ray and normal within a panel.
 _TURN = 0.1
-# Error of two Gauss-Legendre nodes, as a fraction of the second difference.
-_CURVED = 0.125
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,6 @@ _JUMPS = 4
 _DOUBT = 0.25
 # Factor on that where x only just reaches a visible entry.
 _REACHED = 2.0**-8
-# A structure is a ramp up and one down.
-_RAMPS = 2.0
 
 
 @dataclass
