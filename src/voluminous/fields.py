@@ -12,7 +12,6 @@ import numpy as np
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
 from .geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
-from .grids.contract import native_centers
 from .units import as_quantity, is_quantity, parse_unit, plain
 
 if TYPE_CHECKING:
@@ -38,6 +37,8 @@ def coordinates(grid: Grid, names: Iterable[str], first: int, last: int) -> dict
     """
     names, values = tuple(names), {}
     if not set(names) <= set(COORDINATES):
+        from .grids.contract import native_centers
+
         values = dict(zip(grid.coordinates, native_centers(grid, first, last), strict=True))
     if not set(names).isdisjoint(COORDINATES):
         x, y, z = grid.cell_centers(first, last)
