@@ -8,7 +8,7 @@ import pytest
 import voluminous as vm
 from toy_grids import ShuffledGrid
 from voluminous.calibration.thickness import Profile, thicknesses
-from voluminous.cli.info import describe_grid
+from voluminous.cli.info_text import describe_grid
 from voluminous.expressions import Expression
 
 EDGES = np.linspace(-1, 1, 9)
