@@ -172,13 +172,13 @@ def test_edges_are_counted_and_the_first_is_found(precision):
     """a = s, b = 4 (s - ½)²: at ¼ and ¾ it is a quarter."""
     rows = {"a": [[0.0], [1.0]], "b": [[1.0], [-4.0], [4.0]]}
     backend = get_backend("cpu", precision)
-    panel, number = panel_of(backend, **rows), backend.opaque
+    panel = panel_of(backend, **rows)
     a, b = (Expression(n) for n in "ab")
     cases = [
-        ([Jump(a, number(0.6)), Jump(a, number(0.3))], 2, 0.3),
-        ([Jump(a, number(0.6)), Jump(b, number(0.25))], 3, 0.25),
-        ([Jump(a, number(0.1)), Jump(b, number(0.25))], 3, 0.1),
-        ([Jump(a, number(1.6))], 0, 1.0),
+        ([Jump(a, 0.6), Jump(a, 0.3)], 2, 0.3),
+        ([Jump(a, 0.6), Jump(b, 0.25)], 3, 0.25),
+        ([Jump(a, 0.1), Jump(b, 0.25)], 3, 0.1),
+        ([Jump(a, 1.6)], 0, 1.0),
     ]
     for edges, count, place in cases:
         found, unresolved = jumps_ahead(panel, edges)
@@ -187,7 +187,7 @@ def test_edges_are_counted_and_the_first_is_found(precision):
         first = first_jump(panel, edges).numpy().item()
         assert first == pytest.approx(place, abs=EXACT[precision])
     # Both ends and the middle show none of it.
-    count, unresolved = jumps_ahead(panel, [Jump(Expression("4*a*a - 4*a"), number(-0.999))])
+    count, unresolved = jumps_ahead(panel, [Jump(Expression("4*a*a - 4*a"), -0.999)])
     assert unresolved.numpy().item() or count.numpy().item() == 2
 
 
