@@ -16,8 +16,7 @@ from ..backend import Mask, dr
 from ..backend.types import Float
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, extremes, lowered, raised
-from ..grids.curvilinear.angles import FULL_CIRCLE
-from ..grids.curvilinear.surfaces import Arithmetic
+from ..grids.curvilinear.surfaces import FULL_CIRCLE, Arithmetic
 
 _EPS = float(np.finfo(np.float64).eps)
 # Rounding errors of a point of a ray, and of the derivatives of fields, in ε.

@@ -353,7 +353,6 @@ _LATTICE = (-0.75, -0.25, 0.25, 0.75)
 _PLACES = np.array(
     [place for place in itertools.product(_LATTICE, repeat=3) if max(map(abs, place)) > 0.5]
 )
-_QUADRATIC_FIT_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Entries of a symmetric matrix of nine by nine, and of a vector.
 _COUNT = 9
 _ENTRIES = [(row, column) for row in range(_COUNT) for column in range(row + 1)]
@@ -419,7 +418,7 @@ def fitted(slopes: CellSlopes, part: TreeCellsPart) -> tuple[list[Any], list[Any
 
 
 def _terms(vector: list[Float]) -> list[Float]:
-    bends = [(0.5 if a == b else 1.0) * vector[a] * vector[b] for a, b in _QUADRATIC_FIT_PAIRS]
+    bends = [(0.5 if a == b else 1.0) * vector[a] * vector[b] for a, b in _PAIRS]
     return [*vector, *bends]
 
 

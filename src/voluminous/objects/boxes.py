@@ -11,9 +11,9 @@ import numpy as np
 from ..colormaps import is_name_and_alpha
 from ..errors import InputError, check_flag
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
-from ..grids.boxes import expanded
 from ..grids.curvilinear.refined import RefinedCells
 from ..grids.trees.octree import OctreeGrid
+from ..grids.trees.patch_tree import expanded
 from ..grids.trees.patches import PatchGrid
 from ..units import is_listed
 from .contract import Layers, SceneObject, View

@@ -19,8 +19,8 @@ from ..errors import InputError, MemoryNeededError
 from ..expressions import Expression, required_names
 from ..grids import CartesianGrid
 from ..grids.contract import CellBox, Grid
-from ..grids.some_cells import SomeCells
 from ..grids.structured import is_structured
+from ..grids.trees.parts import SomeCells
 from ..progress import reporter
 from ..store import FieldStore
 from ..volume import Volume

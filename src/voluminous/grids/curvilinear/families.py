@@ -14,9 +14,10 @@ from ...backend import dr, from_host
 from ...backend.functions import first_true
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
-from .angles import ANGLE_ROUNDING, FULL_CIRCLE, is_closed
 from .approach import PARALLEL, Approach, AxisApproach, CentreApproach
 from .surfaces import (
+    ANGLE_ROUNDING,
+    FULL_CIRCLE,
     NUMBERS,
     Arithmetic,
     RayLines,
@@ -24,6 +25,7 @@ from .surfaces import (
     RunningTrack,
     TurningPoint,
     TurningTrack,
+    is_closed,
 )
 
 if TYPE_CHECKING:

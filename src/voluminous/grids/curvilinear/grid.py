@@ -13,8 +13,7 @@ from ...geometry import CYLINDRICAL, SPHERICAL, metric, position
 from ..arguments import cell_edges, check_extent, length_unit, plain_points
 from ..contract import CellBox, check_walk, on_device
 from ..structured import StructuredGrid
-from .angles import ANGLE_ROUNDING, FULL_CIRCLE, MIDPLANE, is_closed
-from .surfaces import SurfaceGrid
+from .surfaces import ANGLE_ROUNDING, FULL_CIRCLE, MIDPLANE, SurfaceGrid, is_closed
 
 if TYPE_CHECKING:
     from ...backend.device import Backend

@@ -19,9 +19,9 @@ from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
 from ..trees.tree import Tree
 from ..trees.vertices import LeafGrid, VertexNumbers
-from .angles import ANGLE_ROUNDING, FULL_CIRCLE
 from .grid import CurvilinearGrid, CylindricalGrid, SphericalGrid
 from .refined_surroundings import RefinedSurroundings, StraightSurroundings
+from .surfaces import ANGLE_ROUNDING, FULL_CIRCLE
 
 if TYPE_CHECKING:
     from ...backend.device import Backend

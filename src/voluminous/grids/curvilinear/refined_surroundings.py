@@ -23,7 +23,7 @@ from ...geometry import SPHERICAL
 from ..trees.axes import Spacing
 from ..trees.tree import Cell
 from ..trees.vertices import Surroundings
-from .angles import FULL_CIRCLE
+from .surfaces import FULL_CIRCLE
 
 if TYPE_CHECKING:
     from ...backend.device import Backend

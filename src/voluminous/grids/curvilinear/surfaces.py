@@ -36,11 +36,20 @@ from ...backend.functions import first_true, sharp_angle, unit_interval
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
 from ..contract import Grid
-from .angles import ANGLE_ROUNDING, FULL_CIRCLE
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
     from .approach import Approach
+
+
+FULL_CIRCLE, MIDPLANE = 2 * np.pi, 0.5 * np.pi
+# Azimuths and polar angles in single precision end where they should to this.
+ANGLE_ROUNDING = 1e-6
+
+
+def is_closed(edges: np.ndarray) -> bool:
+    """Return True if azimuths span a full circle."""
+    return bool(abs(edges[-1] - edges[0] - FULL_CIRCLE) < 1e-9)
 
 
 class SurfaceGrid(Grid):

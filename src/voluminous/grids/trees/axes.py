@@ -6,8 +6,7 @@ that every ray runs upwards.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -161,21 +160,13 @@ def make_tree_axis(
     return kind(edges, extent, top, scale, backend)
 
 
-class BaseWalls(Protocol):
-    """Walls of base cells, finest cells in each, and the unit of lengths."""
-
-    @property
-    def base_edges(self) -> Sequence[np.ndarray]: ...
-    @property
-    def divisions(self) -> np.ndarray: ...
-    @property
-    def scale(self) -> float: ...
-
-
 class Spacing:
-    """Distances along the axes of a grid of boxes, in units of its scale."""
+    """Distances along the axes of a grid of boxes, in units of its scale.
 
-    def __init__(self, grid: BaseWalls, backend: Backend) -> None:
+    The grid has `base_edges`, `divisions` (finest cells in each base cell) and `scale`.
+    """
+
+    def __init__(self, grid: Any, backend: Backend) -> None:
         kinds = [_Even if is_uniform(edges) else _Uneven for edges in grid.base_edges]
         self.axes = [
             kind(edges / grid.scale, int(parts), backend)
