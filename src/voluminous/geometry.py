@@ -16,6 +16,8 @@ from .errors import InputError
 
 # Digits of the ends of an interval, and of its width at least.
 _DIGITS, _OF_WIDTH = 6, 3
+# From where a first picture is taken: obliquely above, in degrees.
+FIRST_INCL, FIRST_PHI = 60.0, 30.0
 CARTESIAN, SPHERICAL, CYLINDRICAL = ("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z")
 
 
@@ -99,9 +101,6 @@ def is_uniform(edges: np.ndarray) -> bool:
     even = np.linspace(edges[0], edges[-1], len(edges))
     rounding = 8 * np.finfo(np.float64).eps * np.max(np.abs(edges))
     return bool(np.max(np.abs(edges - even)) <= rounding)
-
-
-FIRST_INCL, FIRST_PHI = 60.0, 30.0
 
 
 def cosine_sine(degrees: float) -> tuple[float, float]:

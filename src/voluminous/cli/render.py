@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import url_of
-from ..geometry import FIRST_INCL, FIRST_PHI
 from .common import (
     add_render_options,
     add_several,
@@ -71,8 +70,8 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("data files", "what is chosen by itself for these")
     group.add_argument("--field", metavar="EXPR", help="field or expression to show")
     group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")
-    group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({FIRST_INCL:g})")
-    group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({FIRST_PHI:g})")
+    group.add_argument("--incl", type=float, metavar="DEG", help="inclination (60)")
+    group.add_argument("--phi", type=float, metavar="DEG", help="azimuth (30)")
     help = "instead: anterior, posterior, left, right, superior, inferior; stack (of pictures)"
     group.add_argument("--view", metavar="NAME", help=help)
     group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
