@@ -109,6 +109,14 @@ class Channels:
         units are below the range of single precision. Equal for the colours of one picture.
     bound : BoundMedium
         The medium in these units.
+    scalars : tuple of Expression
+        Those that panels interpolate.
+    constant : list of bool
+        Which components of the medium have one source function everywhere.
+    surfaces : list of bool
+        Which consist of surfaces without width.
+    looks_inside : bool
+        Means evaluate fields between a panel's ends.
     peaks : float array, shape (channel,)
         The brightness to which errors of each channel are relative, in its unit.
     count : int
@@ -124,6 +132,11 @@ class Channels:
         self.signed = self.emissions
         self.spectral = medium.channels > 1 and medium.spectral
         self.unit = self.peaks = np.ones(self.emissions)
+        # Asked for while kernels are traced.
+        self.scalars = medium.scalars()
+        self.constant = [part.constant_source_function for part in medium.components()]
+        self.surfaces = [part.surface_only for part in medium.components()]
+        self.looks_inside = medium.looks_inside
         self.binding, self.bound = binding, medium.bind(binding)
 
     def in_unit(self, unit: Any) -> Channels:

@@ -68,7 +68,7 @@ class PostClassified(FieldScheme):
         """
         unknown: Any = source.context.real(math.nan)
         clear: Any = [source.backend.Float(1) for _ in range(source.channels.extinctions)]
-        return [*(unknown for _ in source.channels.medium.scalars()), clear]
+        return [*(unknown for _ in source.channels.scalars), clear]
 
     def after_skip(
         self, position: Position, source: FieldSource, carried: list[Any], moved: Mask
@@ -111,7 +111,7 @@ class _Ray:
 
     def __init__(self, scheme: PostClassified, source: FieldSource, segment: Segment) -> None:
         self.scheme, self.source, self.segment = scheme, source, segment
-        self.fields, self.medium = source.along(segment), source.channels.medium
+        self.fields, self.surfaces = source.along(segment), source.channels.surfaces
         self.bound = source.channels.bound
         self.jumps = self.bound.jumps()
         self.real = type(segment.length)
@@ -155,7 +155,7 @@ def _as_one(
     nodes = [(ray.inside(s), own) for s, own in zip(PLACES, values, strict=True)]
     whole = fields.panel(nodes[::2])
     count, uncounted = jumps_ahead(whole, ray.jumps)
-    if ray.medium.surface_only:
+    if all(ray.surfaces):
         good = ~uncounted & (count < 2)
         return _with_layer(ray, whole, good & (count > 0), nothing), good
     found, unresolved = ray.solved(real(0), real(1), nodes, limits, nothing)
@@ -206,7 +206,7 @@ def _tried(
     """
     fields, surface_only, begin, width = (
         ray.fields,
-        ray.medium.surface_only,
+        all(ray.surfaces),
         state.begin,
         state.width,
     )
@@ -266,13 +266,12 @@ def next_panel(good: Mask, begin: Float, width: Float, tried: Float) -> tuple[Fl
 
 
 def _with_layer(ray: _Ray, panel: Panel, passed: Mask, solved: Path) -> Path:
-    medium = ray.medium
-    if not any(part.surface_only for part in medium.components()):
+    if not any(ray.surfaces):
         return solved
 
     def layered(solved: Path) -> Path:
         place: Float = 1.0
-        if medium.surface_only and ray.fields.looks_inside:
+        if all(ray.surfaces) and ray.fields.looks_inside:
             place = first_jump(panel, ray.jumps)
         sheet = ray.bound.sheet(panel, place)
         assert sheet is not None  # some part is a surface

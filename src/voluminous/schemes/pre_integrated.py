@@ -44,7 +44,7 @@ class PreIntegrated(FieldScheme):
 
     def start(self, position: Position, source: FieldSource) -> list[Float]:
         """Carry the scalars at the ray's position: not computed yet (NaN)."""
-        return [source.context.real(math.nan) for _ in source.channels.medium.scalars()]
+        return [source.context.real(math.nan) for _ in source.channels.scalars]
 
     def after_skip(
         self, position: Position, source: FieldSource, carried: list[Float], moved: Mask

@@ -78,7 +78,7 @@ def solve_with_error(source: FieldSource, panel: Panel, seen: list[Float]) -> Pa
     `seen` are factors on errors, one per extinction; none if they are one.
     """
     tolerance = source.tolerance.seen(seen) if seen else source.tolerance
-    constant = [part.constant_source_function for part in source.channels.medium.components()]
+    constant = source.channels.constant
     *means, off = source.channels.integrate(panel)
     solved = front, back = [_solved(tolerance, own, 0.5 * panel.length) for own in means]
     found = over(front, back)

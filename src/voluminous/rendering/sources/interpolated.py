@@ -88,7 +88,7 @@ class FieldsAlong:
     def _scalars(self, fields: dict[str, Float]) -> list[Float]:
         context = self.source.context
         fields = completed(context.ops, dict(fields), context)
-        return [context.evaluate(expr, fields) for expr in self.source.channels.medium.scalars()]
+        return [context.evaluate(expr, fields) for expr in self.source.channels.scalars]
 
     def panel(
         self,
@@ -111,7 +111,7 @@ class FieldsAlong:
         length = self.segment.length * width
         panel = (Straight if straight else Panel)(places, self.source.context, length, **options)
         for s, scalars in zip(where, values, strict=True):
-            for expr, value in zip(self.source.channels.medium.scalars(), scalars, strict=False):
+            for expr, value in zip(self.source.channels.scalars, scalars, strict=False):
                 panel.set_scalar(expr, s, value)
         return panel
 
@@ -159,9 +159,8 @@ class Interpolated:
     @functools.cached_property
     def looks_inside(self) -> bool:
         """Whether panels need fields: of other media the scalars at their nodes are enough."""
-        medium = self.channels.medium
-        turning = any(may_turn(expr, self.context) for expr in medium.scalars())
-        return medium.looks_inside or bool(self.channels.bound.jumps()) or turning
+        turning = any(may_turn(expr, self.context) for expr in self.channels.scalars)
+        return self.channels.looks_inside or bool(self.channels.bound.jumps()) or turning
 
     @functools.cached_property
     def coordinates(self) -> list[int]:
