@@ -92,7 +92,8 @@ class Pieces:
         self.grid: Any = volume.grid
         self.side = self.outline.store.chunks
         # Coordinates between which the cells are met by rays, of each axis.
-        self.walls = self.grid.edges
+        self.edges = self.grid.edges if is_structured(self.grid) else ()
+        self.walls = self.edges
         self.dual = False
         self.report: Report = silent
         self.lacking: tuple[str, ...] = ()
@@ -160,7 +161,7 @@ class Pieces:
         if self.dual:
             # Cells are met between the centres of those before and their own.
             self.walls = tuple(
-                np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.grid.edges
+                np.concatenate([e[:1], 0.5 * (e[1:-1] + e[:-2]), e[-1:]]) for e in self.edges
             )
             per_cell = sum(2 * k.itemsize + 4 for k in kinds)
             self.per_table = 0
