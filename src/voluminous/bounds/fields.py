@@ -190,9 +190,9 @@ def _curved(fields: Fields) -> list[CurvedField]:
 
 
 def _not_negative(part: Medium, bound: BoundMedium, ranges: dict[str, Interval]) -> bool:
-    emission = part.emission_range()
-    if emission is not None:
-        return emission[0] >= 0.0
+    peak = part.peak()
+    if peak is not None:
+        return peak[0] >= 0.0
     with np.errstate(all="ignore"):
         found = bound.coefficients(ranges, RangeContext())
     return all(bool(np.all(j.lo >= 0.0)) for j in found.emissivity)

@@ -73,7 +73,7 @@ def in_plain_numbers(medium: Medium, volume: Evaluation) -> Medium:
         return medium
 
     def convert(component: Medium) -> Medium:
-        if component.emission_range() == (0.0, 0.0):
+        if component.peak() == (0.0, 0.0, 0.0):
             return component
         if component.emission_unit(unit_of) != wanted:
             component = component.plain(volume, wanted)

@@ -93,8 +93,8 @@ class Coefficients(Medium):
         units = (unit_of(e) for e in self.emissivity)
         return next((unit for unit in units if unit is not None), None)
 
-    def emission_range(self) -> tuple[float, float] | None:
-        return (0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None
+    def peak(self) -> tuple[float, float, float] | None:
+        return (0.0, 0.0, 0.0) if all(e == Expression(0) for e in self.emissivity) else None
 
     def features(self) -> tuple[Feature, ...]:
         return tuple(map(Feature, (*self.emissivity, *self.extinction)))

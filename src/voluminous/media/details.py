@@ -153,21 +153,20 @@ class Details(Value):
         """Return a key of all that `may_show` depends on except the fields; None if unknown."""
         return self.key()
 
-    def emission_range(self) -> tuple[float, float] | None:
-        """Return the least and largest emission of one path length; None if unknown."""
-        return None
+    def peak(self) -> tuple[float, float, float] | None:
+        """Return the least and largest emission, and the optical depth, of one path length.
 
-    def strongest(self) -> tuple[float, float]:
-        """Return the brightness and opacity of one path length at the peak; 0 without a peak."""
-        return 0.0, 0.0
+        None if they are not known.
+        """
+        return None
 
     @property
     def spectral(self) -> bool:
         """Whether each channel is a picture of its own, with its own unit and tolerance.
 
-        The channels of a medium whose `emission_range` is known are colours of one picture.
+        The channels of a medium whose `peak` is known are colours of one picture.
         """
-        return all(part.emission_range() is None for part in self.components())
+        return all(part.peak() is None for part in self.components())
 
     @property
     def surface_only(self) -> bool:

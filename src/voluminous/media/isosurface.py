@@ -163,12 +163,9 @@ class Isosurface(Medium):
         scalar_feature = Feature(self.expr, self.width, scalar=True, colors=surfaces)
         return (scalar_feature, *others, *self.modulation.features())
 
-    def strongest(self) -> tuple[float, float]:
-        low, high = self.emission_range()
-        return max(-low, high), max(max(row) for row in self.opacities)
-
-    def emission_range(self) -> tuple[float, float]:
-        return min(map(min, self.colors)), max(map(max, self.colors))
+    def peak(self) -> tuple[float, float, float]:
+        colors = [h for row in self.colors for h in row]
+        return min(colors), max(colors), max(max(row) for row in self.opacities)
 
     def bind(self, binding: Binding) -> BoundSurfaces:
         return BoundSurfaces(self, binding)

@@ -192,11 +192,8 @@ class Shaped(Medium):
         scalar = Feature(self.expr, self.width, scalar=True, colors=shell)
         return (scalar, *self.modulation.features())
 
-    def emission_range(self) -> tuple[float, float]:
-        return min(self.color), max(self.color)
-
-    def strongest(self) -> tuple[float, float]:
-        return max(map(abs, self.color)), max(self.opacity)
+    def peak(self) -> tuple[float, float, float]:
+        return min(self.color), max(self.color), max(self.opacity)
 
     def shape_key(self) -> tuple[Any, ...]:
         """Return a key of all that the shape per path length depends on, including units."""

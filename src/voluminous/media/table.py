@@ -164,11 +164,8 @@ class Table(Medium):
         values = self.values if self.unit is None else self.values * self.unit
         return Colors(values, None if self.modulation.color else self.colors)
 
-    def emission_range(self) -> tuple[float, float]:
-        return float(self.colors.min()), float(self.colors.max())
-
-    def strongest(self) -> tuple[float, float]:
-        return max(self.color), max(self.opacity)
+    def peak(self) -> tuple[float, float, float]:
+        return float(self.colors.min()), float(self.colors.max()), float(self.opacities.max())
 
     def visible_key(self) -> Any:
         return (*self._entries(), self.modulation.gate_key())

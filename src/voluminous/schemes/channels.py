@@ -272,11 +272,14 @@ class Channels:
 
     def one_path(self) -> tuple[float, float]:
         """Return brightness and optical depth of one path length of the extreme parts, or zero."""
-        depth = max(part.strongest()[1] for part in self.medium.components())
+        depth = max(depth for _, _, depth in self._peaks())
         return self._color() / float(np.min(self.unit)), depth
 
     def _color(self) -> float:
-        return max(part.strongest()[0] for part in self.medium.components())
+        return max(max(-least, most) for least, most, _ in self._peaks())
+
+    def _peaks(self) -> list[tuple[float, float, float]]:
+        return [part.peak() or (0.0, 0.0, 0.0) for part in self.medium.components()]
 
     def paths(self, largest: list[float]) -> float:
         """Return the number of path lengths per unit length; zero if it cannot be determined."""
