@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 # The error of the correction for the order of light and absorption along a panel, as a part of it:
 # at any optical depth, and per optical depth.
-_TOLD_BY_ORDER, _TOLD_IF_DENSE = 0.3, 1.0
-# Means ignore the order of light and absorption along a panel. Their gradient tells what that is
-# worth, up to this optical depth.
+_LEFT, _LEFT_IF_DENSE = 0.3, 1.0
+# Means ignore the order of light and absorption along a panel. Their gradient corrects that up to
+# this optical depth.
 _THIN = 0.5
 # Optical depth from which on means over a half say little about what is seen of it.
 _OPAQUE = 0.7
@@ -101,10 +101,10 @@ def solve_with_error(source: FieldSource, panel: Panel, seen: list[Float]) -> Pa
         for c, (b, d) in enumerate(zip(found.emission, _by_gradients(front, back), strict=True)):
             k = c if len(found.depth) > 1 else 0
             depth = found.depth[k]
-            known = dr.select(depth < _THIN, 1.0 - lopsided[k], 0.0)
-            found.emission[c] = dr.fma(d, known, b)
-            told = dr.fma(_TOLD_IF_DENSE, depth, _TOLD_BY_ORDER) + (1.0 - known)
-            wrong[c] = dr.fma(dr.abs(d), told, wrong[c])
+            share = dr.select(depth < _THIN, 1.0 - lopsided[k], 0.0)
+            found.emission[c] = dr.fma(d, share, b)
+            left = dr.fma(_LEFT_IF_DENSE, depth, _LEFT) + (1.0 - share)
+            wrong[c] = dr.fma(dr.abs(d), left, wrong[c])
     error = tolerance.brightness(wrong)
     if constant != [True]:
         ordering, occluded = _ordering_error(constant, shares, uneven), _occluded(front, back)

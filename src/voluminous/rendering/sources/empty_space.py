@@ -162,9 +162,8 @@ def get_pruned_walk(
     The lattices have the values at their corners, if they have such.
     """
     medium, grid, backend = evaluator.medium, evaluator.grid, evaluator.backend
-    if not isinstance(grid, OctreeGrid) or not all(
-        name in evaluator.volume for name in medium.names
-    ):
+    in_cells = all(name in evaluator.volume for name in medium.names)
+    if not isinstance(grid, OctreeGrid) or not in_cells:
         return None
 
     def make() -> Any:

@@ -44,7 +44,7 @@ _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 
 
 class FieldsAlong:
-    """All fields along a segment; what is asked for is computed where it is asked for."""
+    """All fields along a segment (`schemes.base.Fields`), computed where they are asked for."""
 
     def __init__(self, source: Interpolated, segment: Segment) -> None:
         chord = segment.walk.chord(segment.track, segment)
@@ -63,7 +63,6 @@ class FieldsAlong:
         return {name: lattice.corners(cell, active) for name, lattice in lattices.items()}
 
     def at(self, s: Float) -> dict[str, Float]:
-        """Return every field, and coordinate, that the medium uses at a place from 0 to 1."""
         source, chord, real = self.source, self.chord, self.source.context.real
         cell, place = chord.at(s)
         corners = self.corners if self.one_cell else self._corners(cell)
@@ -77,11 +76,9 @@ class FieldsAlong:
         return within_limits(fields, source.context)
 
     def scalars(self, s: Float) -> list[Float]:
-        """Return the medium's scalars at a place."""
         return self._scalars(self.at(s))
 
     def node(self, s: Float) -> Node:
-        """Return the fields at a place, if panels need them, and the scalars."""
         fields = self.at(s)
         return fields if self.looks_inside else {}, self._scalars(fields)
 
@@ -99,7 +96,6 @@ class FieldsAlong:
         straight: bool = False,
         culling_only: bool = False,
     ) -> Panel:
-        """Return a part of the segment with three or five nodes; see `schemes.base.Fields`."""
         places, values = zip(*nodes, strict=True)
         where = NODES if len(nodes) == len(NODES) else PLACES
         options: dict[str, Any] = {"where": where, "culling_only": culling_only}
@@ -198,7 +194,6 @@ class Interpolated:
         return replace(self, channels=some, context=context, largest=largest)
 
     def along(self, segment: Segment) -> FieldsAlong:
-        """Return the fields around the dual cell of a segment."""
         return FieldsAlong(self, segment)
 
     def in_unit(self, name: str, value: Float) -> Float:

@@ -325,8 +325,7 @@ def tabulated(
     crowded = by_cell and _crowded(channels, needed, grid.size / steps)
     if crowded and not evaluator.volume.tables:  # not even hashed: it takes a while for 1024³
         return OnRay(evaluator.normalised())
-    scanner = isinstance(scheme, Scanner)
-    faint = 0.0 if scanner else _FAINT[backend.precision]
+    faint = 0.0 if isinstance(scheme, Scanner) else _FAINT[backend.precision]
     everywhere = isinstance(scheme, Scanner) and scheme.everywhere
 
     def on_ray(single: bool = False, leaps: bool = True) -> OnRay:
