@@ -79,16 +79,18 @@ MOST_TOGETHER = 16
 _FEW_TOGETHER = 5
 
 
-def channel_groups(medium: Medium, scheme: Scheme | None = None) -> list[slice]:
+def channel_groups(
+    medium: Medium, scheme: Scheme | None = None, count: int | None = None
+) -> list[slice]:
     """Return the groups in which channels are drawn, all of one size, so that they share a kernel.
 
-    The last ones may overlap.
+    The last ones may overlap. Of `count` channels, or all of the medium.
     """
     from .base import is_controlled
 
     few = scheme is not None and (is_controlled(scheme) or scheme.coefficients_at == "vertex")
     few = few and not ColouredShapes.serve(medium)  # more colours of a shape take no longer
-    channels = medium.channels
+    channels = count or medium.channels
     count = math.ceil(channels / (_FEW_TOGETHER if few else MOST_TOGETHER))
     size = math.ceil(channels / count)
     firsts = (min(k * size, channels - size) for k in range(count))
@@ -157,7 +159,7 @@ class Channels:
 
     def groups(self, scheme: Scheme) -> list[slice]:
         """Return the groups of channels that are drawn together."""
-        return channel_groups(self.medium, scheme)
+        return channel_groups(self.medium, scheme, self.emissions)
 
     # --- how errors count -----------------------------------------------------------------------
 
