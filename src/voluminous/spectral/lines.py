@@ -548,7 +548,7 @@ class BoundLines(BoundSpectral):
 
     def visible(self, panel: Panel) -> tuple[Mask, Mask]:
         context = panel.context
-        if not panel.places:  # without error control panels are looked at without their fields
+        if not any(panel.places):  # without error control panels are looked at without their fields
             return super().visible(panel)
         states = self._along(panel)
         narrow = [state.narrowness for state in states]
