@@ -110,7 +110,7 @@ WRITERS = {
 @pytest.mark.parametrize("name", WRITERS)
 def test_any_chunks_are_right(tmp_path, monkeypatch, name, chunks, dtype):
     """Chunks of three widths, of whole layers, larger than the volume, and rests of one cell."""
-    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
+    monkeypatch.setattr("voluminous.large.view.VolumeView.widest", 4)
     options = WRITERS[name](tmp_path / name, RHO.astype(dtype), chunks)
     volume = open_lazily(tmp_path / name, **options).unread()
     assert volume.waiting == ("rho",)

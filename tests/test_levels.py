@@ -10,8 +10,8 @@ import pytest
 
 import voluminous as vm
 from voluminous.errors import InputError
+from voluminous.large.view import VolumeView
 from voluminous.levels import level_within
-from voluminous.rendering.outline import Outline
 from voluminous.store import FieldStore, means
 
 BOUNDS = [(-1, 1), (-1, 1), (-1, 1)]
@@ -273,12 +273,12 @@ def test_what_is_measured_in_a_level_is_measured_chunk_by_chunk_too(large, schem
 
 def test_levels_are_volumes_whatever_they_are_levels_of(large):
     volume = vm.open(large)
-    outline = Outline.of(volume)
-    for one in (volume, outline, Outline.of(volume.level(1))):
+    outline = VolumeView.of(volume)
+    for one in (volume, outline, VolumeView.of(volume.level(1))):
         level = one.level(1)
         assert type(level) is vm.Volume
         assert level.array("density").shape == level.grid.shape
-        assert Outline.of(level).extremes("density").ndim == 4
+        assert VolumeView.of(level).extremes("density").ndim == 4
 
 
 @pytest.mark.parametrize("shape", [(16, 16, 16), (11, 13, 9)])

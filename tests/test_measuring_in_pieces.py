@@ -56,8 +56,8 @@ class Counted:
 @pytest.fixture
 def volumes(monkeypatch):
     """Return a function of a grid: the volume in memory, that in chunks of 4³, and its fields."""
-    monkeypatch.setattr("voluminous.store.SIDE", 4)
-    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
+    monkeypatch.setattr("voluminous.store.FieldStore.side", 4)
+    monkeypatch.setattr("voluminous.large.view.VolumeView.widest", 4)
 
     def make(grid):
         whole = vm.Volume(grid, arrays(grid))
@@ -318,8 +318,8 @@ def test_probes_read_the_chunks_along_a_ray(camera, volumes):
 
 @pytest.mark.parametrize("name", ["octree", "pinwheel", "holes"])
 def test_refined_grids_are_measured_in_parts(name, monkeypatch):
-    monkeypatch.setattr("voluminous.store.LEAVES", 64)
-    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
+    monkeypatch.setattr("voluminous.store.FieldStore.leaves", 64)
+    monkeypatch.setattr("voluminous.large.view.VolumeView.widest", 4)
     volume = vm.Volume(REFINED[name], arrays(REFINED[name]))
     camera = vm.Orthographic(35, 50, resolution=24)
 

@@ -137,3 +137,12 @@ def test_few_files_are_entered_by_a_picture(monkeypatch):
     lines = sum(len((SOURCE / name).read_text(encoding="utf-8").splitlines()) for name in loop)
     assert lines <= LOOP_LINES
     assert not loop & NOT_IN_THE_LOOP
+
+
+def test_one_renderer():
+    """Nobody asks whether a volume is in memory: each is a partition, of one block or of many."""
+    kinds = "VolumeView|CartesianChunks|TreeParts|BlockTracer"
+    asks = re.compile(rf"job\.pieces|\bOutline\b|isinstance\(.*({kinds})\)")
+    sources = {path: path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
+    asked = {str(path.relative_to(SOURCE)) for path, text in sources.items() if asks.search(text)}
+    assert not asked

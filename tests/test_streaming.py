@@ -40,8 +40,8 @@ def chunks(monkeypatch):
     """Make chunks of arrays in memory this wide, and blocks of one chunk."""
 
     def make(side):
-        monkeypatch.setattr("voluminous.store.SIDE", side)
-        monkeypatch.setattr("voluminous.rendering.outline._WIDEST", side)
+        monkeypatch.setattr("voluminous.store.FieldStore.side", side)
+        monkeypatch.setattr("voluminous.large.view.VolumeView.widest", side)
 
     return make
 
@@ -105,6 +105,28 @@ def test_chunks_have_the_bits_of_the_whole_on_interpolated_fields(tolerance, cam
     chunks(4)
     grid = UNEVEN if camera == "oblique" else UNIFORM
     assert_same_bits(*both(noise(grid), MEDIUM, CAMERAS[camera], tolerance=tolerance))
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+@pytest.mark.parametrize("antialias", ["adaptive", "radmc3d"])
+def test_more_rays_have_the_bits_of_the_whole(antialias, scheme, chunks):
+    chunks(4)
+    camera = ORTHOGRAPHIC.replace(resolution=8)
+    assert_same_bits(*both(noise(UNIFORM), MEDIUM, camera, antialias=antialias, scheme=scheme))
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_objects_are_between_the_blocks(scheme, chunks):
+    chunks(4)
+    middle = UNIFORM.bounds.mean(axis=1)
+    stars = vm.Stars([middle + 0.2], luminosities=3.0)
+    balls = vm.Stars([middle - 0.1], 5.0, radii=0.1, opacity=0.5)
+    whole, parts = both(
+        noise(UNIFORM), MEDIUM, ORTHOGRAPHIC, objects=[stars, balls, vm.Boxes()], scheme=scheme
+    )
+    assert_same_bits(whole, parts)
+    bare = vm.render(noise(UNIFORM), MEDIUM, ORTHOGRAPHIC, scheme=scheme)
+    assert np.abs(whole.intensity - bare.intensity).max() > 0.1
 
 
 def test_observers_beside_the_wall_of_a_chunk(chunks):
@@ -277,9 +299,7 @@ def test_what_cannot_be_drawn_in_chunks_is_refused():
         refused("memory is the number of bytes", memory=memory)
     for scheme in ("second-order", "olson-kunasz"):
         refused("post-classified.*pre-integrated.*first-order", scheme=scheme)
-    refused("antialias", antialias="adaptive")
     refused("bounds", bounds=True)
-    refused("objects", objects=[vm.Axes()])
     refused("medium that is given", medium=None)
     refused("computed", medium=vm.Gaussian("gradmag(a)", 0.5, 0.2, "red", 0.5))
     refused("Cartesian", volume=vm.Volume(vm.SphericalGrid([0, 1, 2]), a=np.ones((2, 1, 1))))

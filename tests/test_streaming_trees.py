@@ -18,7 +18,7 @@ from voluminous.backend import get_backend
 from voluminous.errors import InputError, MemoryNeededError
 from voluminous.grids.trees.ghosts import LeavesWithGhosts
 from voluminous.io.registry import open_lazily
-from voluminous.rendering.pieces import Pieces
+from voluminous.large.chunks import CartesianChunks
 from voluminous.rendering.sources.corner_layouts import lattices_of, lattices_of_leaves
 
 __all__ = ["reads"]
@@ -31,8 +31,8 @@ def chunks(monkeypatch):
     """Make parts of so many cells at most, the third power of a number."""
 
     def make(side):
-        monkeypatch.setattr("voluminous.store.LEAVES", side**3)
-        monkeypatch.setattr("voluminous.rendering.outline._WIDEST", side)
+        monkeypatch.setattr("voluminous.store.FieldStore.leaves", side**3)
+        monkeypatch.setattr("voluminous.large.view.VolumeView.widest", side)
 
     return make
 
@@ -176,7 +176,7 @@ def test_only_parts_that_show_something_and_are_not_hidden_are_read(tmp_path, re
 
     def drawn(medium, **options):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("voluminous.rendering.outline._WIDEST", 2)
+            patch.setattr("voluminous.large.view.VolumeView.widest", 2)
             del reads[:]
             return vm.render(volume, medium, camera, memory="1 GiB", **FIRST, **options)
 
@@ -270,10 +270,10 @@ def test_shells_of_chunks_have_keys_that_increase_along_rays(seed):
     key = np.abs(index - np.reshape(center, (3, 1, 1))).sum(axis=0)
     assert np.all(np.diff(key, axis=0)[inside[1:] & inside[:-1]] == 1)
     # The order in which blocks are drawn is that of the keys.
-    pieces = object.__new__(Pieces)
+    pieces = object.__new__(CartesianChunks)
     pieces.grid = vm.CartesianGrid(*walls)
     pieces.walls, pieces.side, pieces.dual = walls, (1, 1, 1), False
-    boxes = pieces.boxes(False, np.stack([origin, origin], axis=-1), np.zeros(3))
+    boxes = pieces.blocks(False, np.stack([origin, origin], axis=-1), np.zeros(3))
     keys = [sum(abs(i - c) for i, c in zip(box.low, center, strict=True)) for box in boxes]
     assert keys == sorted(keys)
     assert len(keys) == counts.prod()
@@ -282,8 +282,8 @@ def test_shells_of_chunks_have_keys_that_increase_along_rays(seed):
 @pytest.mark.parametrize("name", ["uneven octree", "pinwheel"])
 def test_parts_are_drawn_by_others(name, tmp_path, monkeypatch):
     """Blocks wait for those in front; rays that come to one again are drawn in another sweep."""
-    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 4)
-    monkeypatch.setattr("voluminous.rendering.pieces._MOST_BLOCKS", 8)
+    monkeypatch.setattr("voluminous.large.view.VolumeView.widest", 4)
+    monkeypatch.setattr("voluminous.large.chunks.CartesianChunks.most_tasks", 8)
     noise(GRIDS[name]).save(tmp_path / "a.zarr", stats=True, chunks=64)
     camera = cameras(GRIDS[name])["oblique"]
     volume = open_lazily(tmp_path / "a.zarr")

@@ -68,8 +68,8 @@ def stored(tmp_path_factory):
 @pytest.fixture
 def narrow(monkeypatch):
     """Make boxes of one chunk, and blocks of two along each axis."""
-    monkeypatch.setattr("voluminous.rendering.outline._WIDEST", 8)
-    monkeypatch.setattr("voluminous.rendering.pieces._MOST_BLOCKS", 12)
+    monkeypatch.setattr("voluminous.large.view.VolumeView.widest", 8)
+    monkeypatch.setattr("voluminous.large.chunks.CartesianChunks.most_tasks", 12)
 
 
 @pytest.mark.parametrize("options", [{"scheme": "first-order"}, {"tolerance": None}, {}])
@@ -305,7 +305,7 @@ def test_refusals(stored, monkeypatch):
     camera = CAMERAS["oblique"]
     with pytest.raises(InputError, match=r"executor is a .*, or a Dask client, got 4"):
         vm.render(vm.open(stored), MEDIUM, camera, executor=4)
-    monkeypatch.setattr("voluminous.rendering.streaming._SENT", 1 << 10)
+    monkeypatch.setattr("voluminous.large.tracer.BlockTracer.most_sent", 1 << 10)
     with (
         ThreadPoolExecutor(1) as executor,
         pytest.raises(InputError, match=r"write the volume first, volume.save\('big.zarr'"),
@@ -335,10 +335,10 @@ def test_a_pool_whose_process_dies_is_named(stored, narrow, tmp_path, monkeypatc
 SCRIPT = """
 import sys
 import voluminous as vm
-import voluminous.rendering.outline as outline
-import voluminous.rendering.pieces as pieces
+from voluminous.large.chunks import CartesianChunks
+from voluminous.large.view import VolumeView
 from concurrent.futures import ThreadPoolExecutor
-outline._WIDEST, pieces._MOST_BLOCKS = 8, 12
+VolumeView.widest, CartesianChunks.most_tasks = 8, 12
 medium = vm.Gaussian("a", 0.5, 0.2, (1, 0.5, 0.2), opacity=0.4, path_length=0.5)
 image = vm.render(
     vm.open(sys.argv[1]), medium, vm.Orthographic(35, 50, width=4, resolution=60),

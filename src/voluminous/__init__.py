@@ -64,7 +64,7 @@ _PUBLIC = {
     "observe": "observing",
     "open": "io",
     "orbit": "movies",
-    "plan": "rendering",
+    "plan": "large.planning",
     "plot_row": "image.plot",
     "presets": "calibration",
     "probe": "measuring",
@@ -113,6 +113,7 @@ if TYPE_CHECKING:
     from .image import Cube, Image, Spectrum, channels
     from .image.plot import plot_row
     from .io import open
+    from .large.planning import plan
     from .measuring import (
         column,
         measure,
@@ -135,7 +136,6 @@ if TYPE_CHECKING:
     from .objects import Axes, Boxes, Curves, Spheres, Stars
     from .observing import observe, spectrum
     from .physics import Blackbody, Molecule, Opacity
-    from .rendering import plan
     from .scene import Scene
     from .spectral import Dust, FreeFree, Lines, SpectralMedium
     from .viewer import view

@@ -1,14 +1,17 @@
-"""Checks of available memory before it is allocated."""
+"""Numbers of bytes, and checks of available memory before it is allocated."""
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from .errors import MemoryNeededError
+from .errors import InputError, MemoryNeededError
 
 # Numbers of glibc's options of malloc.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
@@ -19,6 +22,25 @@ _SMALL = 64 << 20
 LOADING, KERNELS = 448 << 20, 128 << 20
 # More than any machine has: control groups of version 1 without a limit have the largest number.
 _NO_LIMIT = 1 << 60
+_SIZES = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
+_TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECASE)
+
+
+def byte_count(memory: Any) -> int:
+    """Return a number of bytes from text such as ``"2 GiB"`` or ``"500 MB"``, or a number."""
+    if isinstance(memory, (int, float)) and memory is not True and 0 < memory < 1e30:
+        return int(memory)
+    found = _TEXT.fullmatch(memory) if isinstance(memory, str) else None
+    try:
+        count = float(found[1]) if found else 0.0
+    except ValueError:
+        count = 0.0
+    if not found or not 0.0 < count < math.inf:
+        raise InputError(
+            "memory is the number of bytes that drawing may take, as in memory='2 GiB', '500 MB' "
+            f"or 2_000_000_000, got {memory!r}"
+        )
+    return int(count * (1024 if found[3] else 1000) ** _SIZES[found[2].upper()])
 
 
 def check_memory(needed: int, what: str, advice: str, free: int | None = None) -> None:

@@ -14,11 +14,6 @@ from .fields import held_dtype
 if TYPE_CHECKING:
     from .deferred import Fields
 
-# Cells along the sides of a chunk where a file does not say: 8 MiB of single precision.
-SIDE = 128
-# Cells of a refined grid in a chunk: 1 MiB of single precision.
-LEAVES = 1 << 18
-
 
 class Store(Protocol):
     """Fields of which any box can be read: on three axes, or one of the leaves of a refined grid.
@@ -74,12 +69,17 @@ class Store(Protocol):
 class FieldStore:
     """The `Store` of a volume: its files as far as these can be read in pieces, else its arrays."""
 
+    # Cells along the sides of a chunk where a file does not say: 8 MiB of single precision.
+    side = 128
+    # Cells of a refined grid in a chunk: 1 MiB of single precision.
+    leaves = 1 << 18
+
     def __init__(self, shape: Sequence[int], fields: Fields) -> None:
         self._fields = fields
         self._trusts = True
         pieces = [p for p in map(fields.pieces, fields) if p is not None]
         first = next((p for p in pieces if p.chunks), None)
-        usual = (SIDE,) * 3 if len(shape) == 3 else (LEAVES,)
+        usual = (self.side,) * 3 if len(shape) == 3 else (self.leaves,)
         stored = list(first.chunks if first and first.chunks else usual)
         if first is not None and first.extremes is None:
             stored = _several(stored)
@@ -194,7 +194,8 @@ def _several(chunk: Sequence[int]) -> list[int]:
     sides = [int(n) for n in chunk]
     for axis in np.argsort(sides, kind="stable"):
         others = math.prod(sides) // sides[axis]
-        most = min(SIDE, SIDE**3 // others) if len(sides) == 3 else LEAVES
+        side = FieldStore.side
+        most = min(side, side**3 // others) if len(sides) == 3 else FieldStore.leaves
         sides[axis] *= max(1, most // sides[axis])
     return sides
 

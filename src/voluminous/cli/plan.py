@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the plan."""
-    from ..rendering import plan
+    from ..large.planning import plan
 
     if args.workers < 1:
         raise InputError(f"--workers is 1 or more, got {args.workers}")

@@ -12,6 +12,8 @@ import numpy as np
 from ..bounds import guaranteed
 from ..errors import InputError
 from ..image import Image
+from ..large.levels import at_level
+from ..large.partition import drawn_in_blocks
 from ..media.contract import Medium
 from ..media.details import intensity_unit
 from ..objects import SceneObject
@@ -21,7 +23,6 @@ from ..rendering.empty_picture import warn_of_nothing
 from ..rendering.framing import first_camera, first_medium, framed
 from ..rendering.job import RenderJob
 from ..rendering.layers import with_channels
-from ..rendering.levels import at_level
 from ..rendering.objects import channel_count, check_objects, wide_background, with_objects
 from ..rendering.options import (
     FINEST_SINGLE,
@@ -30,10 +31,9 @@ from ..rendering.options import (
     name_slow_choices,
     refuse_unusable,
 )
-from ..rendering.pieces import pieces_of
+from ..rendering.partition import Partition
 from ..rendering.prepare import prepare
 from ..rendering.run import RenderResult, run, run_in_batches
-from ..rendering.sweep import Sweep
 from ..rendering.tracer import exhausted
 from ..schemes.channels import before
 from ..units import unit_name
@@ -232,8 +232,7 @@ def in_steps(
     drawing = prepared(volume, medium, camera, options)
     start, brightest = time.monotonic(), float(np.max(np.abs(drawing.background)))
     planes = yield from run_in_batches(drawing.job, brightest, seconds, focus)
-    if drawing.sweep is not None:
-        drawing.sweep.finish()
+    drawing.job.partition.finish()
     image = assembled(drawing, planes)
     name_slow_choices(
         time.monotonic() - start,
@@ -271,7 +270,6 @@ class Drawing:
     objects: list[SceneObject]
     background: np.ndarray
     panels: int
-    sweep: Sweep | None
 
 
 def prepared(volume: Volume, medium: Medium | None, camera: Any, options: RenderOptions) -> Drawing:
@@ -291,24 +289,24 @@ def prepared(volume: Volume, medium: Medium | None, camera: Any, options: Render
                 f"bounds=True is for all cells, this picture is drawn from level {level}: leave "
                 "out bounds=True, or draw level=0"
             )
-    pieces = sweep = None
-    if options.executor is not None or options.checkpoint is not None:
-        sweep = Sweep(options.executor, options.checkpoint)
-    if memory is not None or sweep is not None:
-        choices = {"antialias": options.antialias, "bounds": options.bounds}
-        pieces = pieces_of(volume, medium, memory, sweep, objects=options.objects, **choices)
-        volume = pieces.outline
+    partition = Partition(volume)
+    if not (memory is None and options.executor is None and options.checkpoint is None):
+        workers = options.executor, options.checkpoint
+        partition = drawn_in_blocks(volume, medium, memory, *workers, options.bounds)
+        volume = partition.volume
     if medium is None and isinstance(volume, Volume):
         medium, fitted = first_medium(volume), True
     if camera is None:
         camera = (
-            framed(volume, medium, view=view, memory=memory) if fitted else first_camera(volume)
+            framed(volume, medium, view=view, partition=partition)
+            if fitted
+            else first_camera(volume)
         )
     objects = check_objects(options.objects, options.bounds)
-    job, missing = prepare(volume, medium, camera, options, pieces=pieces)
+    job, missing = prepare(volume, medium, camera, options, partition)
     background = background_array(options.background, job.frame.pixels, job.medium.channels)
     panels = guaranteed.check_bounds(options.bounds, options.max_panels, job)
-    return Drawing(job, options, whole, level, missing, objects, background, panels, sweep)
+    return Drawing(job, options, whole, level, missing, objects, background, panels)
 
 
 def assembled(drawing: Drawing, planes: RenderResult) -> Image:
@@ -333,7 +331,7 @@ def assembled(drawing: Drawing, planes: RenderResult) -> Image:
     if np.any(background):
         intensity = before(background, intensity, planes.transparency)
     lower, upper = guaranteed.bracket(job, drawing.panels, intensity, background)
-    x, y = job.frame.coordinates()
+    (x, y), sky = job.frame.coordinates(), drawing.whole.wcs
     return Image(
         intensity,
         transparency=planes.transparency,
@@ -346,7 +344,7 @@ def assembled(drawing: Drawing, planes: RenderResult) -> Image:
         intensity_unit=unit_name(intensity_unit(job.medium, job.volume)),
         pixel_size=job.frame.pixel,
         unit=job.camera.plane_unit or unit_name(job.volume.unit),
-        wcs=image_wcs(drawing.whole, job.camera, job.frame),
+        wcs=None if sky is None else image_wcs(drawing.whole, job.camera, job.frame),
         camera=job.camera.describe(),
         provenance=provenance,
     )
@@ -357,8 +355,6 @@ def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray
 
     def compute() -> np.ndarray:
         job.cutoff, job.progress = 0.0, silent
-        if job.pieces is not None:
-            job.pieces.report = silent
         return with_channels(run(job, 0.0).depth, channels, 0.0)
 
     return compute

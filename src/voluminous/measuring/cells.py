@@ -16,21 +16,19 @@ from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..grids.arguments import on_grid
 from ..grids.contract import BoxGrid
 from ..grids.structured import is_structured
+from ..large.partition import partition_of
 from ..progress import reported_range
 from ..regions import Region
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
-from ..rendering.options import check_grid_in_pieces
-from ..rendering.outline import Outline, byte_count
 from ..units import Unit, UnitLike, parse_unit, unit_name
 
 if TYPE_CHECKING:
     from ..grids.contract import CellBox, Grid
+    from ..rendering.partition import Partition
     from ..volume import Volume
 
-# Cells evaluated at once.
-_CHUNK = 1 << 20
-# Bytes for each of them, for temporary arrays and what cells are multiplied by.
+# Bytes for each cell that is evaluated at once: temporary arrays, and what cells are multiplied by.
 _PER_CELL = 320
 # Arguments of regions that are lengths, or places.
 _LENGTHS = ("low", "high", "center", "radius", "start", "end", "apex", "height")
@@ -101,41 +99,23 @@ class Block(NamedTuple):
     ranges: Iterator[tuple[int, int]]
 
 
-def outlined(volume: Volume, memory: Any) -> Volume:
-    """Return a volume, or if a memory is given the outline of one that is read in blocks.
-
-    Raises
-    ------
-    InputError
-        If the memory is no number of bytes, or the grid is not read in blocks.
-    """
-    if memory is None:
-        return volume
-    byte_count(memory)
-    check_grid_in_pieces(volume.grid)
-    return Outline.of(volume)
-
-
 def blocks(
-    volume: Volume, names: Iterable[str], memory: Any, step: int, parts: CellParts | None = None
+    partition: Partition, names: Iterable[str], step: int, parts: CellParts | None = None
 ) -> Iterator[Block]:
-    """Yield the volume, or blocks of an outline with some fields; `step` cells at once.
+    """Yield the blocks of a volume with some fields; `step` cells at once.
 
     Blocks of which no part is measured are left out.
     """
+    names, grid, before = tuple(dict.fromkeys(names)), partition.volume.grid, 0
 
-    def ranges(size: int, before: int = 0) -> Iterator[tuple[int, int]]:
-        for first in reported_range(size, step, before, volume.grid.size):
+    def ranges(size: int, before: int) -> Iterator[tuple[int, int]]:
+        for first in reported_range(size, step, before, grid.size):
             yield first, min(first + step, size)
 
-    if not isinstance(volume, Outline):
-        yield Block(volume, (0, 0, 0), ranges(volume.grid.size))
-        return
-    names, before = tuple(dict.fromkeys(names)), 0
-    for box in volume.boxes(names, memory, 8, step * _PER_CELL):
+    for box in partition.blocks_of(names, 8, step * _PER_CELL):
         size = math.prod(b - a for a, b in zip(box.low, box.high, strict=True))
-        if parts is None or not parts.beside(volume.grid, box):
-            yield Block(volume.part(box, names), box.low, ranges(size, before))
+        if parts is None or size == grid.size or not parts.beside(grid, box):
+            yield Block(partition.part(box, names), box.low, ranges(size, before))
         before += size
 
 
@@ -155,7 +135,7 @@ def converted(unit: Unit, wanted: UnitLike, what: str) -> tuple[Unit, float]:
 
 
 def undefined_as_missing(
-    volume: Volume, expressions: Sequence[Expression]
+    volume: Volume, expressions: Sequence[Expression], memory: Any
 ) -> tuple[Volume, list[Expression]]:
     """Return a volume and expressions of it, undefined values of which are missing.
 
@@ -170,15 +150,7 @@ def undefined_as_missing(
         name = "quantity"
         while name in volume:
             name += "_"
-        other: Volume
-        if isinstance(volume, Outline):
-            other = outline = volume.computing({name: expression})
-            lacks = outline.missing(name) > 0
-        else:
-            values = _values(volume, expression)
-            other = volume.with_arrays({name: values})
-            other.set_unit(name, None)
-            lacks = bool(np.isnan(values).any())
+        other, lacks = partition_of(volume, memory).with_field(name, expression)
         if lacks:
             volume, results[-1] = other, Expression(name)
     return volume, results
@@ -193,37 +165,6 @@ def _is_finite(volume: Volume, expression: Expression) -> bool:
         ops = IntervalOps()
         range_ = ops.number(expression.evaluate(ops, fields))
     return bool(np.isfinite(range_.lo) & np.isfinite(range_.hi))
-
-
-def _values(volume: Volume, expression: Expression) -> np.ndarray:
-    grid, values = volume.grid, np.empty(volume.grid.size)
-    for first in range(0, grid.size, _CHUNK):
-        last = min(first + _CHUNK, grid.size)
-        values[first:last] = volume.evaluate_cells(expression, first, last, double=True)
-        check_finite(volume, values[first:last], expression, first)
-    if np.isnan(values).all():
-        raise InputError(f"{expression.text!r} has no value in any cell")
-    return np.reshape(values, grid.shape)
-
-
-def check_finite(
-    volume: Volume,
-    values: np.ndarray,
-    expression: Expression,
-    first: int,
-    low: tuple[int, ...] = (0, 0, 0),
-) -> None:
-    """Refuse a quantity that is infinite in one of consecutive cells; `low` is a block's first."""
-    infinite = np.flatnonzero(np.isinf(values))
-    if infinite.size:
-        place = np.unravel_index(first + int(infinite[0]), volume.grid.shape)
-        if len(place) == len(low):
-            place = tuple(a + i for a, i in zip(low, place, strict=True))
-        raise InputError(
-            f"{expression.text!r} is infinite in cells, the first of which is "
-            f"{tuple(int(i) for i in place)}: leave them out, where(…, …, 0), or have them missing "
-            "(NaN)"
-        )
 
 
 class CellParts:

@@ -19,20 +19,20 @@ from ..errors import InputError, check_name
 from ..expressions import product, shifted
 from ..grids.contract import BoxGrid
 from ..image import Image
+from ..large.partition import partition_of
 from ..media import Coefficients
 from ..packages import version
 from ..progress import Progress, with_progress
+from ..rendering.partition import check_finite
 from ..schemes.base import CellSource, Scanner, Solution
 from ..units import Unit, UnitLike, unit_name
 from .cells import (
     CellParts,
     CellQuantity,
     blocks,
-    check_finite,
     check_volume,
     converted,
     integral_unit,
-    outlined,
     undefined_as_missing,
 )
 from .exact_projection import Screen, empty_sums, project_cells, received
@@ -82,7 +82,7 @@ def integrals(
         check_exact(volume.grid, camera)
         how = options["device"], options["memory"]
         return exact_maps(volume.seen_by(camera), expressions, camera, *how, together=True)
-    seen, known = undefined_as_missing(volume.seen_by(camera), expressions)
+    seen, known = undefined_as_missing(volume.seen_by(camera), expressions, options["memory"])
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
         image = render(seen, Coefficients(known, 0), camera, scheme=Thin(), cutoff=0.0, **options)
@@ -107,7 +107,7 @@ def exact_maps(
     """Return the mean columns of pixels, by projecting all cells; None stands for one everywhere.
 
     `parts` is the part of each cell that counts. With `together`, cells in which any of the
-    expressions has no value are left out. With `memory` the volume is an outline.
+    expressions has no value are left out.
     """
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), Screen.of(frame)
@@ -115,7 +115,7 @@ def exact_maps(
     names = [name for expression in expressions if expression for name in expression.names]
     names += [] if parts is None else parts.names
     step = _CHUNK if memory is None else _CHUNK >> 2
-    for block in blocks(volume, names, memory, step, parts):
+    for block in blocks(partition_of(volume, memory), names, step, parts):
         part = block.volume
         for first, last in block.ranges:
             sizes = np.asarray(part.grid.cell_sizes(first, last))
@@ -239,7 +239,7 @@ def column(
     options = {**how, "precision": precision, "device": device, "progress": progress}
     options["memory"] = memory
     check_volume(volume)
-    volume = outlined(volume, memory)
+    volume = partition_of(volume, memory).volume
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity)
     provenance = {"quantity": what.text, **how}
@@ -331,7 +331,7 @@ def moments(
         raise InputError(f"n, the highest moment, must be from 0 to {_HIGHEST}, got {n!r}")
     check_volume(volume)
     check_camera(camera, "a map")
-    volume = outlined(volume, memory)
+    volume = partition_of(volume, memory).volume
     seen = volume.seen_by(camera)
     if isinstance(velocity, str) and velocity not in seen and f"los({velocity!r})" in seen:
         velocity = f"los({velocity!r})"

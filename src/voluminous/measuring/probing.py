@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -16,6 +16,7 @@ from ..grids.arguments import on_grid
 from ..grids.contract import cells_across
 from ..grids.structured import is_structured
 from ..grids.trees.vertices import LeafGrid
+from ..large.partition import partition_of
 from ..media.context import completed
 from ..media.details import intensity_unit
 from ..media.panel import PLACES
@@ -23,11 +24,8 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
 from ..rendering.options import RenderOptions, background_array
-from ..rendering.pieces import Pieces, pieces_of
 from ..rendering.run import run
-from ..rendering.streaming import StreamingTracer
 from ..rendering.tolerance import Rounds
-from ..rendering.tracer import RayTracer
 from ..schemes.base import (
     Around,
     Position,
@@ -47,8 +45,10 @@ from .probe_result import Probe
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
     from ..cameras import Camera, Frame
-    from ..grids.contract import CellBox, Segment
+    from ..grids.contract import Segment
     from ..media import Medium
+    from ..rendering.partition import Partition
+    from ..rendering.tracer import RayTracer
     from ..volume import Volume
 
 Rows: TypeAlias = dict[str, np.ndarray]
@@ -115,10 +115,7 @@ def probe(
     InputError, UnknownNameError, UnitsError
         For a pixel, point or field that does not exist, and for what `render` refuses.
     """
-    pieces = None
-    if memory is not None:
-        pieces = pieces_of(volume, medium, memory)
-        volume = pieces.outline
+    partition = partition_of(volume, memory, medium)
     options = RenderOptions(
         scheme=scheme,
         tolerance=tolerance,
@@ -127,11 +124,11 @@ def probe(
         cutoff=cutoff,
         progress=progress,
     )
-    job, _ = prepare(volume, medium, camera, options, pieces=pieces)
+    job, _ = prepare(partition.volume, medium, camera, options, partition)
     if at is not None and not camera.plane_unit:
         at = on_grid(at, volume.grid, "at")
     place = _place(pixel, at, job.frame, camera.plane_unit or volume.unit)
-    seen = volume.seen_by(camera) if pieces is None else pieces.outline
+    seen = partition.volume
     listed = also if isinstance(also, (list, tuple)) else [also]
     quantities = [CellQuantity.of(seen, expr, "also") for expr in listed]
     more = [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
@@ -289,8 +286,7 @@ def _tracer_of(job: RenderJob, pixel: int, brightest_background: float) -> RayTr
     source = copy.copy(job.source(rounds is not None and rounds.faintest))
     if not source.skipping.coarse:  # steps are single cells: rays also visit empty ones
         source.skipping = Skipping()
-    kind = RayTracer if job.pieces is None else StreamingTracer
-    tracer = kind(job, source, brightest_background)
+    tracer = job.partition.tracer(job, source, brightest_background, False)
     if rounds is not None:
         allowed, source.channels.peaks = rounds.of(pixel)
         tracer.allow(*allowed)
@@ -340,26 +336,14 @@ def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity
     recorder.make_columns(tracer.source)
     place = tuple(np.array([value]) for value in (pixel, *offset))
     ray = tracer.ray_through(*place)
-    boxes: list[tuple[CellBox, int]] = []
-    if isinstance(tracer, StreamingTracer):
-        rays, count = tracer.starting(*place), 0
-        (own_state,) = rays.states
-        while not boxes or rays.wait:  # rays come to some pieces of patches again
-            for box in tracer.pieces.boxes(*rays.origins()):
-                tracer.through(rays, [box])
-                count = int(own_state.carried[0][0]) if own_state.carried else 0
-                boxes.append((box, count))
-        found, over = own_state.path, own_state.over
-    else:
-        state = tracer.march(ray)
-        dr.eval(state, recorder.columns)
-        count, found, over = int(state.carried[0][0]), state.path, state.cursor.inside
-    tracer.scheme = inner
+    followed = tracer.follow(*place, recorder.columns)
+    tracer.scheme, found, over = inner, followed.path, followed.over
+    count = followed.blocks[-1][1]
     if count > capacity:
         return _follow(tracer, pixel, offset, count)
     rows = recorder.read(count)
     first = 0
-    for box, last in boxes:  # in which cells have numbers of their own
+    for box, last in followed.blocks:  # in which cells have numbers of their own
         own = rows["cell"][first:last]
         shape = [high - low for low, high in zip(box.low, box.high, strict=True)]
         if inner.coefficients_at == "cell":
@@ -402,7 +386,7 @@ def _assembled(
     own = [Expression(name) for name in job.medium.names]
     known = [feature.expr for feature in job.medium.known_features() if feature.expr.names]
     asked = more if scheme.coefficients_at == "field" else [*own, *more, *known]
-    values = _in_cells(volume, job.pieces, asked, cell)
+    values = _in_cells(job.partition, asked, cell)
 
     def in_cells(expr: Expression) -> np.ndarray:
         return np.array([values[expr.text].get(c, np.nan) for c in cell], dtype=np.float64)
@@ -463,19 +447,22 @@ def _assembled(
 
 
 def _in_cells(
-    volume: Volume, pieces: Pieces | None, expressions: Sequence[Expression], cell: np.ndarray
+    partition: Partition, expressions: Sequence[Expression], cell: np.ndarray
 ) -> dict[str, dict[int, float]]:
-    """Return the values of expressions in some cells; with `pieces` block after block is read."""
-    known = np.unique(cell[cell >= 0])
+    """Return the values of expressions in some cells, read block by block."""
+    cells, shape = np.unique(cell[cell >= 0]), partition.volume.grid.shape
+    index = np.stack(np.unravel_index(cells, shape), axis=-1)
     found: dict[str, dict[int, float]] = {expr.text: {} for expr in expressions}
     names = dict.fromkeys(name for expr in expressions for name in expr.names)
-    blocks: Iterable[tuple[Volume, np.ndarray, np.ndarray]] = [(volume, known, known)]
-    if pieces is not None:
-        blocks = pieces.outline.with_cells(known, names, pieces.side)
-    for part, numbers, own in blocks:
+    for box in partition.blocks_of(names, 0, 0):
+        inside = np.all((index >= box.low) & (index < box.high), axis=1)
+        if not inside.any():
+            continue
+        part, numbers = partition.part(box, names), cells[inside].tolist()
+        local = np.ravel_multi_index(tuple((index[inside] - box.low).T), part.grid.shape)
         for expr in expressions:
-            values = (part.evaluate_cells(expr, c, c + 1)[0] for c in own)
-            found[expr.text] |= dict(zip(numbers.tolist(), values, strict=True))
+            values = (part.evaluate_cells(expr, c, c + 1)[0] for c in local.tolist())
+            found[expr.text] |= dict(zip(numbers, values, strict=True))
     return found
 
 

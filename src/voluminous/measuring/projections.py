@@ -10,16 +10,16 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError, check_flag, check_name
+from ..large.partition import partition_of
 from ..media import Coefficients
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.options import RenderOptions, refuse_unusable
-from ..rendering.pieces import pieces_of
 from ..rendering.run import make_tracer
 from ..schemes import get_scheme
 from ..schemes.base import Around, CellSource, Position, Scanner, Scheme, Source, Steps
 from ..schemes.path import Path
-from .cells import CellQuantity, check_volume, converted, outlined, undefined_as_missing
+from .cells import CellQuantity, check_volume, converted, undefined_as_missing
 from .columns import as_map, column, lines_of_sight
 
 if TYPE_CHECKING:
@@ -44,11 +44,9 @@ def scan(
     Results are of shape (k, ny, nx) and type float64. Coefficients are in this unit, and distances
     in that of the grid's scale: single precision may not hold them in units of the volume.
     """
-    pieces = None if memory is None else pieces_of(volume, medium, memory)
-    drawn = volume if pieces is None else pieces.outline
-    job, _ = prepare(
-        drawn, medium, camera, RenderOptions(scheme=scheme, cutoff=0.0, **options), pieces=pieces
-    )
+    partition = partition_of(volume, memory, medium)
+    drawn = RenderOptions(scheme=scheme, cutoff=0.0, **options)
+    job, _ = prepare(partition.volume, medium, camera, drawn, partition)
     nx, ny = job.frame.pixels
     tracer = make_tracer(job, 0.0)
     values = np.stack(tracer.frame().emission).astype(np.float64).reshape(-1, ny, nx)
@@ -141,10 +139,10 @@ def project(
         return total.replace(provenance={**(total.provenance or {}), "how": how})
     first = how == "first"
     named = "condition" if first else "quantity"
-    volume = outlined(volume, memory)
+    volume = partition_of(volume, memory).volume
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity, named)
-    seen, (known,) = undefined_as_missing(seen, [what.expression])
+    seen, (known,) = undefined_as_missing(seen, [what.expression], memory)
     scheme = _First() if first else _Largest(_SIGNS[how])
     (best, *places), own = scan(seen, Coefficients(known, 0), camera, scheme, **options)
     scale = volume.grid.scale

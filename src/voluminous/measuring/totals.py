@@ -10,11 +10,12 @@ import numpy as np
 
 from ..cameras import Camera
 from ..errors import InputError, UnknownNameError, check_flag, unknown_name
+from ..large.partition import partition_of
 from ..notebook import page, table
 from ..progress import Progress, with_progress
 from ..regions import Region
 from ..units import Unit, parse_unit
-from .cells import CellParts, CellQuantity, blocks, check_volume, integral_unit, outlined
+from .cells import CellParts, CellQuantity, blocks, check_volume, integral_unit
 from .columns import as_map, check_exact, exact_maps
 from .shapes import aperture_weights, region_of
 
@@ -173,7 +174,7 @@ def measure(
         return _table(camera, rows, where)
     check_flag("maps", maps)
     volume.refresh()  # derivatives of fields that were changed in place
-    volume = outlined(volume, memory)
+    volume = partition_of(volume, memory).volume
     seen = volume if camera is None else volume.seen_by(camera)
     what = {name: CellQuantity.of(seen, text, name) for name, text in named.items()}
     parts = CellParts(seen, where, region, samples)
@@ -207,7 +208,7 @@ def _in_cells(
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
     names = [*parts.names, *(name for q in what.values() for name in q.expression.names)]
     space, cells = 0.0, 0
-    for block in blocks(volume, names, memory, _CHUNK, parts):
+    for block in blocks(partition_of(volume, memory), names, _CHUNK, parts):
         volumes = np.asarray(block.volume.grid.cell_volumes).reshape(-1)
         for first, last in block.ranges:
             share = parts.of(block.volume, first, last) * volumes[first:last]

@@ -16,14 +16,15 @@ from ..expressions import Expression, IntervalOps
 from ..image import Image
 from ..image.cube import Cube
 from ..image.spectral_axis import SpectralAxis
+from ..large.partition import drawn_in_blocks
 from ..media.contract import Medium
 from ..media.sum import with_each
 from ..physics.constants import Constants, constants_named
 from ..progress import reporter, with_progress
 from ..rendering.cache import Cache, VolumeStatistics
 from ..rendering.empty_picture import keeping, warn_caller
-from ..rendering.options import check_in_pieces, check_options
-from ..rendering.outline import Outline
+from ..rendering.options import check_options
+from ..rendering.partition import Partition
 from ..schemes.channels import fits_single, in_units_of
 from ..spectral.lines import Lines
 from ..spectral.medium import Bands, SpectralMedium, hottest, some_channels
@@ -48,8 +49,6 @@ if TYPE_CHECKING:
 _TOGETHER = 64
 # Groups of so few are not made smaller.
 _FEWEST = 8
-# The name of a field that is computed chunk by chunk for its range.
-_VALUE = "value in a cell"
 # Values between cells, as a part of the largest in a cell.
 _BEYOND = 1.5
 
@@ -137,9 +136,10 @@ def observe(
     check_distance(distance, volume)
     if memory is not None:
         options["memory"] = memory
+    partition = Partition(volume)
     if any(options.get(name) is not None for name in ("memory", "executor", "checkpoint")):
-        check_in_pieces(volume, medium)
-        volume = Outline.of(volume)
+        partition = drawn_in_blocks(volume, medium, memory)
+        volume = partition.volume
     known = constants_named(constants)
     things = scene_objects(objects, volume)
     behind = model_background(volume) if background is None else background
@@ -148,7 +148,8 @@ def observe(
     )
     if volume.grid.mirror and moving and options.get("scheme") != "first-order":
         volume = volume.unfolded()  # velocities change their sign where fields are interpolated
-    bands = bands_of(volume, medium, axis.frequencies, known)
+        partition = Partition(volume)
+    bands = bands_of(partition, medium, axis.frequencies, known)
     dark = not things and isinstance(behind, float) and behind == 0.0
     for name, value in {"wavelengths": wavelengths, "frequencies": frequencies}.items():
         if value is not None:
@@ -331,7 +332,7 @@ def spectral_axis(
 
 
 def _extremes(
-    volume: Volume, statistics: VolumeStatistics, expr: Expression, in_cells: bool = False
+    partition: Partition, statistics: VolumeStatistics, expr: Expression, in_cells: bool = False
 ) -> tuple[float, float]:
     fields = {name: statistics.range_of(name) for name in expr.names}
     with np.errstate(all="ignore"):
@@ -339,17 +340,14 @@ def _extremes(
     low, high = float(found.lo), float(found.hi)
     if in_cells or not (np.isfinite(low + high) and not np.any(found.nan)):
         # Of p/ρ beside a vacuum there is no bound; fields between cells may be beyond these.
-        if isinstance(volume, Outline):
-            values = volume.computing({_VALUE: expr}).extremes(_VALUE)
-        else:
-            values = np.asarray(volume.evaluate(expr), dtype=np.float64)
+        values = partition.extremes_of(expr)
         values = values[np.isfinite(values)]
         low, high = values.min(initial=np.inf), _BEYOND * values.max(initial=-np.inf)
     return float(low), float(high)
 
 
 def bands_of(
-    volume: Volume, medium: Medium, frequencies: np.ndarray, constants: Constants
+    partition: Partition, medium: Medium, frequencies: np.ndarray, constants: Constants
 ) -> Bands:
     """Return what a medium needs to know to have a channel for each frequency.
 
@@ -358,7 +356,8 @@ def bands_of(
     InputError
         If a part of the medium is not spectral.
     """
-    extremes = functools.partial(_extremes, volume, Cache(volume).statistics)
+    volume = partition.volume
+    extremes = functools.partial(_extremes, partition, Cache(volume).statistics)
     wrong = [part for part in medium.components() if not isinstance(part, SpectralMedium)]
     if wrong:
         raise InputError(
@@ -390,7 +389,7 @@ def tuned(
     """Return a spectral medium with channels; the arguments are those of `observe`."""
     axis = spectral_axis(medium, wavelengths, frequencies, velocities)
     known = constants_named(constants)
-    return at_frequencies(medium, bands_of(volume, medium, axis.frequencies, known))
+    return at_frequencies(medium, bands_of(Partition(volume), medium, axis.frequencies, known))
 
 
 def at_frequencies(medium: Medium, bands: Bands) -> Medium:

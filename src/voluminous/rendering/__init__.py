@@ -1,7 +1,6 @@
 """The one ray loop: tiles of pixels, progress and cancellation. It returns planes of an image."""
 
 from .framing import framed
-from .planning import plan
 from .prepare import prepare
 
-__all__ = ["framed", "plan", "prepare"]
+__all__ = ["framed", "prepare"]

@@ -26,11 +26,10 @@ from .cache import Cache
 from .empty_picture import warn_of_nothing
 from .job import RenderJob
 from .options import RenderOptions
-from .outline import Outline
-from .pieces import pieces_of, widen_to_neighbours
+from .partition import Partition
 from .prepare import prepare
 from .run import RenderResult, run
-from .sources.empty_space import CELLS, WIDTH, field_ranges, ranges_of_cells
+from .sources.empty_space import ranges_of_cells
 
 if TYPE_CHECKING:
     from ..cameras.contract import Frame
@@ -56,13 +55,10 @@ def framed(
     *,
     view: str | None = None,
     resolution: Any = 400,
-    memory: Any = None,
+    partition: Partition | None = None,
 ) -> Orthographic:
-    """Return a camera around the visible part of a medium; see `Orthographic.framing`.
-
-    An outline is drawn in pieces, with so much `memory`.
-    """
-    return _framed(volume, medium, incl, phi, view, resolution, memory)[0]
+    """Return a camera around the visible part of a medium; see `Orthographic.framing`."""
+    return _framed(volume, medium, incl, phi, view, resolution, partition)[0]
 
 
 def framed_or_warned(*args: Any) -> tuple[Orthographic, float]:
@@ -82,20 +78,21 @@ def _framed(
     phi: Any,
     view: str | None,
     resolution: Any,
-    memory: Any = None,
+    partition: Partition | None = None,
 ) -> tuple[Orthographic, float, RenderJob | None]:
     camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
     if medium is None:
         return camera, 0.0, None
     if isinstance(volume, Volume) and isinstance(medium, Medium):  # `prepare` refuses others
         medium = calibrated(medium, volume, Cache(volume).measurements)
-        volume = measurable(volume)
+        level = measurable(volume)
+        partition = None if level is not volume or partition is None else partition.alone()
+        volume = level
     scheme = None if isinstance(volume.grid, DualGrid) else "first-order"
     options = RenderOptions(scheme=scheme, tolerance=None)
 
     def draw(camera: Orthographic) -> tuple[RenderJob, RenderResult]:
-        pieces = pieces_of(volume, medium, memory) if isinstance(volume, Outline) else None
-        job, _ = prepare(volume, medium, camera, options, pieces=pieces)
+        job, _ = prepare(volume, medium, camera, options, partition)
         return job, run(job, 0.0)
 
     coarse = camera.replace(resolution=_COARSE)
@@ -217,8 +214,8 @@ def _parts(
     own = [name for name in names if name in volume]
     found: Any = ()
     if is_structured(grid):
-        steps = volume.store.chunks if isinstance(volume, Outline) else [WIDTH] * 3
-        walls = [np.append(e[:-1:step], e[-1]) for e, step in zip(grid.edges, steps, strict=True)]
+        steps = zip(grid.edges, job.partition.ranged, strict=True)
+        walls = [np.append(e[:-1:step], e[-1]) for e, step in steps]
         low, high = (
             np.reshape(np.meshgrid(*(w[part] for w in walls), indexing="ij"), (3, -1))
             for part in (slice(None, -1), slice(1, None))
@@ -228,7 +225,8 @@ def _parts(
             for place in [(0.5, 0.5, 0.5), *itertools.product((0.0, 1.0), repeat=3)]
         )
         reach = np.max([np.linalg.norm(c - center, axis=0) for c in corners], axis=0)
-        found = [({name: _in_blocks(volume, name) for name in own}, center, reach)]
+        around = {name: job.partition.ranges_around(volume, name) for name in own}
+        found = [(around, center, reach)]
     else:
         found = (
             (
@@ -248,16 +246,6 @@ def _parts(
         for axis in job.medium.sight:
             ranges[f"los.{axis}"] = Interval(np.asarray(-1.0), np.asarray(1.0))
         yield ranges, center, reach
-
-
-def _in_blocks(volume: Volume, name: str) -> Interval:
-    if isinstance(volume, Outline):
-        low, high = np.moveaxis(volume.extremes(name), -1, 0).copy()
-        widen_to_neighbours(low, high)
-    else:
-        found = field_ranges(volume.array(name), CELLS)
-        low, high = found.lo, found.hi
-    return Interval(low.reshape(-1), high.reshape(-1))
 
 
 def _rounded(value: float, size: float) -> float:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..backend import Backend, dr
 from ..cameras.contract import Camera, Frame
-from ..grids.contract import cells_across
 from ..media.context import Tape
 from ..media.contract import Medium
 from ..packages import version
@@ -18,10 +17,10 @@ from ..volume import Volume
 from .cache import Cache
 from .missing import HiddenCells
 from .options import DEFAULT_ERROR
-from .pieces import Pieces
 from .sources.cells import CellEvaluator
-from .sources.interpolated import interpolated_fields
-from .sources.table import on_ray_in_pieces, tabulated
+
+if TYPE_CHECKING:
+    from .partition import Partition
 
 
 @dataclass
@@ -40,8 +39,8 @@ class RenderJob:
         More rays where the picture is not smooth; parts of pixels no wider than cells.
     done : int
         Number of rays traced so far.
-    pieces : Pieces, optional
-        The blocks of cells to be drawn one after another.
+    partition : Partition
+        The blocks of cells that rays come to one after another.
     """
 
     volume: Volume
@@ -54,13 +53,13 @@ class RenderJob:
     tolerance: float
     progress: Callable[[int, int], None]
     cache: Cache
+    partition: Partition
     hidden: HiddenCells | None = None
     tape: Tape | None = None
     samples: int = 1
     adaptive: bool = False
     recursive: bool = False
     done: int = 0
-    pieces: Pieces | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process needs: it has its own cache."""
@@ -92,18 +91,9 @@ class RenderJob:
 
     def source(self, faintest: bool = False) -> Any:
         """Return the coefficients for the scheme."""
-        scheme, cache, whole = self.scheme, self.cache, self.hidden is None
-        known = self.backend, cache.statistics, self.tape
+        known = self.backend, self.cache.statistics, self.tape
         evaluator = CellEvaluator(self.volume, self.medium, *known)
-        parts = self.pieces is not None
-        if scheme.coefficients_at == "field":
-            limits = self.tolerance, faintest, whole
-            return interpolated_fields(evaluator, cache, scheme, *limits, parts)
-        if parts:
-            return on_ray_in_pieces(evaluator, cache, scheme)
-        nx, ny = self.frame.pixels
-        steps = float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
-        return tabulated(evaluator, cache, scheme, steps, whole)
+        return self.partition.source(self, evaluator, faintest)
 
     def key(self, name: str, *others: Hashable) -> Hashable:
         """Return a key for what follows from medium, scheme and fields; None if one has no key."""

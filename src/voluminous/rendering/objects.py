@@ -99,7 +99,7 @@ def with_objects(
     )
     sizes = [background, layers.emission, *(light.flux for light in points)]
     brightest = max(float(np.max(np.abs(values), initial=0.0)) for values in sizes)
-    tracer = RayTracer(job, planes.tracer.source, brightest)
+    tracer = planes.tracer.afresh(brightest)
     tracer.tolerance = planes.tracer.tolerance
     if job.walk_kind == "substeps":
         tracer.walk = job.volume.grid.walk(job.backend, "cells")

@@ -19,7 +19,6 @@ from ..errors import InputError, check_name
 from ..geometry import many_valued
 from ..grids.cartesian.grid import CartesianGrid
 from ..grids.contract import DualGrid, Grid, VertexGrid
-from ..grids.trees.cells import TreeCells
 from ..media.contract import Medium
 from ..memory import check_memory
 from ..progress import Progress
@@ -135,53 +134,6 @@ def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
         raise InputError(
             "antialias='radmc3d' compares pixels with cells: it needs parallel rays "
             "(vm.Orthographic); use antialias='adaptive'"
-        )
-
-
-def check_grid_in_pieces(grid: Grid) -> None:
-    """Refuse grids that are not read chunk by chunk."""
-    if not isinstance(grid, (CartesianGrid, TreeCells)):
-        raise InputError(
-            "memory= reads Cartesian grids chunk by chunk, octrees and patches part by part; this "
-            f"is a {type(grid).__name__}: leave out memory=, or "
-            "volume.resample(vm.CartesianGrid.uniform(…))"
-        )
-
-
-def check_in_pieces(
-    volume: Any,
-    medium: Any,
-    *,
-    antialias: Any = None,
-    bounds: Any = False,
-    objects: Any = (),
-) -> None:
-    """Refuse what cannot be drawn chunk by chunk."""
-    grid = getattr(volume, "grid", None)
-    if grid is None or not isinstance(medium, Medium):
-        raise InputError(
-            "memory= draws a vm.Volume with a medium that is given, as in vm.render(volume, "
-            f"medium, camera, memory='2 GiB'); got {type(volume).__name__} and "
-            f"{type(medium).__name__}"
-        )
-    check_grid_in_pieces(grid)
-    choices = {"antialias": antialias, "bounds": bounds, "objects": objects}
-    usual = {"antialias": None, "bounds": False, "objects": ()}
-    for name, value in choices.items():
-        nothing = name == "objects" and isinstance(value, (list, tuple)) and not value
-        if not nothing and value is not usual[name] and value != usual[name]:
-            raise InputError(
-                f"memory= draws one pass for all rays: leave out {name}={value!r}, "
-                "or draw without memory="
-            )
-
-
-def check_scheme_in_pieces(scheme: Scheme) -> None:
-    """Refuse schemes that need more than one layer of cells around a chunk."""
-    if scheme.coefficients_at == "vertex":
-        raise InputError(
-            f"scheme {scheme.name!r} cannot draw chunk by chunk (memory=): use "
-            "'post-classified', 'pre-integrated' or 'first-order'"
         )
 
 

@@ -18,19 +18,17 @@ from ..schemes import get_scheme
 from ..volume import Volume
 from .cache import Cache
 from .job import RenderJob
-from .missing import complete
 from .options import (
     RenderOptions,
     check_antialias,
     check_coordinates,
     check_cutoff,
     check_pixels,
-    check_scheme_in_pieces,
     check_tolerance,
     check_walk,
     sample_count,
 )
-from .pieces import Pieces
+from .partition import Partition
 from .precision import decide
 from .sources.cells import check_fields
 
@@ -43,7 +41,7 @@ def prepare(
     medium: Medium,
     camera: Camera,
     options: RenderOptions,
-    pieces: Pieces | None = None,
+    partition: Partition | None = None,
     *,
     derivatives: bool = False,
 ) -> tuple[RenderJob, dict[str, int]]:
@@ -74,13 +72,8 @@ def prepare(
     solver = get_scheme(scheme, controlled=tolerance is not None)
     by_field = solver.coefficients_at == "field"
     check_walk(solver, volume.grid)
-    if pieces is not None:
-        check_scheme_in_pieces(solver)
-    if pieces is None:
-        volume = volume.seen_by(camera)
-    else:
-        drawn = with_each(medium, lambda part: part.on_rays()) if by_field else medium
-        volume = pieces.seen_by(camera, dict.fromkeys((*medium.names, *drawn.names)))
+    partition = Partition(volume) if partition is None else partition
+    volume = partition.seen_by(camera, medium, solver)
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
     for part in medium.components():
@@ -100,11 +93,7 @@ def prepare(
                 f"{expr.text!r} combines numbers in different units, which this kind of medium "
                 "cannot convert; make it a derived field first: volume['name'] = expression"
             )
-    hidden = None
-    if pieces is None:
-        volume, cache, hidden, missing = complete(cache, medium.names, by_field)
-    else:
-        missing = pieces.missing(medium.names, by_field)
+    volume, cache, hidden, missing = partition.complete(cache, medium.names, by_field)
     precision = decide(precision, options.device, cache, medium, solver, allowed)
     frame = camera.frame(volume.grid)
     job = RenderJob(
@@ -122,10 +111,8 @@ def prepare(
         samples=sample_count(options.samples, options.antialias, frame, volume.grid),
         adaptive=options.antialias == "adaptive",
         recursive=options.antialias == "radmc3d" and not isinstance(volume.grid, CartesianGrid),
-        pieces=pieces,
+        partition=partition,
     )
     check_pixels(frame.pixels, medium, job.backend)
-    if pieces is not None:
-        pieces.plan(job.medium, solver, frame.pixels)
-        pieces.report, job.progress = job.progress, silent
+    partition.plan(job.medium, solver, frame.pixels)
     return job, missing

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..backend import dr
-from ..packages import REGISTERED
 from ..schemes.channels import channels_last, in_units_of
 from .antialias import refine
 from .job import RenderJob
-from .streaming import StreamingTracer
 from .tolerance import Rounds, add_rounding_error, in_error_unit, render_to_tolerance
-from .tracer import Batches, KernelCache, RayTracer, exhausted
+from .tracer import Batches, RayTracer, exhausted
 
 
 @dataclass
@@ -126,30 +124,6 @@ def _draw(
     return RenderResult(*planes, paths.stopped, tracer, rounds)
 
 
-def make_tracer(
-    job: RenderJob,
-    background: float,
-    *,
-    faintest: bool = False,
-) -> RayTracer:
+def make_tracer(job: RenderJob, background: float, *, faintest: bool = False) -> RayTracer:
     """Return the tracer of a job's pixels."""
-    kind = REGISTERED["tracer"]["radmc3d"]() if job.recursive else RayTracer
-    if job.pieces is not None:
-        return StreamingTracer(job, job.source(faintest), background, faintest)
-    tracer = kind(job, job.source(faintest), background)
-    tracer.kernels = _kernels(job, tracer, faintest)
-    return tracer
-
-
-def _kernels(job: RenderJob, tracer: RayTracer, faintest: bool) -> KernelCache | None:
-    """Return the cache of traced batches: the volume's, if all its dependencies have keys."""
-    if job.backend.device != "cpu" or job.tape is not None:
-        return None
-    source, ending = tracer.source, tracer.ending
-    key = job.key(
-        "kernels",
-        job.camera.key(),
-        (faintest, job.hidden is None),
-        (type(source), type(tracer.walk), None if ending is None else len(ending.weights)),
-    )
-    return job.cache.get_or_make(key, KernelCache)
+    return job.partition.tracer(job, job.source(faintest), background, faintest)

@@ -17,7 +17,7 @@ from ..backend import clone_inputs, copy_into, dr, from_host
 from ..backend.functions import flush_subnormal
 from ..backend.types import Float
 from ..errors import InputError
-from ..grids.contract import Ray, cells_across
+from ..grids.contract import CellBox, Ray, cells_across
 from ..schemes.base import Scanner, Skipping
 from ..schemes.channels import Channels, Tolerance
 from ..schemes.path import Path, empty_path
@@ -115,6 +115,17 @@ class RayBatch:
     whole: tuple[int, int] | None = None
     # Where rays begin and end, measured from the observer.
     depths: tuple[np.ndarray, np.ndarray] | None = None
+
+
+@dataclass
+class Followed:
+    """One ray that was traced by itself."""
+
+    path: Path
+    # Whether it came to its end in the volume.
+    over: Any
+    # Blocks that it went through, and how many rows its scheme had written after each.
+    blocks: list[tuple[CellBox, int]]
 
 
 class RayTracer:
@@ -238,7 +249,7 @@ class RayTracer:
                 batch = RayBatch(order.lanes(first, count, self.backend), offset)
             self._draw(batch, rows, order.count)
             start = time.monotonic()  # tracing and compiling take no longer for more rays
-            self.job.advance(count, order.count)
+            self.advance(count, order.count)
             first += count
             if seconds is not None:
                 took = time.monotonic() - start
@@ -250,6 +261,14 @@ class RayTracer:
                     size, halved = max(TILE**2, size // 2), took
                 yield self, batch.lanes.pixels, self._paths(rows)
         return self._paths(rows)
+
+    def afresh(self, background: float) -> RayTracer:
+        """Return the tracer of further rays, before another brightest background."""
+        return RayTracer(self.job, self.source, background)
+
+    def advance(self, rays: int, lanes: int) -> None:
+        """Wait for rays, and report them."""
+        self.job.advance(rays, lanes)
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         """Return the mean paths of some pixels, given by their flat indices."""
@@ -276,6 +295,13 @@ class RayTracer:
                 batch.depths = depths[0][part], depths[1][part]
             self._draw(batch, rows)
         return self._paths(rows)
+
+    def follow(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, *written: Any) -> Followed:
+        """Trace one ray, with a scheme that counts what it writes; see `rays`."""
+        state, shape = self.march(self.ray_through(pixel, du, dv)), self.job.volume.grid.shape
+        dr.eval(state, written)
+        whole = CellBox((0,) * len(shape), shape)
+        return Followed(state.path, state.cursor.inside, [(whole, int(state.carried[0][0]))])
 
     def ray_through(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Ray:
         """Return the rays themselves, on at least two lanes; see `rays`."""
@@ -307,7 +333,7 @@ class RayTracer:
         """Trace a batch; between groups of channels, interrupts take effect if `lanes` is given."""
         for number, part in self.parts():
             if number and lanes:
-                self.job.advance(0, lanes)
+                self.advance(0, lanes)
             own = self._rows_of(number, rows)
             if part.kernels is None or not part.kernels.draw(part, batch, own):
                 write_paths(own, *part.trace(batch, part.inputs(batch)), batch.first)

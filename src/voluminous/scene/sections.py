@@ -138,8 +138,8 @@ def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``[render]`` as keyword arguments of `render`."""
     from ..backend.device import DEVICES, PRECISIONS
+    from ..memory import byte_count
     from ..rendering.options import check_cutoff, check_tolerance
-    from ..rendering.outline import byte_count
     from ..schemes import SCHEMES
 
     with placed("[render]"):

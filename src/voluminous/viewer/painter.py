@@ -21,9 +21,9 @@ from ..drawing.api import in_steps, render
 from ..errors import VoluminousError
 from ..grids.contract import DualGrid
 from ..image import Image
+from ..large.levels import sufficient_level
 from ..media import Coefficients, Medium
 from ..progress import silent
-from ..rendering.levels import sufficient_level
 from ..rendering.options import RenderOptions
 from ..schemes.pre_integrated import PreIntegrated
 from ..volume import Volume
@@ -282,12 +282,12 @@ class Painter:
         def report(done: int, total: int) -> None:
             look_around(done / max(total, 1))
 
-        in_pieces = options.get("memory") is not None
+        in_blocks = options.get("memory") is not None
         steps = in_steps(
             shot.volume,
             shot.drawn,
             shot.camera,
-            RenderOptions(progress=report if in_pieces else silent, **options),
+            RenderOptions(progress=report if in_blocks else silent, **options),
             seconds=_BATCH,
         )
         while True:

@@ -24,7 +24,7 @@ from ...fields import held_dtype
 from ...grids.structured import is_structured
 from ...packages import require, version
 from ...progress import reporter
-from ...store import LEAVES, SIDE, Store, weighted_means
+from ...store import FieldStore, Store, weighted_means
 from ..boxes import boxes
 from ..contract import Contents, ContentsReader, StoredField
 from ..zarr.store import arrays_in, checked, opened, part, root_fits
@@ -258,7 +258,7 @@ def rounded(values: np.ndarray, keep_bits: int | None) -> np.ndarray:
 
 
 def _sides(chunks: Any, axes: int, even: bool) -> tuple[int, ...]:
-    given: Any = (SIDE if axes == 3 else LEAVES) if chunks is None else chunks
+    given: Any = (FieldStore.side if axes == 3 else FieldStore.leaves) if chunks is None else chunks
     sides = (given,) * axes if np.ndim(given) == 0 else given
     if len(sides) != axes or not all(isinstance(n, (int, np.integer)) and n > 0 for n in sides):
         more = ", or three" if axes == 3 else ""

@@ -209,7 +209,7 @@ def interpolated_fields(
     tolerance: float,
     faintest: bool,
     whole: bool,
-    in_pieces: bool = False,
+    in_blocks: bool = False,
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are cached with the volume.
 
@@ -219,7 +219,7 @@ def interpolated_fields(
         Whether to neglect only what the precision cannot represent.
     whole : bool
         No cells are hidden.
-    in_pieces : bool
+    in_blocks : bool
         Leave out the fields themselves: `Interpolated.within` takes those of parts of the volume.
     """
     evaluator = evaluator.normalised()
@@ -245,7 +245,7 @@ def interpolated_fields(
         neglected_depth=min(paths * faint * dense, 1.0),
     )
     lattices: dict[str, FieldLattice]
-    if in_pieces:
+    if in_blocks:
         lattices = {n: FieldLattice.of_range(*ends, backend) for n, ends in extremes.items()}
     else:
         coarseness = 0.0

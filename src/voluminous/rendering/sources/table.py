@@ -383,7 +383,7 @@ def _in_tables(evaluator: CellEvaluator, scheme: Scheme) -> CellEvaluator:
     return evaluator
 
 
-def on_ray_in_pieces(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> OnRay:
+def on_ray_in_blocks(evaluator: CellEvaluator, cache: Cache, scheme: Scheme) -> OnRay:
     """Return the medium on the ray, or for tables, of which parts of the volume are drawn.
 
     The bits are those of `tabulated`.

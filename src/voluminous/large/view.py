@@ -1,4 +1,4 @@
-"""A volume larger than memory as planning sees it: ranges of chunks, some cells, and its blocks."""
+"""A volume without its arrays: names, units, ranges of chunks, and a sample of cells."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import copy
 import functools
 import itertools
 import math
-import re
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .. import deferred
+from ..deferred import Deferred, Pieces
 from ..derivatives import LinesOfSight, is_component
 from ..errors import InputError, MemoryNeededError
 from ..expressions import Expression, required_names
@@ -21,66 +20,43 @@ from ..grids import CartesianGrid
 from ..grids.contract import CellBox, Grid
 from ..grids.structured import is_structured
 from ..grids.trees.parts import SomeCells
+from ..memory import byte_count
 from ..progress import reporter
 from ..store import FieldStore
 from ..volume import Volume
 
-_SIZES = {"": 0, "K": 1, "M": 2, "G": 3, "T": 4}
-_TEXT = re.compile(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([KMGT]?)(i?)B?\s*", re.IGNORECASE)
-# Sides of a block do not exceed this: larger ones save no time, and cut less empty space off.
-_WIDEST = 256
 # Chunks that are read for a sample of cells all over a volume.
 _SAMPLED = 16
 # Cells computed at once: temporary arrays stay small beside those of a block.
 _SLAB = 1 << 18
 
 
-def byte_count(memory: Any) -> int:
-    """Return a number of bytes from text such as ``"2 GiB"`` or ``"500 MB"``, or a number."""
-    if isinstance(memory, (int, float)) and memory is not True and 0 < memory < 1e30:
-        return int(memory)
-    found = _TEXT.fullmatch(memory) if isinstance(memory, str) else None
-    try:
-        count = float(found[1]) if found else 0.0
-    except ValueError:
-        count = 0.0
-    if not found or not 0.0 < count < math.inf:
-        raise InputError(
-            "memory is the number of bytes that drawing may take, as in memory='2 GiB', '500 MB' "
-            f"or 2_000_000_000, got {memory!r}"
-        )
-    return int(count * (1024 if found[3] else 1000) ** _SIZES[found[2].upper()])
-
-
-class FlatField:
+class FieldView:
     """A field of a store, of which planning a picture looks at some cells, by flat numbers.
 
     It stands for the array, which may be larger than memory.
     """
 
-    def __init__(self, outline: Outline, name: str) -> None:
-        self._outline, self._name = outline, name
-        self.shape, self.size = outline.grid.shape, outline.grid.size
-        self.dtype = outline.dtype(name)
+    def __init__(self, view: VolumeView, name: str) -> None:
+        self._view, self._name = view, name
+        self.shape, self.size = view.grid.shape, view.grid.size
+        self.dtype = view.dtype(name)
 
-    def reshape(self, shape: int) -> FlatField:
-        """Return itself, for -1: it is flat already."""
+    def reshape(self, shape: int) -> FieldView:
         return self
 
     def min(self) -> Any:
-        """Return the least value; NaN if there is one."""
-        return self._outline.extremes(self._name)[..., 0].min()
+        return self._view.extremes(self._name)[..., 0].min()
 
     def max(self) -> Any:
-        """Return the largest value; NaN if there is one."""
-        return self._outline.extremes(self._name)[..., 1].max()
+        return self._view.extremes(self._name)[..., 1].max()
 
     def __getitem__(self, index: Any) -> np.ndarray:
         """Return consecutive cells, or a sample of cells.
 
         Of a large sample from a file some are in the chunks of others: it would all be read.
         """
-        whole = self._outline.in_memory(self._name)
+        whole = self._view.in_memory(self._name)
         if whole is not None:
             return np.asarray(whole.reshape(-1)[index])
         if isinstance(index, slice):
@@ -91,7 +67,7 @@ class FlatField:
             layers = self._read(begin, end).reshape(-1)
             return layers[first - low * plane : last - low * plane]
         cell = np.stack(np.unravel_index(index, self.shape))
-        chunks = np.array(self._outline.store.chunks)[:, None]
+        chunks = np.array(self._view.store.chunks)[:, None]
         # One chunk after another, evenly among those that there are cells of.
         kinds, which = np.unique(cell // chunks, axis=1, return_inverse=True)
         taken = np.unique(np.linspace(0, kinds.shape[1] - 1, _SAMPLED).astype(int))
@@ -104,15 +80,17 @@ class FlatField:
         return np.resize(np.concatenate(values), len(index))
 
     def _read(self, low: Any, high: Any) -> np.ndarray:
-        return self._outline.store.read(self._name, low, high)
+        return self._view.store.read(self._name, low, high)
 
 
-class Outline(Volume):
-    """A volume as planning a picture sees it: grid, names, units, ranges and some cells.
+class VolumeView(Volume):
+    """A volume without arrays: grid, names, units, ranges of chunks and some cells.
 
     It may have fields that are computed box by box; see `computing`.
     """
 
+    # Sides of a block do not exceed this: larger ones save no time, and cut less empty space off.
+    widest = 256
     _whole: Volume
     # Per chunk and field: ranges of the values, and how many are missing (None: none are).
     _tables: dict[str, tuple[np.ndarray, np.ndarray | None]]
@@ -120,16 +98,16 @@ class Outline(Volume):
     _made: dict[str, tuple[str, list[str]]]
 
     @classmethod
-    def of(cls, volume: Volume) -> Outline:
-        """Return the outline of a volume; nothing is read yet."""
+    def of(cls, volume: Volume) -> VolumeView:
+        """Return the view of a volume; nothing is read yet."""
         if isinstance(volume, cls):
             return volume
-        outline = object.__new__(cls)
-        vars(outline).update(vars(volume))
+        view = object.__new__(cls)
+        vars(view).update(vars(volume))
         if len(volume.waiting) < len(volume.fields):  # some may be changed in place
-            outline.tables = OrderedDict()
-        outline._whole, outline._tables, outline._made = volume, {}, {}
-        return outline
+            view.tables = OrderedDict()
+        view._whole, view._tables, view._made = volume, {}, {}
+        return view
 
     @property
     def store(self) -> FieldStore:
@@ -162,8 +140,8 @@ class Outline(Volume):
                 )
         return list(found)
 
-    def computing(self, expressions: Mapping[str, Expression]) -> Outline:
-        """Return the outline with fields that are computed box by box.
+    def computing(self, expressions: Mapping[str, Expression]) -> VolumeView:
+        """Return the view with fields that are computed box by box.
 
         A component such as ``los(velocity)`` has the type of the vector; others are computed in
         double precision, as sums need it.
@@ -177,8 +155,8 @@ class Outline(Volume):
             if component := expression.names == (name,):
                 single = all(self.dtype(own) == np.float32 for own in stored)
                 kind = np.dtype(np.float32 if single else np.float64)
-            pieces = deferred.Pieces(functools.partial(_computed, self, expression, not component))
-            what = deferred.Deferred(no_array, kind, pieces=pieces)
+            pieces = Pieces(functools.partial(_computed, self, expression, not component))
+            what = Deferred(no_array, kind, pieces=pieces)
             other._fields.defer(name, no_array, what, self.grid.shape)
             other._made[name] = expression.text, stored
             other._units[name] = self.field_unit(name) if component else None
@@ -194,20 +172,6 @@ class Outline(Volume):
         }
         return self.volume(box, fields)
 
-    def with_cells(
-        self, cells: np.ndarray, names: Iterable[str], side: Sequence[int]
-    ) -> Iterator[tuple[Volume, np.ndarray, np.ndarray]]:
-        """Yield blocks that hold some cells, their numbers in the grid, and those in the block."""
-        shape, sides = self.grid.shape, np.asarray(side)
-        index = np.stack(np.unravel_index(cells, shape))
-        places, which = np.unique(index // sides[:, None], axis=1, return_inverse=True)
-        for k, place in enumerate(places.T):
-            low = place * sides
-            box = _box(low.tolist(), np.minimum(low + sides, shape).tolist())
-            own, part = np.flatnonzero(which.reshape(-1) == k), self.part(box, names)
-            local = np.ravel_multi_index(tuple(index[:, own] - low[:, None]), part.grid.shape)
-            yield part, cells[own], local
-
     def volume(self, box: CellBox, fields: Mapping[str, np.ndarray]) -> Volume:
         """Return a block as a volume; lengths in kernels are in the unit of the whole grid's."""
         grid: Grid
@@ -222,25 +186,6 @@ class Outline(Volume):
         part._units.update(self._units)
         part.sight = LinesOfSight(grid, self.sight.camera)
         return part
-
-    def boxes(
-        self, names: Sequence[str], memory: Any, per_cell: int, others: int
-    ) -> Iterator[CellBox]:
-        """Yield blocks one after another, as large as the memory allows to read some fields.
-
-        Parameters
-        ----------
-        per_cell : int
-            Bytes that are needed besides those of fields.
-        others : int
-            Bytes whatever the size of a block.
-        """
-        per_cell += 2 * sum(self.dtype(name).itemsize for name in self.stored(names))
-        side, _ = largest_side(self, memory, per_cell, others)
-        ways = (range(0, n, s) for n, s in zip(self.grid.shape, side, strict=True))
-        for low in itertools.product(*ways):
-            ends = zip(low, side, self.grid.shape, strict=True)
-            yield _box(low, [min(a + s, n) for a, s, n in ends])
 
     def is_packed(self, name: str) -> bool:
         """Return whether a file stores a field in chunks, of which it reads the whole."""
@@ -265,7 +210,7 @@ class Outline(Volume):
     def array(self, name: str) -> Any:
         self.stored([name])
         self._check_field(name)
-        return FlatField(self, name)
+        return FieldView(self, name)
 
     def fingerprint(self) -> str:
         return self._whole.fingerprint()
@@ -364,18 +309,18 @@ class Outline(Volume):
 
 def no_array() -> np.ndarray:
     """Refuse to make the array of a field that is computed box by box."""
-    raise AssertionError("a field of an outline is read in boxes")
+    raise AssertionError("a field of a view is read in boxes")
 
 
 def _computed(
-    outline: Outline,
+    view: VolumeView,
     expression: Expression,
     double: bool,
     low: Sequence[int],
     high: Sequence[int],
     level: int,
 ) -> np.ndarray:
-    part = outline.part(_box(low, high), expression.names)
+    part = view.part(CellBox(tuple(low), tuple(high)), expression.names)
     values, size = [], part.grid.size
     with np.errstate(all="ignore"):  # what is undefined is missing
         for first in range(0, size, _SLAB):
@@ -384,13 +329,8 @@ def _computed(
     return np.asarray(np.concatenate(values).reshape(part.grid.shape))
 
 
-def _box(low: Sequence[int], high: Sequence[int]) -> CellBox:
-    """Return the box of the cells ``low <= i < high``."""
-    return CellBox(tuple(low), tuple(high))
-
-
 def largest_side(
-    outline: Outline,
+    view: VolumeView,
     memory: Any,
     per_cell: float,
     others: int,
@@ -416,10 +356,10 @@ def largest_side(
     MemoryNeededError
         If it does not allow even single chunks.
     """
-    chunks, widest, left = outline.store.chunks, None, 0
-    most = _WIDEST if len(chunks) == 3 else _WIDEST**3
+    chunks, widest, left = view.store.chunks, None, 0
+    most = view.widest if len(chunks) == 3 else view.widest**3
     for times in itertools.chain([1], itertools.count(2, 2)):
-        side = [min(c * times, n) for c, n in zip(chunks, outline.grid.shape, strict=True)]
+        side = [min(c * times, n) for c, n in zip(chunks, view.grid.shape, strict=True)]
         needed = int(others + per_cell * math.prod(n + 2 for n in side))
         if times == 1 and needed > byte_count(memory):
             cells = " x ".join(map(str, chunks))
@@ -428,7 +368,7 @@ def largest_side(
                 f"bytes ({needed / 2**20:.0f} MiB). Allow that, {advice}or write the volume in "
                 "smaller chunks"
             )
-        count = math.prod(-(-n // s) for n, s in zip(outline.grid.shape, side, strict=True))
+        count = math.prod(-(-n // s) for n, s in zip(view.grid.shape, side, strict=True))
         large = times > 1 and (max(side) > most or count < fewest)
         if needed > byte_count(memory) or large or side == widest:
             break

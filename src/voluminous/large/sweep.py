@@ -23,11 +23,12 @@ import numpy as np
 from ..digest import content_key
 from ..executors import as_executor, run_tasks
 from ..files import as_path, make_directory, replacing
-from .march import RayState, arrays_in, mapped
+from ..rendering.march import RayState, arrays_in, mapped
 
 if TYPE_CHECKING:
     from ..grids.contract import CellBox
-    from .streaming import Rays, StreamingTracer
+    from .rays import Rays
+    from .tracer import BlockTracer
 
 # Bytes of a checksum.
 _CHECK = 32
@@ -49,26 +50,26 @@ class Sweep:
         self.folder = None if checkpoint is None else as_path(checkpoint)
         self.passes, self.used = 0, set[Path]()
 
-    def draw(self, tracer: StreamingTracer, rays: Rays) -> None:
+    def draw(self, tracer: BlockTracer, rays: Rays) -> None:
         """Let rays go through all blocks."""
-        blocks = tracer.pieces.blocks(list(tracer.pieces.boxes(*rays.origins())))
-        met = [rays.meeting(block.extent) for block in blocks]
+        tasks = tracer.partition.tasks(list(tracer.partition.blocks(*rays.origins())))
+        met = [rays.meeting(task.extent) for task in tasks]
         self.passes += 1
         chosen: dict[int, np.ndarray] = {}
         files: dict[int, Path | None] = {}
 
         def begin(k: int) -> tuple[Any, ...] | None:
             """Return the task that draws a block; None if it is done already."""
-            own = chosen[k] = rays.coming_to(blocks[k].boxes, met[k])
-            seen = len(own) > 0 and any(tracer.visible(box) for box in blocks[k].boxes)
+            own = chosen[k] = rays.coming_to(tasks[k].blocks, met[k])
+            seen = len(own) > 0 and any(tracer.visible(box) for box in tasks[k].blocks)
             before = rays.taken(own)
-            files[k] = self._file(tracer, k, before, blocks[k].boxes) if seen else None
+            files[k] = self._file(tracer, k, before, tasks[k].blocks) if seen else None
             if (states := self._kept(files[k], before)) is not None:
                 rays.put_all(own, states)
             elif seen and self.executor is not None:
-                return tracer.task(before, blocks[k].boxes)
+                return tracer.task(before, tasks[k].blocks)
             elif len(own):
-                tracer.through(rays, blocks[k].boxes)
+                tracer.through(rays, tasks[k].blocks)
                 self._keep(files[k], rays.taken(own).states)
             return None
 
@@ -76,14 +77,14 @@ class Sweep:
             if state is not None:
                 self._keep(files[k], state)
                 rays.put_all(chosen[k], state)
-            tracer.drawn(blocks[k].boxes)
+            tracer.drawn(tasks[k].blocks)
 
-        names = [f"block {k + 1} of {len(blocks)}" for k in range(len(blocks))]
+        names = [f"block {k + 1} of {len(tasks)}" for k in range(len(tasks))]
         before = _before(met, len(rays.u))
         run_tasks(self.executor, begin, end, names, lambda: tracer.drawn(()), before)
 
     def _file(
-        self, tracer: StreamingTracer, block: int, before: Rays, boxes: Sequence[CellBox]
+        self, tracer: BlockTracer, block: int, before: Rays, boxes: Sequence[CellBox]
     ) -> Path | None:
         """Return where the rays behind a block are kept: what goes in decides what comes out."""
         if self.folder is None:

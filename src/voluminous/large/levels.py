@@ -17,8 +17,8 @@ from ..levels import kept_level
 from ..media.bound import Binding
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
+from ..rendering.cache import Cache
 from ..volume import Volume
-from .cache import Cache
 
 if TYPE_CHECKING:
     from ..cameras.contract import Camera, Frame

@@ -15,7 +15,7 @@ import numpy as np
 from ..fields import held_dtype
 
 if TYPE_CHECKING:
-    from .outline import Outline
+    from .view import VolumeView
 
 # Chunks that are unpacked at the same time: more threads do not unpack faster, but wait together.
 _MOST_THREADS = 8
@@ -26,7 +26,7 @@ _LAYERS = 4
 Part: TypeAlias = tuple[str, tuple[int, ...], tuple[int, ...]]
 
 
-class Chunks:
+class Prefetch:
     """The chunks of a volume's fields.
 
     Parameters
@@ -40,9 +40,9 @@ class Chunks:
         Single layers of chunks that were read before will be asked for: their outer ones are kept.
     """
 
-    def __init__(self, outline: Outline, room: int, again: bool, layers: bool) -> None:
-        self.outline, self.room, self.again, self.layers = outline, room, again, layers
-        self.store = outline.store
+    def __init__(self, volume: VolumeView, room: int, again: bool, layers: bool) -> None:
+        self.volume, self.room, self.again, self.layers = volume, room, again, layers
+        self.store = volume.store
         self._coming: dict[Part, Future[np.ndarray]] = {}
         self._whole: dict[Part, np.ndarray] = {}
         self._layers: OrderedDict[tuple[Part, int, int], np.ndarray] = OrderedDict()
@@ -91,7 +91,7 @@ class Chunks:
                 tuple(slice(a - o, b - o) for a, b, o in zip(first, last, low, strict=True))
             ]
             if needed is not None and not needed[place]:
-                own[...] = self.outline.extremes(name)[place][0]
+                own[...] = self.volume.extremes(name)[place][0]
                 continue
             cells = self._kept(part, first, last)
             if cells is None:
@@ -107,7 +107,7 @@ class Chunks:
 
     def _room_for(self, name: str, shape: list[int]) -> np.ndarray:
         """Return an array for a box: new memory takes half as long to get as to fill."""
-        size, kind = math.prod(shape), held_dtype(self.outline.dtype(name))
+        size, kind = math.prod(shape), held_dtype(self.volume.dtype(name))
         if name not in self._rooms or self._rooms[name].size < size:
             self._rooms[name] = np.empty(size, kind)
         return self._rooms[name][:size].reshape(shape)
@@ -119,8 +119,8 @@ class Chunks:
 
         Of fields that are not stored in chunks those cells alone are read.
         """
-        sides, shape = self.store.chunks, self.outline.grid.shape
-        packed = self.outline.is_packed(name)
+        sides, shape = self.store.chunks, self.volume.grid.shape
+        packed = self.volume.is_packed(name)
         ranges = [range(a // c, -(-b // c)) for a, b, c in zip(low, high, sides, strict=True)]
         for place in itertools.product(*ranges):
             start = tuple(i * c for i, c in zip(place, sides, strict=True))
@@ -143,7 +143,7 @@ class Chunks:
         self, part: Part, whole: np.ndarray, low: Sequence[int], high: Sequence[int]
     ) -> np.ndarray:
         """Keep a chunk if there is room, else its layers at the ends of a box; the oldest go."""
-        if not self.outline.is_packed(part[0]):
+        if not self.volume.is_packed(part[0]):
             return whole
         if self.again and self._held + whole.nbytes <= self.room - self.room // _LAYERS:
             self._whole[part] = whole
