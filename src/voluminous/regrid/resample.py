@@ -184,7 +184,7 @@ def points_in(grid: Grid, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, 
 def points_along(grid: Any, count: int) -> list[int]:
     """Return the number of points along each axis of a cell: more along wide angles."""
     widths = [0.0, 0.0, 0.0]
-    for axis, edges in enumerate(grid.edges):  # of a structured grid
+    for axis, edges in enumerate(getattr(grid, "edges", ())):  # trees of boxes have none
         if grid.coordinates[axis] in ("theta", "phi"):
             widths[axis] = np.diff(edges).max()
     return [max(count, math.ceil(width * count / _ANGLE - 1e-9)) for width in widths]
