@@ -8,18 +8,13 @@ from matplotlib.figure import Figure
 import voluminous as vm
 
 CM = {"unit": "cm", "x": 1e17 * np.arange(30), "y": 1e17 * np.arange(20)}
-SHELLS = {
-    "type": "gaussian",
-    "expr": "log10(density)",
-    "center": 3.5,
-    "sigma": 0.1,
-    "color": [0.4, 0.4, 0.8],
-}
+SHELLS = vm.Gaussian("log10(density)", 3.5, 0.1, (0.4, 0.4, 0.8), 0.3, 0.1)
 
 
 def picture(factor=1.0, channels=3, **options):
     values = factor * np.random.default_rng(channels).random((20, 30, channels))
-    provenance = {"medium": options.pop("medium", SHELLS)}
+    features = options.pop("medium", SHELLS).known_features()
+    provenance = {"color_bars": [bar for feature in features for bar in feature.color_bars()]}
     return vm.Image(values, provenance=provenance, **CM, **options)
 
 
@@ -34,8 +29,8 @@ def test_a_plot_has_the_bar_of_its_medium():
 
 
 def test_several_scalars_have_bars_beside_each_other():
-    other = {**SHELLS, "expr": "temperature", "center": 10.0}
-    ax = picture(medium={"type": "sum", "parts": [SHELLS, other]}).plot()
+    other = vm.Gaussian("temperature", 10.0, 0.1, (0.4, 0.4, 0.8), 0.3, 0.1)
+    ax = picture(medium=SHELLS + other).plot()
     ax.figure.draw_without_rendering()
     first, second = (bar.get_tightbbox() for bar in ax.child_axes)
     assert first.x1 < second.x0
