@@ -375,6 +375,8 @@ class BoundShaped(BoundMedium):
         # Between log10 of zero and a value there is all of the shell, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
         unresolved = over | under | (seen & endless)
+        if self.modulation.fixed:
+            return seen, unresolved
         return self.modulation.visible(panel, seen, unresolved)
 
     def jumps(self) -> list[Jump]:

@@ -119,6 +119,8 @@ class Channels:
         Which consist of surfaces without width.
     looks_inside : bool
         Means evaluate fields between a panel's ends.
+    jumps : list of Jump
+        Where panels end.
     peaks : float array, shape (channel,)
         The brightness to which errors of each channel are relative, in its unit.
     count : int
@@ -140,6 +142,7 @@ class Channels:
         self.surfaces = [part.surface_only for part in medium.components()]
         self.looks_inside = medium.looks_inside
         self.binding, self.bound = binding, medium.bind(binding)
+        self.jumps = self.bound.jumps()
 
     def in_unit(self, unit: Any) -> Channels:
         """Return the channels in other units of emission."""

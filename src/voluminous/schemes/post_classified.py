@@ -113,7 +113,7 @@ class _Ray:
         self.scheme, self.source, self.segment = scheme, source, segment
         self.fields, self.surfaces = source.along(segment), source.channels.surfaces
         self.bound = source.channels.bound
-        self.jumps = self.bound.jumps()
+        self.jumps = source.channels.jumps
         self.real = type(segment.length)
 
     def inside(self, s: Float) -> dict[str, Float]:

@@ -156,7 +156,7 @@ class Interpolated:
     def looks_inside(self) -> bool:
         """Whether panels need fields: of other media the scalars at their nodes are enough."""
         turning = any(may_turn(expr, self.context) for expr in self.channels.scalars)
-        return self.channels.looks_inside or bool(self.channels.bound.jumps()) or turning
+        return self.channels.looks_inside or bool(self.channels.jumps) or turning
 
     @functools.cached_property
     def coordinates(self) -> list[int]:
