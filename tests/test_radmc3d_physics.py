@@ -24,6 +24,7 @@ from voluminous.physics.constants import CODATA, RADMC3D
 from voluminous.radmc3d.olson_kunasz import OlsonKunasz
 from voluminous.radmc3d.session import Session, drawn
 from voluminous.radmc3d.words import request_of
+from voluminous.rendering.partition import Partition
 from voluminous.schemes.base import Solution, TowardsObserver
 from voluminous.schemes.first_order import FirstOrder
 
@@ -284,7 +285,7 @@ def test_catching_loses_no_lines_at_the_entry():
     )
     assert plain.intensity.max() > 0.0
     np.testing.assert_allclose(caught.intensity, plain.intensity, rtol=1e-6)
-    bands = bands_of(gas, medium, np.array([1.15271e11]), CODATA)
+    bands = bands_of(Partition(gas), medium, np.array([1.15271e11]), CODATA)
     tuned, half = at_frequencies(medium, bands), 0.5 * float(plain.optical_depth[1, 1, 2])
     first, other = (
         vm.tau_surface(gas, tuned, camera, half, scheme=scheme).depth.intensity
