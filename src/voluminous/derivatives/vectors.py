@@ -95,12 +95,12 @@ def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     try:
         factors = [float((unit or u.dimensionless_unscaled).to(own)) for unit in given]
     except u.UnitConversionError as error:
-        told = ", ".join(
+        listed = ", ".join(
             f"{argument.text} in {unit_name(unit) or 'no unit'}"
             for argument, unit in zip(derived.arguments, units, strict=True)
         )
         raise UnitsError(
-            f"the components of a vector must have units of one kind, got {told}; "
+            f"the components of a vector must have units of one kind, got {listed}; "
             "use volume.set_unit(...), or multiply angular velocities by their radius"
         ) from error
     return own, factors

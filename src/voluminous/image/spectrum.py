@@ -137,8 +137,10 @@ class Spectrum(Value):
         laws = [] if nu is None else u.spectral_density(nu) + u.brightness_temperature(nu)
         if self.distance is not None and not present.is_equivalent(target, laws):
             sphere = u.Unit(4.0 * math.pi * self.distance**2 * u.cm**2)
-            ways = (present * sphere, present * sphere**-1)
-            present = next((way for way in ways if way.is_equivalent(target, laws)), present)
+            units = (present * sphere, present * sphere**-1)
+            present = next(
+                (choice for choice in units if choice.is_equivalent(target, laws)), present
+            )
         try:
             parts = {
                 name: np.asarray(present.to(target, values, equivalencies=laws), np.float64)

@@ -181,11 +181,15 @@ class _Sketch(VolumeView):
     def _key(self, name: str) -> Any:
         return None
 
-    def _measured(self, name: str, told: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    def _measured(
+        self, name: str, stored: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         if name in self._whole.fields and self.in_memory(name) is not None:
-            return super()._measured(name, told)
+            return super()._measured(name, stored)
         found = (
-            np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
+            np.full((*self.chunk_counts, 2), np.nan)
+            if stored is None
+            else stored.astype(np.float64)
         )
         return np.where(np.isfinite(found), found, (-np.inf, np.inf)), None
 
@@ -256,7 +260,7 @@ def in_picture(
         [w[np.stack([a, b])] for w, a, b in zip(partition.walls, low.T, high.T, strict=True)]
     )  # (axis, end, box)
     pick = np.arange(8) >> np.array([[2], [1], [0]]) & 1
-    corners = np.stack([own[way].T for own, way in zip(ends, pick, strict=True)])
+    corners = np.stack([wall[which].T for wall, which in zip(ends, pick, strict=True)])
     seen = camera.project(corners.reshape(3, -1), partition.grid)[:2]
     within, known = np.ones(len(low), bool), np.ones(len(low), bool)
     for places, shift, step, count in zip(

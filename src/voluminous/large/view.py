@@ -268,7 +268,9 @@ class VolumeView(Volume):
         """Return the number of chunks along each axis."""
         return tuple(-(-n // c) for n, c in zip(self.grid.shape, self.store.chunks, strict=True))
 
-    def _measured(self, name: str, told: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    def _measured(
+        self, name: str, stored: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """Return ranges of chunks, and the numbers of missing values; of those that are not told.
 
         Raises
@@ -277,7 +279,9 @@ class VolumeView(Volume):
             If a value is infinite, or none is there.
         """
         found = (
-            np.full((*self.chunk_counts, 2), np.nan) if told is None else told.astype(np.float64)
+            np.full((*self.chunk_counts, 2), np.nan)
+            if stored is None
+            else stored.astype(np.float64)
         )
         missing = np.zeros(found.shape[:-1], np.int64)
         for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):

@@ -88,8 +88,8 @@ def beside_cells(
         "temperature='cellwise(density * T) / density'",
         stacklevel=level,
     )
-    told = [float(factor * v) if t else None for v, t in zip(light, thin, strict=True)]
-    return {"cells": {"light": told, "unit": unit}}
+    flux = [float(factor * v) if t else None for v, t in zip(light, thin, strict=True)]
+    return {"cells": {"light": flux, "unit": unit}}
 
 
 def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:

@@ -196,8 +196,10 @@ def observe(
     if _quiet or things or np.any(light):
         return cube
     total = cube.intensity.sum(axis=(0, 1), dtype=np.float64) * cube.pixel_area
-    told = beside_cells(cube, total, tuned, camera, {**options, "memory": memory}, 4)
-    return cube.replace(provenance={**(cube.provenance or {}), **told}) if told else cube
+    cells_flux = beside_cells(cube, total, tuned, camera, {**options, "memory": memory}, 4)
+    return (
+        cube.replace(provenance={**(cube.provenance or {}), **cells_flux}) if cells_flux else cube
+    )
 
 
 def check_arguments(verb: str, volume: Any, medium: Any, options: Iterable[str]) -> None:

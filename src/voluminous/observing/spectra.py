@@ -164,20 +164,20 @@ def spectrum(
         total = _converged(flux, camera, _method(volume, camera), tolerance, least)
     centimetres = 1.0 if volume.unit is None else float(volume.unit.to("cm"))
     (cube,) = cubes
-    told: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
     if not quiet:
         how = {"frequencies": cube.spectral.frequencies}
         bright = tuned(volume, medium, constants=options.get("constants", "codata"), **how)
         warn_of_scattering(bright, stacklevel=4)
         dark = options.get("background") is None and not np.any(model_background(volume))
         if dark and not things and aperture is None:
-            told = beside_cells(cube, total, bright, camera, options, 4)
+            extra = beside_cells(cube, total, bright, camera, options, 4)
     return Spectrum(
         cube.spectral,
         (total + stars) * ((centimetres / away) ** 2 / JANSKY),
         unit="Jy",
         distance=away,
-        provenance={**(cube.provenance or {}), **told},
+        provenance={**(cube.provenance or {}), **extra},
     )
 
 

@@ -210,8 +210,8 @@ class SphericalCellWidth(MinCellWidth):
     def sight(self, ray: Ray) -> RaySight:
         to_scale = self.backend.wide(1.0 / self.unit)
         origin = [o * to_scale for o in ray.origin]
-        way = -sum(o * d for o, d in zip(origin, ray.direction, strict=True))
-        nearest = [dr.fma(way, d, o) for o, d in zip(origin, ray.direction, strict=True)]
+        distance = -sum(o * d for o, d in zip(origin, ray.direction, strict=True))
+        nearest = [dr.fma(distance, d, o) for o, d in zip(origin, ray.direction, strict=True)]
         square = sum(n * n for n in nearest)
         arrive = -dr.sqrt(dr.maximum(self.outer * self.outer - square, 0.0))
         real = self.backend.Float
@@ -228,8 +228,8 @@ class SphericalCellWidth(MinCellWidth):
         )
         across, around = radius * along_theta, radius * along_phi
         closest, arrive, polar = sight
-        way = segment.begin + arrive
-        upright = dr.abs(way) / dr.sqrt(dr.fma(way, way, closest * closest))
+        distance = segment.begin + arrive
+        upright = dr.abs(distance) / dr.sqrt(dr.fma(distance, distance, closest * closest))
         tilted = dr.lerp(around, across, polar) * upright
         width = dr.minimum(dr.minimum(across, around), tilted)
         return dr.maximum(depth, width)

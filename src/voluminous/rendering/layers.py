@@ -148,9 +148,9 @@ def lay(planes: RenderResult, layers: Layers, tracer: RayTracer) -> None:
         some = offsets[start : start + together]
         du, dv = (np.repeat(d, len(order)) for d in np.transpose(some))
         rays, low, high = (np.tile(a, len(some)) for a in (layers.pixel, begin, layers.depth))
-        ways = between(tracer, rays, du, dv, (low, high), channels)
+        stretches = between(tracer, rays, du, dv, (low, high), channels)
         folded += [
-            _folded(placed, count, ways.some(order + k * len(order))) for k in range(len(some))
+            _folded(placed, count, stretches.some(order + k * len(order))) for k in range(len(some))
         ]
     shown, bare = (Pairs.mean(parts) for parts in zip(*folded, strict=True))
     through = np.multiply.reduceat(1.0 - placed.opacity, first)
@@ -194,14 +194,14 @@ def _groups(layers: Layers, pixels: int) -> tuple[np.ndarray, np.ndarray, np.nda
     )
 
 
-def _folded(placed: Layers, count: np.ndarray, ways: Pairs) -> tuple[Pairs, Pairs]:
+def _folded(placed: Layers, count: np.ndarray, stretches: Pairs) -> tuple[Pairs, Pairs]:
     """Return each pixel's path up to its last layer, with layers and without.
 
     The errors of the first contain only the light of layers, due to its uncertain attenuation.
     """
-    dim, bright = np.zeros_like(ways.error), np.zeros_like(ways.error)
-    dim[:, 1:2] = ways.error[:, 1:2]
+    dim, bright = np.zeros_like(stretches.error), np.zeros_like(stretches.error)
+    dim[:, 1:2] = stretches.error[:, 1:2]
     bright[:, 2:] = np.abs(placed.emission).max(axis=1, keepdims=True)
     pairs = Pairs(placed.emission, (1.0 - placed.opacity)[:, None], bright)
-    lit = Pairs(ways.emission, ways.transparency, dim).over(pairs)
-    return fold(lit, count), fold(ways, count)
+    lit = Pairs(stretches.emission, stretches.transparency, dim).over(pairs)
+    return fold(lit, count), fold(stretches, count)

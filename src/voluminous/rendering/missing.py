@@ -167,10 +167,10 @@ def _means(
         if not cells.size:
             continue
         centers = grid.cell_centers(first, last)[:, cells]
-        ways = (basis(grid, first, last) * grid.cell_sizes(first, last)[:, None])[:, :, cells]
+        offsets = (basis(grid, first, last) * grid.cell_sizes(first, last)[:, None])[:, :, cells]
         total, count = np.zeros(cells.size), np.zeros(cells.size)
-        for way in _AROUND:
-            points = centers + _BEYOND * np.einsum("k,kxn->xn", np.asarray(way, float), ways)
+        for side in _AROUND:
+            points = centers + _BEYOND * np.einsum("k,kxn->xn", np.asarray(side, float), offsets)
             beyond = grid.locate(points.T)
             there = (beyond >= 0) & ~missing[beyond]
             total += np.where(there, array[beyond], 0.0)

@@ -242,8 +242,8 @@ class PatchGrid(TreeCells):
         return arrays
 
     def describe(self) -> dict[str, Any]:
-        told = {"patches": len(self.patches.level), "hidden_cells": self.hidden_cells}
-        return {**super().describe(), **told}
+        described = {"patches": len(self.patches.level), "hidden_cells": self.hidden_cells}
+        return {**super().describe(), **described}
 
 
 def _of_each(shape: Any, corners: Any, name: str) -> np.ndarray:

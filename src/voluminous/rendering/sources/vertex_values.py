@@ -226,13 +226,13 @@ class CornerValues:
         middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
         width = self.derivatives.spacing.widths(middle, extent)
         step = self.around.steps(middle, extent, width)
-        way = [(v - m) / e * w for v, m, e, w in zip(vertex, middle, extent, step, strict=True)]
+        offset = [(v - m) / e * w for v, m, e, w in zip(vertex, middle, extent, step, strict=True)]
         sums = []
         for field, slopes, (values, rises, least, most) in zip(
             self.fields, self.slopes, before.sums, strict=True
         ):
             value, rise = self._of(field, cell.number, there), self.backend.Float(0)
-            for w, slope in zip(way, slopes, strict=True):
+            for w, slope in zip(offset, slopes, strict=True):
                 rise = dr.fma(w, self._of(slope, cell.number, there), rise)
             sums.append(
                 [
