@@ -17,6 +17,7 @@ from voluminous.rendering.pixels import whole_picture
 from voluminous.rendering.prepare import prepare
 from voluminous.rendering.replay import gradient, tracer_like
 from voluminous.rendering.run import make_tracer, run
+from voluminous.rendering.tracer import exhausted
 
 AXIS = np.linspace(-1, 1, 5)
 GRIDS = {
@@ -95,7 +96,7 @@ def picture(job, drawn=None):
     """Return the intensities of a job; with the limits of one that was drawn, if there are any."""
     tracer = tracer_like(job, drawn)
     nx, ny = job.frame.pixels
-    emission = [np.array(row).reshape(ny, nx) for row in tracer.frame().emission]
+    emission = [np.array(row).reshape(ny, nx) for row in exhausted(tracer.batches()).emission]
     return tracer.source.channels.intensity(emission)
 
 

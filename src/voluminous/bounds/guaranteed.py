@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..media import Medium
 from ..rendering.job import RenderJob
 from ..rendering.pixels import TILE
-from ..rendering.tracer import Paths, RayTracer
+from ..rendering.tracer import Paths, RayTracer, exhausted
 from ..schemes.channels import channel_groups
 from .bracket import Bracket
 from .fields import Bracketed
@@ -92,7 +92,7 @@ def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> P
     tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // TILE**2) * TILE**2
     allowed = job.tolerance * brightest
     tracer.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
-    paths = tracer.frame()
+    paths = exhausted(tracer.batches())
     for share in _SHARES[1:]:
         lower, upper = _ends(paths, source.channels.count)
         gap = np.max(upper.emission - lower.emission, axis=0)

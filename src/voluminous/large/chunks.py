@@ -32,7 +32,7 @@ from .view import VolumeView, largest_side
 if TYPE_CHECKING:
     from ..media.contract import Medium
     from ..rendering.cache import Cache
-    from ..rendering.job import RenderJob
+    from ..rendering.job import RayJob, RenderJob
     from ..rendering.sources.cells import CellEvaluator
     from ..schemes.base import Scheme
     from .sweep import Sweep
@@ -127,7 +127,7 @@ class CartesianChunks(Partition):
             )
         return self.volume, cache, None, counts
 
-    def source(self, job: RenderJob, evaluator: CellEvaluator, faintest: bool) -> Any:
+    def source(self, job: RayJob, evaluator: CellEvaluator, faintest: bool) -> Any:
         if self.dual:
             limits = job.tolerance, faintest, True
             return interpolated_fields(evaluator, job.cache, job.scheme, *limits, True)

@@ -16,6 +16,7 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.options import RenderOptions, refuse_unusable
 from ..rendering.run import make_tracer
+from ..rendering.tracer import exhausted
 from ..schemes import get_scheme
 from ..schemes.base import Around, CellSource, Position, Scanner, Scheme, Source, Steps
 from ..schemes.path import Path
@@ -49,7 +50,7 @@ def scan(
     job, _ = prepare(partition.volume, medium, camera, drawn, partition)
     nx, ny = job.frame.pixels
     tracer = make_tracer(job, 0.0)
-    values = np.stack(tracer.frame().emission).astype(np.float64).reshape(-1, ny, nx)
+    values = np.stack(exhausted(tracer.batches()).emission).astype(np.float64).reshape(-1, ny, nx)
     return values, float(np.max(tracer.source.channels.unit)) / volume.grid.scale
 
 

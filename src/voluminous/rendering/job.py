@@ -1,4 +1,4 @@
-"""Everything that defines one render: the scene, and how it is drawn."""
+"""How light is traced through a volume, and everything that defines one render."""
 
 from __future__ import annotations
 
@@ -23,51 +23,33 @@ if TYPE_CHECKING:
     from .partition import Partition
 
 
-@dataclass
-class RenderJob:
-    """Everything that defines one render.
+@dataclass(kw_only=True)
+class RayJob:
+    """A medium in a volume, and how light is traced through it: along any rays.
 
     Attributes
     ----------
-    cache : Cache
-        Cache of results for the volume.
+    rays : float
+        About how many rays there are.
     hidden : HiddenCells, optional
         Cells that hold no value.
     tape : Tape, optional
         Records the numbers of the medium, to differentiate by them.
-    adaptive, recursive : bool
-        More rays where the picture is not smooth; parts of pixels no wider than cells.
-    done : int
-        Number of rays traced so far.
     partition : Partition
         The blocks of cells that rays come to one after another.
     """
 
     volume: Volume
     medium: Medium
-    camera: Camera
-    frame: Frame
+    rays: float
     scheme: Scheme
     backend: Backend
     cutoff: float | None
     tolerance: float
-    progress: Callable[[int, int], None]
     cache: Cache
     partition: Partition
     hidden: HiddenCells | None = None
     tape: Tape | None = None
-    samples: int = 1
-    adaptive: bool = False
-    recursive: bool = False
-    done: int = 0
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what another process needs: it has its own cache."""
-        return {**vars(self), "cache": None, "progress": silent}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self.cache = Cache(self.volume)
 
     @property
     def backward(self) -> bool:
@@ -110,17 +92,6 @@ class RenderJob:
             statistics.digests(names),
         )
 
-    def take_double(self) -> None:
-        """Continue in double precision."""
-        self.backend, self.done = self.backend.with_precision("double"), 0
-
-    def advance(self, rays: int, lanes: int) -> None:
-        """Wait for rays and report them; interrupts take effect here."""
-        dr.sync_thread()
-        total = lanes * self.samples**2
-        self.done = min(self.done + rays, total)
-        self.progress(self.done, total)
-
     def provenance(self) -> dict[str, Any]:
         """Return the settings of the render, as plain values."""
         return {
@@ -132,3 +103,37 @@ class RenderJob:
             "color_bars": [bar for f in self.medium.known_features() for bar in f.color_bars()],
             "volume": self.volume.describe(),
         }
+
+
+@dataclass(kw_only=True)
+class RenderJob(RayJob):
+    """Everything that defines one render: its rays are those of a camera's pixels."""
+
+    camera: Camera
+    frame: Frame
+    progress: Callable[[int, int], None]
+    samples: int
+    # More rays where the picture is not smooth; parts of pixels no wider than cells.
+    adaptive: bool
+    recursive: bool
+    # Number of rays traced so far.
+    done: int = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs: it has its own cache."""
+        return {**vars(self), "cache": None, "progress": silent}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.cache = Cache(self.volume)
+
+    def take_double(self) -> None:
+        """Continue in double precision."""
+        self.backend, self.done = self.backend.with_precision("double"), 0
+
+    def advance(self, rays: int, lanes: int) -> None:
+        """Wait for rays and report them; interrupts take effect here."""
+        dr.sync_thread()
+        total = lanes * self.samples**2
+        self.done = min(self.done + rays, total)
+        self.progress(self.done, total)

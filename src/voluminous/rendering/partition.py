@@ -14,7 +14,7 @@ from ..grids.contract import CellBox, cells_across
 from ..packages import REGISTERED
 from ..volume import Volume
 from .cache import Cache
-from .job import RenderJob
+from .job import RayJob, RenderJob
 from .missing import Completed, complete
 from .sources.cells import CellEvaluator
 from .sources.empty_space import CELLS, WIDTH, field_ranges
@@ -48,7 +48,7 @@ class Partition:
     def __init__(self, volume: Volume) -> None:
         self.volume = volume
 
-    def seen_by(self, camera: Camera, medium: Medium, scheme: Scheme) -> Volume:
+    def seen_by(self, camera: Camera | None, medium: Medium, scheme: Scheme) -> Volume:
         """Return the volume that a camera sees; refuse schemes that cannot draw its blocks."""
         self.volume = self.volume.seen_by(camera)
         return self.volume
@@ -60,14 +60,13 @@ class Partition:
     def plan(self, medium: Medium, scheme: Scheme, pixels: tuple[int, int]) -> None:
         """Set the blocks that a picture is drawn of."""
 
-    def source(self, job: RenderJob, evaluator: CellEvaluator, faintest: bool) -> Any:
+    def source(self, job: RayJob, evaluator: CellEvaluator, faintest: bool) -> Any:
         """Return the coefficients for the scheme."""
         scheme, whole = job.scheme, job.hidden is None
         if scheme.coefficients_at == "field":
             limits = job.tolerance, faintest, whole
             return interpolated_fields(evaluator, job.cache, scheme, *limits)
-        nx, ny = job.frame.pixels
-        steps = float(nx * ny) * job.samples**2 * cells_across(job.volume.grid)
+        steps = job.rays * cells_across(job.volume.grid)
         return tabulated(evaluator, job.cache, scheme, steps, whole)
 
     def tracer(self, job: RenderJob, source: Any, background: float, faintest: bool) -> RayTracer:

@@ -1,4 +1,4 @@
-"""Creates a `RenderJob` from the arguments of render(), which are validated."""
+"""Creates a `RenderJob`, or a `RayJob`, from the arguments of render(), which are validated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..progress import silent
 from ..schemes import get_scheme
 from ..volume import Volume
 from .cache import Cache
-from .job import RenderJob
+from .job import RayJob, RenderJob
 from .options import (
     RenderOptions,
     check_antialias,
@@ -66,6 +66,34 @@ def prepare(
         )
     check_camera(camera, "render")
     check_antialias(options.samples, options.antialias, camera)
+    frame = camera.frame(volume.grid)
+    samples = sample_count(options.samples, options.antialias, frame, volume.grid)
+    (nx, ny), others = frame.pixels, (derivatives, camera, partition)
+    rays, missing = prepare_rays(volume, medium, options, float(nx * ny) * samples**2, *others)
+    job = RenderJob(
+        **vars(rays),
+        camera=camera,
+        frame=frame,
+        progress=options.progress if callable(options.progress) else silent,
+        samples=samples,
+        adaptive=options.antialias == "adaptive",
+        recursive=options.antialias == "radmc3d" and not isinstance(volume.grid, CartesianGrid),
+    )
+    check_pixels(frame.pixels, job.medium, job.backend)
+    job.partition.plan(job.medium, job.scheme, frame.pixels)
+    return job, missing
+
+
+def prepare_rays(
+    volume: Volume,
+    medium: Medium,
+    options: RenderOptions,
+    rays: float,
+    derivatives: bool = False,
+    camera: Camera | None = None,
+    partition: Partition | None = None,
+) -> tuple[RayJob, dict[str, int]]:
+    """Return what rays from anywhere need, see `prepare`; with ``los(...)`` there is a camera."""
     scheme, tolerance, precision = options.scheme, options.tolerance, options.precision
     if scheme is None:  # labels must not be interpolated
         scheme = "first-order" if medium.discrete else "post-classified"
@@ -95,24 +123,16 @@ def prepare(
             )
     volume, cache, hidden, missing = partition.complete(cache, medium.names, by_field)
     precision = decide(precision, options.device, cache, medium, solver, allowed)
-    frame = camera.frame(volume.grid)
-    job = RenderJob(
+    job = RayJob(
         volume=volume,
         cache=cache,
         hidden=hidden,
         medium=medium,
-        camera=camera,
-        frame=frame,
+        rays=rays,
         scheme=solver,
         backend=get_backend(options.device, precision, derivatives),
         cutoff=check_cutoff(options.cutoff),
         tolerance=allowed,
-        progress=options.progress if callable(options.progress) else silent,
-        samples=sample_count(options.samples, options.antialias, frame, volume.grid),
-        adaptive=options.antialias == "adaptive",
-        recursive=options.antialias == "radmc3d" and not isinstance(volume.grid, CartesianGrid),
         partition=partition,
     )
-    check_pixels(frame.pixels, medium, job.backend)
-    partition.plan(job.medium, solver, frame.pixels)
     return job, missing

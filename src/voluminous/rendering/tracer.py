@@ -26,7 +26,7 @@ from .missing import through_cells
 from .pixels import MOST_KEPT, TILE, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
 
 if TYPE_CHECKING:
-    from .job import RenderJob
+    from .job import RayJob, RenderJob
 
 # Sums below this multiple of the smallest normal number count as zero: they may have lost subnormal
 # terms, depending on the number of threads.
@@ -97,6 +97,7 @@ class Paths:
 
 
 Result = TypeVar("Result")
+Own = TypeVar("Own", bound="Marcher")
 # Yields the tracer, flat indices of the pixels of a batch, and the paths of the whole picture so
 # far; those of pixels that have not been traced yet hold zeros.
 Batches: TypeAlias = Generator[tuple["RayTracer", np.ndarray, Paths], None, Result]
@@ -128,26 +129,13 @@ class Followed:
     blocks: list[tuple[CellBox, int]]
 
 
-class RayTracer:
-    """Traces a job's rays through its source.
+class Marcher:
+    """Takes rays from anywhere through a job's source; they may stop early (`ending`)."""
 
-    Attributes
-    ----------
-    vectors : list of lists of arrays
-        The camera's vectors.
-    places : list of [array, array]
-        Along both axes: the width of a pixel, and the position of the picture's centre.
-    ending : Cutoff or None
-        When rays stop.
-    kernels : KernelCache or None
-        Cache of traced batches, which can be launched again.
-    """
-
-    def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
+    def __init__(self, job: RayJob, source: Any, brightest_background: float) -> None:
         self.job, self.source, self.backend = job, source, job.backend
-        self.kernels: KernelCache | None = None
         self.background, self.first = brightest_background, 0
-        grid, wide = job.volume.grid, job.backend.wide
+        grid = job.volume.grid
         skipping: Skipping = source.skipping
         kind = "coarse" if skipping.coarse else job.walk_kind
         self.walk = skipping.walk or grid.walk(job.backend, kind)
@@ -166,11 +154,6 @@ class RayTracer:
         self.batch = max(1, lanes // TILE**2) * TILE**2
         self.ending = self._ending(brightest_background)
         self.tolerance: Tolerance | None = None
-        self.vectors = job.frame.traced_vectors(job.backend)
-        self.places = [
-            [wide(step), wide(shift)]
-            for step, shift in zip(job.frame.pixel, job.frame.shift, strict=True)
-        ]
 
     def _ending(self, brightest_background: float) -> Cutoff | None:
         job, channels = self.job, self.source.channels
@@ -204,7 +187,7 @@ class RayTracer:
             return [slice(0, channels.emissions)]
         return channels.groups(self.job.scheme)
 
-    def parts(self) -> Iterator[tuple[int, RayTracer]]:
+    def parts(self: Own) -> Iterator[tuple[int, Own]]:
         """Yield a tracer of each group of channels, one after the other: each may need memory."""
         for number, group in enumerate(groups := self.groups):
             part = self
@@ -216,9 +199,138 @@ class RayTracer:
                 part.ending = part._ending(self.background)
             yield number, part
 
-    def frame(self) -> Paths:
-        """Return the paths of all pixels, in the order of the image's rows."""
-        return exhausted(self.batches())
+    def _buffers(self, count: int, *, partial: bool = False) -> list[Float]:
+        """Return arrays for the components of paths, and one that marks rays that stopped early.
+
+        Zeros are needed only where elements are read before they are written (`partial`). Each
+        group of channels has its own errors and marks.
+        """
+        emissions, extinctions, errors = self.counts
+        make = dr.zeros if partial else dr.empty
+        total = emissions + 2 * extinctions + (errors + 1) * len(self.groups)
+        return [make(self.backend.Float, count) for _ in range(total)]
+
+    def _paths(self, rows: list[Float]) -> Paths:
+        emissions, extinctions, errors = self.counts
+        values, own = [row.numpy() for row in rows], errors + 1
+        common = emissions + 2 * extinctions
+        worst = [functools.reduce(np.maximum, values[common + k :: own]) for k in range(own)]
+        early = self.ending is not None and bool(np.any(worst[-1]))
+        return Paths([*values[:common], *worst[:-1]], self.counts, early)
+
+    def _rows_of(self, number: int, rows: list[Float]) -> list[Float]:
+        emissions, extinctions, errors = self.counts
+        if len(self.groups) == 1:
+            return rows
+        group, common = self.groups[number], emissions + 2 * extinctions
+        grey = slice(0, 1) if extinctions == 1 else group
+        first = common + number * (errors + 1)
+        return [
+            *rows[group],
+            *rows[emissions : emissions + extinctions][grey],
+            *rows[emissions + extinctions : common][grey],
+            *rows[first : first + errors + 1],
+        ]
+
+    def allow(self, emission: float, transparency: float, share: float = 1.0) -> None:
+        """Set the errors allowed in a pixel, and a segment's share; infinite ones never exceed.
+
+        The brightness of a spectrum's channels counts in parts of their peaks.
+        """
+        opaque, channels = self.backend.opaque, self.source.channels
+        most = 0.5 * float(np.finfo(self.backend.dtype).max)
+        first, last = (opaque(min(share * error, most)) for error in (emission, transparency))
+        weights = [opaque(1.0 / peak) for peak in channels.peaks] if channels.spectral else []
+        self.tolerance = Tolerance(first, last, weights)
+
+    def limited(self, source: Any) -> Any:
+        """Return a source with the tolerance."""
+        if self.tolerance is not None:
+            source = copy.copy(source)
+            source.tolerance = self.tolerance
+        return source
+
+    def along(self, origin: np.ndarray, direction: np.ndarray) -> Paths:
+        """Return the paths of rays that begin anywhere: arrays (n, 3), in the volume's unit.
+
+        The volume is in memory. With error control `allow` sets their errors first.
+        """
+        rows, Wide = self._buffers(len(origin)), self.backend.Wide
+        vectors = origin, direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        for first in range(0, len(origin), self.batch):
+            index = np.arange(first, min(first + self.batch, len(origin)), dtype=np.uint32)
+            index = np.resize(index, max(len(index), 2))  # see `some_lanes`
+            lanes = Lanes(None, None, from_host(self.backend.UInt, index))
+            begin, away = ([from_host(Wide, c) for c in v[index].T] for v in vectors)
+            ray = Ray(begin, away, first=Wide(0.0), active=lanes.there)
+            for number, part in self.parts():
+                numbers = part.components(reverse(ray) if self.job.backward else ray)
+                write_paths(self._rows_of(number, rows), numbers, lanes, 0)
+                del part  # as in `_draw`
+        return self._paths(rows)
+
+    def components(self, ray: Ray) -> list[Float]:
+        """Return the components of paths, and which stopped early: traced but not evaluated."""
+        path = (state := self.march(ray)).path
+        numbers = path.emission + path.transparency + path.depth + path.error
+        kind = type(path.transparency[0] if path.transparency else numbers[0])
+        early = dr.select(state.cursor.inside, kind(1), 0)
+        return [*(flush_subnormal(number, MARGIN) for number in numbers), early]
+
+    def march(self, ray: Ray) -> MarchState:
+        """Return the final state of rays, not evaluated."""
+        tape = self.job.tape
+        if tape is not None and any(map(dr.grad_enabled, tape.numbers.values())):
+            raise InputError(
+                "in the loop over cells a medium's numbers have no derivatives in forward mode; "
+                "take rendering.replay.gradient, or dr.suspend_grad()"
+            )
+        how = self.scheme, ray, RayState(self.nothing()), self.ending, self.job.backward
+        state = march(self.walk, self.limited(self.source), *how, self.hidden)
+        if self.results:
+            state = replace(state, path=Path(state.carried[: len(self.results)], [], []))
+        return state
+
+    def nothing(self) -> Path:
+        """Return the initial path of a ray."""
+        return Path([], [], []) if self.results else empty_path(self.backend.Float, *self.counts)
+
+    @property
+    def results(self) -> list[float]:
+        """What rays that meet nothing have found, if they look for something else than light."""
+        scheme, channels = self.job.scheme, self.source.channels
+        return scheme.results(channels.extinctions) if isinstance(scheme, Scanner) else []
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Number of emissions, extinctions and errors of a path; all results are emissions."""
+        channels = self.source.channels
+        if self.results:
+            return len(self.results), 0, 0
+        return channels.emissions, channels.extinctions, 3 if self.job.controlled else 0
+
+
+class RayTracer(Marcher):
+    """Traces the rays of a camera's pixels.
+
+    Attributes
+    ----------
+    vectors : list of lists of arrays
+        The camera's vectors.
+    places : list of [array, array]
+        Along both axes: the width of a pixel, and the position of the picture's centre.
+    kernels : KernelCache or None
+        Cache of traced batches, which can be launched again.
+    """
+
+    job: RenderJob
+
+    def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
+        super().__init__(job, source, brightest_background)
+        self.kernels: KernelCache | None = None
+        self.vectors = job.frame.traced_vectors(job.backend)
+        axes = zip(job.frame.pixel, job.frame.shift, strict=True)
+        self.places = [[job.backend.wide(number) for number in axis] for axis in axes]
 
     def batches(
         self, seconds: float | None = None, focus: tuple[float, float] | None = None
@@ -272,12 +384,9 @@ class RayTracer:
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         """Return the mean paths of some pixels, given by their flat indices."""
-        total: Paths | None = None
-        for du, dv in (offsets := subpixel_offsets(self.job.samples)):
-            ray = np.full(len(pixel), du), np.full(len(pixel), dv)
-            total = self.rays(pixel, *ray).plus(total)
-        assert total is not None
-        return total.over_count(len(offsets))
+        offsets = subpixel_offsets(self.job.samples)
+        each = (self.rays(pixel, *np.full((len(pixel), 2), offset).T) for offset in offsets)
+        return functools.reduce(Paths.plus, each).over_count(len(offsets))
 
     def rays(
         self,
@@ -310,25 +419,6 @@ class RayTracer:
     def _lanes(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Lanes:
         return some_lanes(pixel, du, dv, self.job.frame.pixels, self.backend)
 
-    def _buffers(self, count: int, *, partial: bool = False) -> list[Float]:
-        """Return arrays for the components of paths, and one that marks rays that stopped early.
-
-        Zeros are needed only where elements are read before they are written (`partial`). Each
-        group of channels has its own errors and marks.
-        """
-        emissions, extinctions, errors = self.counts
-        make = dr.zeros if partial else dr.empty
-        total = emissions + 2 * extinctions + (errors + 1) * len(self.groups)
-        return [make(self.backend.Float, count) for _ in range(total)]
-
-    def _paths(self, rows: list[Float]) -> Paths:
-        emissions, extinctions, errors = self.counts
-        values, own = [row.numpy() for row in rows], errors + 1
-        common = emissions + 2 * extinctions
-        worst = [functools.reduce(np.maximum, values[common + k :: own]) for k in range(own)]
-        early = self.ending is not None and bool(np.any(worst[-1]))
-        return Paths([*values[:common], *worst[:-1]], self.counts, early)
-
     def _draw(self, batch: RayBatch, rows: list[Float], lanes: int = 0) -> None:
         """Trace a batch; between groups of channels, interrupts take effect if `lanes` is given."""
         for number, part in self.parts():
@@ -338,38 +428,6 @@ class RayTracer:
             if part.kernels is None or not part.kernels.draw(part, batch, own):
                 write_paths(own, *part.trace(batch, part.inputs(batch)), batch.first)
             del part  # and its table, before there is another
-
-    def _rows_of(self, number: int, rows: list[Float]) -> list[Float]:
-        emissions, extinctions, errors = self.counts
-        if len(self.groups) == 1:
-            return rows
-        group, common = self.groups[number], emissions + 2 * extinctions
-        grey = slice(0, 1) if extinctions == 1 else group
-        first = common + number * (errors + 1)
-        return [
-            *rows[group],
-            *rows[emissions : emissions + extinctions][grey],
-            *rows[emissions + extinctions : common][grey],
-            *rows[first : first + errors + 1],
-        ]
-
-    def allow(self, emission: float, transparency: float, share: float = 1.0) -> None:
-        """Set the errors allowed in a pixel, and a segment's share; infinite ones never exceed.
-
-        The brightness of a spectrum's channels counts in parts of their peaks.
-        """
-        opaque, channels = self.backend.opaque, self.source.channels
-        most = 0.5 * float(np.finfo(self.backend.dtype).max)
-        first, last = (opaque(min(share * error, most)) for error in (emission, transparency))
-        weights = [opaque(1.0 / peak) for peak in channels.peaks] if channels.spectral else []
-        self.tolerance = Tolerance(first, last, weights)
-
-    def limited(self, source: Any) -> Any:
-        """Return a source with the tolerance."""
-        if self.tolerance is not None:
-            source = copy.copy(source)
-            source.tolerance = self.tolerance
-        return source
 
     def inputs(self, batch: RayBatch) -> tuple[Any, ...]:
         """Return the kernel inputs that change from picture to picture: arrays of one number each.
@@ -385,50 +443,7 @@ class RayTracer:
         reader = copy.copy(self)
         reader.vectors, reader.places, reader.ending, reader.tolerance, offset, lanes = inputs
         lanes = lanes or batch.lanes
-        state = reader.march(reader.ray(lanes, offset, batch.depths))
-        path = state.path
-        numbers = path.emission + path.transparency + path.depth + path.error
-        kind = type(path.transparency[0] if path.transparency else numbers[0])
-        early = dr.select(state.cursor.inside, kind(1), 0)
-        return [*(flush_subnormal(number, MARGIN) for number in numbers), early], lanes
-
-    def march(self, ray: Ray) -> MarchState:
-        """Return the final state of rays, not evaluated."""
-        tape = self.job.tape
-        if tape is not None and any(map(dr.grad_enabled, tape.numbers.values())):
-            raise InputError(
-                "in the loop over cells a medium's numbers have no derivatives in forward mode; "
-                "take rendering.replay.gradient, or dr.suspend_grad()"
-            )
-        before, backward = RayState(self.nothing()), self.job.backward
-        source = self.limited(self.source)
-        how = self.scheme, ray, before, self.ending, backward, self.hidden
-        state = march(self.walk, source, *how)
-        if self.results:
-            state = replace(state, path=Path(state.carried[: len(self.results)], [], []))
-        return state
-
-    def nothing(self) -> Path:
-        """Return the initial path of a ray."""
-        if self.results:
-            return Path([], [], [])
-        return empty_path(self.backend.Float, *self.counts)
-
-    @property
-    def results(self) -> list[float]:
-        """What rays that meet nothing have found, if they look for something else than light."""
-        scheme = self.job.scheme
-        if not isinstance(scheme, Scanner):
-            return []
-        return scheme.results(self.source.channels.extinctions)
-
-    @property
-    def counts(self) -> tuple[int, int, int]:
-        """Number of emissions, extinctions and errors of a path; all results are emissions."""
-        channels = self.source.channels
-        if self.results:
-            return len(self.results), 0, 0
-        return channels.emissions, channels.extinctions, 3 if self.job.controlled else 0
+        return reader.components(reader.ray(lanes, offset, batch.depths)), lanes
 
     def ray(
         self,
