@@ -232,7 +232,7 @@ VERBS = {
     "render": lambda v, medium, camera, **how: vm.render(v, medium, camera, **how),
     "observe": lambda v, _, camera, **how: vm.observe(v, DUST, camera, wavelengths=[870.0], **how),
     "spectrum": lambda v, _, camera, **how: vm.spectrum(
-        v, DUST, camera, wavelengths=[870.0], tolerance=0.3, **how
+        v, DUST, camera, wavelengths=[870.0], distance=140 * u.pc, tolerance=0.3, **how
     ),
     "plan": lambda v, medium, camera, **how: vm.plan(v, medium, camera, **how),
 }
