@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,10 +11,9 @@ import numpy as np
 from ..backend import dr, from_host, get_backend
 from ..cameras import Orthographic
 from ..geometry import CARTESIAN
-from ..media.bound import Binding
 from ..rendering.framing import first_camera
 from ..rendering.sources.cells import SLAB, CellEvaluator
-from ..schemes.channels import Channels, channel_groups
+from ..schemes.channels import channel_groups
 from ..spectral import Dust
 from .rings import Rings
 
@@ -107,11 +105,8 @@ def _light_of_cells(medium: Any, camera: Orthographic) -> np.ndarray:
     corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1)
     whole = isinstance(camera, Rings) or not beside(corners).any()
     groups = channel_groups(medium)
-    binding = Binding.to(bands.volume, grid.scale)
     evaluator = CellEvaluator(bands.volume, medium, backend)
-    evaluators = [
-        evaluator.using(Channels(medium, replace(binding, channels=group))) for group in groups
-    ]
+    evaluators = [evaluator.using(evaluator.channels.group(group)) for group in groups]
     sums = np.zeros((len(groups), 2, evaluators[0].channels.emissions))
     for first in range(0, grid.size, SLAB):
         last = min(first + SLAB, grid.size)

@@ -148,16 +148,19 @@ class Channels:
         """Return the channels in other units of emission."""
         part = copy.copy(self)
         part.unit = np.broadcast_to(unit, self.emissions)
-        radiance: Any = part.unit if self.spectral else float(part.unit[0])
-        part.binding = replace(self.binding, radiance=radiance)
+        part.binding = replace(self.binding, radiance=self._radiance(part.unit))
         part.bound = self.medium.bind(part.binding)
         return part
 
+    def _radiance(self, unit: np.ndarray) -> Any:
+        return unit if self.spectral else float(unit[0])
+
     def group(self, channels: slice) -> Channels:
         """Return some of the channels, which are drawn together."""
-        part = Channels(self.medium, replace(self.binding, channels=channels, radiance=1.0))
-        part = part.in_unit(self.unit[channels])
-        part.peaks = self.peaks[channels]
+        unit = self.unit[channels]
+        binding = replace(self.binding, channels=channels, radiance=self._radiance(unit))
+        part = Channels(self.medium, binding)
+        part.unit, part.peaks = unit, self.peaks[channels]
         return part
 
     def groups(self, scheme: Scheme) -> list[slice]:
@@ -256,10 +259,7 @@ class Channels:
     def some_of(self, values: list[float], channels: slice) -> list[float]:
         """Return the bounds of j and α that belong to some channels."""
         extinctions = values[self.emissions :]
-        return [
-            *values[channels],
-            *(extinctions[channels] if self.extinctions > 1 else extinctions),
-        ]
+        return values[channels] + (extinctions[channels] if self.extinctions > 1 else extinctions)
 
     def brightest(self, largest: list[float]) -> float:
         """Return a bound of the emissivity of any channel."""
