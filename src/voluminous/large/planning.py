@@ -181,16 +181,9 @@ class _Sketch(VolumeView):
     def _key(self, name: str) -> Any:
         return None
 
-    def _measured(
-        self, name: str, stored: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    def _measured(self, name: str, found: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         if name in self._whole.fields and self.in_memory(name) is not None:
-            return super()._measured(name, stored)
-        found = (
-            np.full((*self.chunk_counts, 2), np.nan)
-            if stored is None
-            else stored.astype(np.float64)
-        )
+            return super()._measured(name, found)
         return np.where(np.isfinite(found), found, (-np.inf, np.inf)), None
 
 

@@ -247,10 +247,10 @@ class VolumeView(Volume):
             if key is not None and key in self._whole.tables:
                 found = self._whole.tables[key][0]
             else:
-                table = self.store.extremes(name)
-                if table is not None and table.shape[:-1] != self.chunk_counts:
-                    table = None  # of other chunks than those of the other fields
-                found = self._measured(name, table)
+                ends, table = np.full((*self.chunk_counts, 2), np.nan), self.store.extremes(name)
+                if table is not None and table.shape == ends.shape:  # else it has other chunks
+                    ends[...] = table
+                found = self._measured(name, ends)
                 if key is not None:
                     self._whole.tables[key] = found, found[0].nbytes
             self._tables[name] = found
@@ -268,21 +268,14 @@ class VolumeView(Volume):
         """Return the number of chunks along each axis."""
         return tuple(-(-n // c) for n, c in zip(self.grid.shape, self.store.chunks, strict=True))
 
-    def _measured(
-        self, name: str, stored: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return ranges of chunks, and the numbers of missing values; of those that are not told.
+    def _measured(self, name: str, found: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return ranges of chunks, and the numbers of missing values; NaN is measured.
 
         Raises
         ------
         InputError
             If a value is infinite, or none is there.
         """
-        found = (
-            np.full((*self.chunk_counts, 2), np.nan)
-            if stored is None
-            else stored.astype(np.float64)
-        )
         missing = np.zeros(found.shape[:-1], np.int64)
         for place in np.argwhere(~np.all(np.isfinite(found), axis=-1)):
             reporter()(0, self.grid.size)
