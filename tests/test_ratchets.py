@@ -24,7 +24,7 @@ CORE = (
     *("deferred.py", "errors.py", "evaluation.py", "fields.py", "geometry.py", "levels.py"),
     *("store.py", "units.py", "value.py", "volume.py"),
 )
-LINES = {"src": 78_560, "core": 31_275}
+LINES = {"src": 78_539, "core": 31_275}
 FILES = {"src": 383, "core": 139}
 # Public members of the contracts.
 MEMBERS = {

@@ -63,10 +63,10 @@ class TreeParts(CartesianChunks):
     def blocks(
         self, parallel: bool, origin: np.ndarray, direction: np.ndarray
     ) -> Iterator[CellBox]:
-        middle = origin.mean(axis=1), direction if parallel else None
+        view = origin.mean(axis=1), direction if parallel else None
         rank = np.empty(len(self.groups.low), np.int64)
-        rank[self.groups.front_to_back(*middle)] = np.arange(len(rank))
-        order = self.parts.front_to_back(*middle)
+        rank[self.groups.front_to_back(*view)] = np.arange(len(rank))
+        order = self.parts.front_to_back(*view)
         for k in order[np.argsort(rank[self._group(self.parts.ends[order])], kind="stable")]:
             yield CellBox((int(self.parts.ends[k]),), (int(self.parts.ends[k + 1]),))
 

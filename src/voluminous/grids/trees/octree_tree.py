@@ -190,7 +190,7 @@ class TracedHalved:
     def cell(
         self, entry: Int, unit: list[Int], level: Int, sense: Orientation, active: Mask
     ) -> Cell:
-        """Return the cells around finest units, from entries of a tree level that are no nodes.
+        """Return the cells around finest units, from leaf entries of a tree level.
 
         Nothing is looked up: `active` is for numberings that do.
         """

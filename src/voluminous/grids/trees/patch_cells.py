@@ -356,7 +356,7 @@ class TracedPatches:
     def cell(
         self, entry: Int, place: list[Float], level: Int, sense: Orientation, active: Mask
     ) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no nodes.
+        """Return the cells around places, from leaf entries of a tree level.
 
         Of lanes that are not active anything may be returned.
         """

@@ -40,7 +40,7 @@ NUMBER_BITS = 29
 NUMBER_MASK = (1 << NUMBER_BITS) - 1
 # The number of a place where there is no cell.
 NONE = NUMBER_MASK
-# The kind of entries that are no nodes, of which a numbering may use others too.
+# The kind of leaf entries, of which a numbering may use others too.
 PLAIN = 4
 ABSENT = np.uint32(PLAIN << NUMBER_BITS | NONE)
 
@@ -55,7 +55,7 @@ class Found:
 
 
 class Numbering(Protocol):
-    """What the entries of a tree mean that are no nodes."""
+    """What the leaf entries of a tree mean."""
 
     def cells(
         self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
@@ -84,7 +84,7 @@ class TracedNumbering(Protocol):
     def cell(
         self, entry: Int, place: list[Float], level: Int, sense: Orientation, active: Mask
     ) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no nodes.
+        """Return the cells around places, from leaf entries of a tree level.
 
         Of lanes that are not active anything may be returned.
         """
@@ -148,7 +148,7 @@ class Tree:
         return Found(number, place // size * size, size)
 
     def descend(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the entries around places (3, n) that are no nodes, and their tree levels."""
+        """Return the leaf entries around places (3, n), and their tree levels."""
         level = np.zeros(place.shape[1], np.uint8)
         index, bits = place // self.units[0][:, None], np.array(self.clusters)[:, None]
         size = 1 << bits[:, 0]
@@ -330,7 +330,7 @@ class TreeLookup:
     def _descended(
         self, entry: Int, place: list[Float], sense: Orientation, active: Mask
     ) -> tuple[Int, Int]:
-        """Follow entries that are nodes down to one that is none; return it, and its level."""
+        """Follow nodes down to a leaf entry; return it, and its level."""
         UInt, level = self.backend.UInt, self.backend.Int(0)
         if len(self.tree.units) == 1:
             return entry, level
@@ -344,7 +344,7 @@ class TreeLookup:
             return dr.gather(UInt, self.entries, slot, is_node(entry, level)), level
 
         if len(self.tree.units) == 2:
-            # A branch: vectors of rays are often in entries that are no nodes, all of them.
+            # A branch: vectors of rays are often all in leaf entries.
             return if_else((entry, level), is_node(entry, level), down, _unchanged)
         # A loop may not change what all lanes share.
         level = dr.select(active, level, 0)
