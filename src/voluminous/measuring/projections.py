@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -220,7 +220,7 @@ class TauSurface:
     """
 
     depth: Image
-    points: np.ndarray
+    points: np.ndarray = field(repr=False)
     tau: float
 
 
