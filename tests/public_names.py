@@ -71,6 +71,7 @@ CALLS = {
     "FreeFree": (vm.FreeFree, {"electrons": "density / (1 g)", "temperature": 1e4 * u.K}),
     "Gaussian": (vm.Gaussian, {**WITH, "center": 0.3, "sigma": 0.1, "color": 1.0}),
     "Image": (vm.Image, {"intensity": np.ones((2, 2, 3))}),
+    "Labels": (vm.Labels, {"expr": "a", "numbers": [1, 2]}),
     "Isosurface": (vm.Isosurface, {"expr": "a", "level": 0.3}),
     "Lines": (vm.Lines, {**GAS, "temperature": 20 * u.K}),
     "Molecule": (vm.Molecule, CO),

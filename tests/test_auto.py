@@ -127,14 +127,14 @@ def test_the_field_to_look_at_first(names, chosen):
     assert main_scalar(vm.Volume(grid, fields)).text == chosen
 
 
-def test_labels_get_a_shell_each_but_not_the_background():
+def test_labels_get_a_colour_each_but_not_the_background():
     a = np.zeros((12, 12, 12), np.uint8)
     a[2:5, 2:5, 2:5], a[6:10, 6:10, 6:10], a[7, 7, 7] = 2, 3, 5
     volume = vm.Volume(vm.CartesianGrid.uniform(12, (0, 12)), tissue=a)
-    media = shells(vm.suggest_medium(volume, n=2))
-    assert [shell.center for shell in media] == [2, 3, 5]
-    assert all(isinstance(shell, vm.Rectangle) for shell in media)
-    assert len({shell.color for shell in media}) == 3
+    medium = vm.suggest_medium(volume, n=2)
+    assert medium == vm.presets.labels(volume)
+    assert medium.numbers == [2, 3, 5]
+    assert len({tuple(color) for color in medium.describe()["colors"]}) == 3
 
 
 @pytest.mark.parametrize(
@@ -285,9 +285,9 @@ def organs():
 def test_a_first_picture_of_labels_shows_no_others_between_two():
     volume = organs()
     image = vm.render(volume)
-    assert image.provenance["scheme"] == "first-order"
+    assert image.provenance["scheme"] == "second-order"
     medium = vm.suggest_medium(volume)
-    for options in ({}, {"scheme": "first-order"}):
+    for options in ({}, {"scheme": "second-order"}):
         chosen = vm.render(volume, medium, vm.Orthographic.framing(volume, medium), **options)
         np.testing.assert_array_equal(image.intensity, chosen.intensity)
-    assert vm.render(volume, scheme="second-order").provenance["scheme"] == "second-order"
+    assert vm.render(volume, scheme="first-order").provenance["scheme"] == "first-order"

@@ -35,6 +35,7 @@ _PUBLIC = {
     "Image": "image",
     "InputError": "errors",
     "Isosurface": "media",
+    "Labels": "calibration.labels",
     "Lines": "spectral",
     "Medium": "media",
     "Molecule": "physics",
@@ -99,6 +100,7 @@ __all__ = sorted(["__version__", *_MODULES, *_PUBLIC])
 if TYPE_CHECKING:
     from . import errors, io, math, measuring, models, movies, regions
     from .calibration import presets, suggest_medium
+    from .calibration.labels import Labels
     from .cameras import Orthographic, Panorama, Perspective
     from .cli.demo import demo
     from .drawing import render

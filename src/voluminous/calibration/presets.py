@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..media import Medium, Sum, Table
 from ..volume import Volume
+from .labels import labels
 from .open_numbers import check_volume, nothing_to_see
 from .samples import measurable
 from .suggest import main_scalar
@@ -22,6 +23,7 @@ from .suggest import main_scalar
 __all__ = [
     "bone",
     "fluorescence",
+    "labels",
     "lung",
     "mr_angiography",
     "mr_head",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
-from collections import Counter
 from numbers import Real
 from typing import Any
 
@@ -13,11 +13,12 @@ import numpy as np
 from ..colormaps import get_colormap, mapped_colors
 from ..errors import InputError
 from ..expressions import Expression
-from ..media import Gaussian, Medium, Rectangle, Sum
+from ..media import Gaussian, Medium, Sum
 from ..volume import Volume
 from .histogram import Histogram, histogram, is_constant, sampled_values
+from .labels import labelled, labels_of
 from .open_numbers import check_volume, nothing_to_see
-from .samples import cell_runs, measurable
+from .samples import measurable
 from .thickness import Profile, Thickness, thicknesses
 
 # --- the main scalar --------------------------------------------------------------------------
@@ -94,48 +95,6 @@ def is_wide(values: np.ndarray) -> bool:
     decades = float(np.log10(high) - np.log10(low))
     top = 1.0 - float(np.searchsorted(positive, 0.1 * high)) / len(positive)
     return decades > _DECADES and top * decades < _SHARE
-
-
-# --- labels -----------------------------------------------------------------------------------
-
-_MOST = 64
-# Labels are numbered consecutively; values with wider gaps are coarsely measured quantities.
-_SPAN = 2
-
-
-def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarray | None:
-    """Return the labels in a volume without the background; None if it holds no labels.
-
-    Labels are 2 to 64 distinct whole numbers that fill more than half of their range. The
-    background is the most frequent label of the outermost cells. If the sorted samples `values` may
-    be labels, all cells are read, because some labels are rare.
-    """
-    if not _may_be_labels(np.unique(values)):
-        return None
-    labels: set[float] = set()
-    around: Counter[float] = Counter()
-    for run in cell_runs(volume, expr, np.inf):
-        labels.update(np.unique(run.x[~np.isnan(run.x)]).tolist())
-        if not _may_be_labels(np.array(sorted(labels))):
-            return None
-        outermost = run.outermost()
-        around.update(outermost[~np.isnan(outermost)].tolist())
-    background = max(around, key=lambda label: (around[label], -label), default=None)
-    if len(labels) < 2 or max(labels) - min(labels) >= _SPAN * len(labels):
-        return None
-    return np.array(sorted(labels - {background}))
-
-
-def _may_be_labels(values: np.ndarray) -> bool:
-    whole = bool(np.all(values == np.round(values)))
-    return whole and len(values) <= _MOST and bool(np.ptp(values) < _SPAN * _MOST)
-
-
-class _Label(Rectangle):
-    """A single label; labels must not be interpolated."""
-
-    discrete = True
-    kind = "rectangle"
 
 
 # --- noise ------------------------------------------------------------------------------------
@@ -227,7 +186,6 @@ _VEIL = 0.08
 _NOISE = 4.0
 # A closed shell is crossed twice.
 _TWICE = 2.0
-_GOLDEN = 0.5 * (5**0.5 - 1)
 
 
 def suggest_medium(
@@ -259,9 +217,9 @@ def suggest_medium(
     -------
     Medium
         A sum of `Gaussian` shells whose path lengths fit this volume, in ``expr`` or, where that is
-        not negative and spans more than two decades, in ``log10(expr)``. For labels (few whole
-        numbers without gaps) one `Rectangle` for each but the background, which `render` draws cell
-        by cell (``scheme="first-order"``). The same data gives the same medium.
+        not negative and spans more than two decades, in ``log10(expr)``. For labels (up to
+        256 whole numbers, each of many cells) `presets.labels`. The same data gives the same
+        medium.
 
     Raises
     ------
@@ -303,17 +261,12 @@ def suggest_medium(
     if not len(values):
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
     colormap = get_colormap(cmap)
-    labels = labels_of(whole, scalar, values)
-    if labels is None:
-        scalar, centers, sigma = _boundaries(volume, scalar, values, int(count))
-        drafts: list[Gaussian | Rectangle] = [
-            Gaussian(scalar, float(center), sigma, 1.0, 1.0) for center in centers
-        ]
-        positions = np.linspace(_WARM, _COOL, len(drafts))[::-1]  # a single one is warm
-    else:
-        drafts = [_Label(scalar, float(label), 0.5, 1.0, 1.0) for label in labels]
-        # The golden ratio keeps the colours of neighbouring numbers apart.
-        positions = _WARM - (_WARM - _COOL) * (np.arange(len(labels)) * _GOLDEN % 1.0)
+    if (numbers := labels_of(whole, scalar, values)) is not None:
+        changes = {} if opacity == 1.0 else {"opacities": 1.0 - math.exp(-opacity)}
+        return labelled(whole, scalar, numbers, **changes)
+    scalar, centers, sigma = _boundaries(volume, scalar, values, int(count))
+    drafts = [Gaussian(scalar, float(center), sigma, 1.0, 1.0) for center in centers]
+    positions = np.linspace(_WARM, _COOL, len(drafts))[::-1]  # a single one is warm
     unit = volume.expression_unit(scalar)
     profiles = [Profile(*draft.profile(unit, lambda: (0.0, 0.0))) for draft in drafts]
     shells = thicknesses(volume, scalar, profiles)

@@ -208,8 +208,6 @@ def _scene_of_data(
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     parts = {"volume": source, "medium": medium, "camera": {**camera, "resolution": PIXELS}}
-    if medium.discrete:  # labels must not be interpolated
-        parts["render"] = {"scheme": "first-order"}
     say(args.quiet, _choice(volume, medium, camera))
     if others := [name for name in known if name not in volume]:
         say(args.quiet, f"other fields (--field): {_listed(others)}")
@@ -219,12 +217,10 @@ def _scene_of_data(
 def _choice(volume: Volume, medium: Medium, camera: dict[str, Any]) -> str:
     parts: list[Any] = list(medium.components())
     if hasattr(parts[0], "center"):
-        if len(parts) == 1:
-            kind = "label" if medium.discrete else "shell at"
-        else:
-            kind = f"{len(parts)} labels, cell by cell:" if medium.discrete else ""
-            kind = kind or f"{len(parts)} shells at"
+        kind = "shell at" if len(parts) == 1 else f"{len(parts)} shells at"
         text = f"{parts[0].expr.text}: {kind} {_listed(f'{p.center:.4g}' for p in parts)}"
+    elif medium.discrete:
+        text = f"{parts[0].expr.text}: {len(parts[0].labels)} labels: {_listed(parts[0].labels)}"
     else:
         text = f"channels {_listed(p.expr.text for p in parts)}"
     units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]

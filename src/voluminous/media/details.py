@@ -79,8 +79,8 @@ class Details(Value):
     names : tuple of str
         The fields and coordinates it depends on.
     discrete : bool
-        True if its values are labels, which must not be interpolated: the default scheme is then
-        ``"first-order"``.
+        True if its values are labels, which must not be interpolated: the default scheme, of a sum
+        with others too, is then ``"second-order"``, which interpolates coefficients.
     path_length : float, Quantity or "auto", optional
         The length to which its colours and opacities refer, if any; ``"auto"`` until
         `Medium.calibrated` measures it, for media with a `profile`.

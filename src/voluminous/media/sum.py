@@ -49,7 +49,7 @@ class Sum(Medium):
         self.channels = parts[0].channels
         self.grey = all(part.grey for part in parts)
         self.thermal = all(part.thermal for part in parts)
-        self.discrete = all(part.discrete for part in parts)
+        self.discrete = any(part.discrete for part in parts)
         self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
         self.sight = tuple(dict.fromkeys(axis for part in parts for axis in part.sight))
         self.sensitivity = max(part.sensitivity for part in parts)

@@ -96,7 +96,7 @@ def prepare_rays(
     """Return what rays from anywhere need, see `prepare`; with ``los(...)`` there is a camera."""
     scheme, tolerance, precision = options.scheme, options.tolerance, options.precision
     if scheme is None:  # labels must not be interpolated
-        scheme = "first-order" if medium.discrete else "post-classified"
+        scheme = "second-order" if medium.discrete else "post-classified"
     solver = get_scheme(scheme, controlled=tolerance is not None)
     by_field = solver.coefficients_at == "field"
     check_walk(solver, volume.grid)

@@ -41,7 +41,9 @@ _OF_ALL: dict[Kind, str] = {
     "radii luminosities psf",
     kinds.COLORS: "colors",
     kinds.WHOLE: "samples max_panels channel bits",
-    kinds.WHOLES: "resolution channels",
+    kinds.WHOLES: "resolution channels numbers",
+    kinds.TEXTS: "labels",
+    kinds.BOOLEANS: "visible",
     kinds.BOOLEAN: "bounds transparent half",
 }
 _KINDS = {key: kind for kind, keys in _OF_ALL.items() for key in keys.split()}
@@ -54,9 +56,10 @@ _RENDER = _KINDS | {"level": kinds.WHOLE_OR_AUTO}
 
 def build_medium(sections: Sequence[Mapping[str, Any]]) -> Medium:
     """Return the sum of the media in ``[[medium]]``."""
+    from ..calibration.labels import Labels
     from ..media import MEDIA
 
-    parts = _listed("medium", sections, MEDIA, _MEDIUM)
+    parts = _listed("medium", sections, {**MEDIA, "labels": Labels}, _MEDIUM)
     with placed("[[medium]]"):
         medium: Medium = sum(parts[1:], parts[0])
     return medium
