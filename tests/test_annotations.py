@@ -270,3 +270,25 @@ def test_unknown_options_and_formats(tmp_path):
         picture().save(tmp_path / "a.png", annotate=True, bits=16)
     with pytest.raises(InputError, match="True or a dict"):
         picture().save(tmp_path / "a.png", annotate="yes")
+
+
+def letters_of(volume, **angles):
+    camera = vm.Orthographic(**angles, resolution=40)
+    image = vm.project(volume, "a", camera, how="max")
+    return [text.get_text() for text in drawn(image.annotate(color_bar=False), "letters")][::2]
+
+
+def test_letters_say_which_side_of_the_patient_is_where():
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=np.ones((4, 4, 4)))
+    assert letters_of(volume, incl=90) == []
+    volume.meta["orientation"] = "LPS"
+    # Right, left, upper, lower: from the front the patient's left is at the right.
+    assert letters_of(volume, incl=90) == ["L", "R", "S", "I"]
+    assert letters_of(volume, incl=90, posang=90)[::2] == ["I", "L"]
+    assert letters_of(volume, incl=90, phi=-40)[0] == "LP"  # 40° from L, 50° from P
+    # Cells that are turned by 30° about z: x is between left and back.
+    c, s = np.cos(np.pi / 6), 0.5
+    volume.meta["direction"] = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+    assert letters_of(volume, incl=90)[:2] == ["LP", "RA"]
+    volume.meta["orientation"] = "LPX"
+    assert letters_of(volume, incl=90) == []

@@ -12,6 +12,7 @@ import numpy as np
 from ..bounds import guaranteed
 from ..errors import InputError
 from ..image import Image
+from ..image.metadata import oriented
 from ..large.levels import at_level
 from ..large.partition import drawn_in_blocks
 from ..media.contract import Medium
@@ -317,7 +318,7 @@ def assembled(drawing: Drawing, planes: RenderResult) -> Image:
     if planes.nothing and not drawing.objects:
         warn_of_nothing(job)
     rays = options.samples if options.antialias is None else options.antialias
-    provenance = {**job.provenance(), "samples": rays}
+    provenance = {**job.provenance(), **oriented(drawing.whole.meta), "samples": rays}
     if drawing.objects:
         channels = channel_count(drawing.objects, job)
         background = wide_background(background, job.medium.channels, channels)

@@ -526,6 +526,9 @@ class Image:
             The projected x, y and z axes of the volume, at the lower right.
         compass : bool
             North and east at the upper right, for images with celestial coordinates (`on_sky`).
+        letters : bool
+            The patient's sides at the borders, R, L, A, P, S and I, of a picture of a volume that
+            says how it lies (``volume.meta["orientation"]``).
         ticks : bool
             Axes with ticks around the picture. Default: False.
         color_bar : bool

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError
@@ -39,6 +39,15 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
     if image.wcs is not None:
         entries["wcs"] = str(image.wcs.to_header_string(relax=True))
     return json.dumps(entries)
+
+
+def oriented(meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a volume's `meta` says of how a patient lies in it; nothing if that is unknown.
+
+    ``orientation`` has the letters of +x, +y and +z, ``direction`` how the cells are turned.
+    """
+    known = isinstance(meta.get("orientation"), str)
+    return {key: meta[key] for key in ("orientation", "direction") if known and key in meta}
 
 
 def planes(image: Image) -> Iterator[tuple[str, Array]]:

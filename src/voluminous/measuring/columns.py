@@ -19,6 +19,7 @@ from ..errors import InputError, check_name
 from ..expressions import product, shifted
 from ..grids.contract import BoxGrid
 from ..image import Image
+from ..image.metadata import oriented
 from ..large.partition import partition_of
 from ..media import Coefficients
 from ..packages import version
@@ -170,7 +171,7 @@ def as_map(
         intensity_unit=unit_name(unit),
         camera=camera.describe(),
         wcs=image_wcs(volume, camera, frame),
-        provenance={**common, **provenance},
+        provenance={**common, **oriented(volume.meta), **provenance},
     )
 
 

@@ -17,12 +17,14 @@ from ..tone import check_options, chosen, display_values
 from .marks import (
     compass_arrows,
     draw_arrows,
+    draw_letters,
     draw_scale_bar,
     draw_ticks,
     draw_time,
     draw_title,
     readable_axes,
     scale_bar_of,
+    side_letters,
     time_text,
     triad_arrows,
 )
@@ -43,6 +45,7 @@ def annotate(
     scale_bar: Any = True,
     triad: bool = True,
     compass: bool = True,
+    letters: bool = True,
     ticks: bool = False,
     color_bar: bool = True,
     title: str | None = None,
@@ -84,6 +87,7 @@ def annotate(
         ("compass", compass_arrows(image) if compass else [], True),
     )
     stamp = time_text(time, volume)
+    sides = side_letters(image) if letters else []
 
     def draw_inside(sheet: Sheet) -> None:
         if bar is not None:
@@ -93,6 +97,8 @@ def annotate(
                 draw_arrows(sheet, arrows, top, gid)
         if stamp:
             draw_time(sheet, stamp)
+        if sides:
+            draw_letters(sheet, sides)
 
     if ax is not None:
         if paper is not None or transparent:
@@ -110,7 +116,7 @@ def annotate(
     scales = scales_of(image, display, colors, fields) if color_bar else []
     channel = chosen(display.get("channels"), image.channels)[0]
     bars = [(scale, counts(scale, image, fields, channel)) for scale in scales]
-    letters = letter_height(pixels) if font_size is None else float(font_size)
+    size = letter_height(pixels) if font_size is None else float(font_size)
     color = paper if paper is not None else display.get("background")
     if color is None:
         color = "none" if transparent else "black"
@@ -119,7 +125,7 @@ def annotate(
 
     def drawn(margins: tuple[int, ...]) -> Sheet:
         """Draw from the picture outwards; the title comes last."""
-        sheet = Sheet(pixels, margins, letters, margin_color)
+        sheet = Sheet(pixels, margins, size, margin_color)
         draw_inside(sheet)
         if ticks:
             draw_ticks(sheet, image, shown_in)

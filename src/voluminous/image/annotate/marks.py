@@ -28,6 +28,9 @@ _LENGTH = 2.6
 # Arrows shorter than this count as parallel to the line of sight.
 _SHORT = 0.12
 _XYZ = {"x": ("#ff6a5a", "#c02010"), "y": ("#5ce05c", "#107810"), "z": ("#86b4ff", "#1040c0")}
+_OPPOSITE = dict(zip("LRPASI", "RLAPIS", strict=True))
+# An axis of the patient that is within 66° of a direction gives it a letter.
+_NEAR = 0.4
 _SKY = {"GLON": ("b", "l"), "ELON": ("β", "λ")}
 # Maximum automatic length of the scale bar, in widths of the picture.
 _PART = 0.25
@@ -81,6 +84,34 @@ def triad_arrows(image: Image) -> list[Arrow]:
         Arrow(name, right * axes[0, k], up * axes[1, k], axes[2, k] > 0.0, _XYZ[name])
         for k, name in enumerate("xyz")
     ]
+
+
+def side_letters(image: Image) -> list[str]:
+    """Return the patient's sides at the right, left, upper and lower border; none if unknown."""
+    told, arrows = image.provenance or {}, triad_arrows(image)
+    code, turn = str(told.get("orientation", "")).upper(), told.get("direction", np.eye(3))
+    pairs = {frozenset((letter, _OPPOSITE.get(letter))) for letter in code}
+    if not (len(code) == len(pairs) == 3 and {*code} <= {*_OPPOSITE} and arrows):
+        return []
+    right, up = np.array([arrow.way for arrow in arrows]).T @ np.transpose(turn)
+    return [_letters(code, side) for side in (right, -right, up, -up)]
+
+
+def _letters(code: str, direction: np.ndarray) -> str:
+    """Return the letters of a direction, that of the nearest axis first."""
+    order = np.argsort(-np.abs(direction), kind="stable")
+    near = [k for k in order if abs(direction[k]) > _NEAR]
+    return "".join(code[k] if direction[k] > 0 else _OPPOSITE[code[k]] for k in near)
+
+
+def draw_letters(sheet: Sheet, letters: list[str]) -> None:
+    """Write letters in the middle of the right, left, upper and lower border."""
+    w, h, pad, size = sheet.width, sheet.height, sheet.pad, 1.2 * sheet.em
+    places = [(w - pad, h / 2, "right", "center"), (pad, h / 2, "left", "center")]
+    places += [(w / 2, h - pad, "center", "top"), (w / 2, pad, "center", "bottom")]
+    for words, (x, y, ha, va) in zip(letters, places, strict=True):
+        inks = sheet.inks(x - size, y - size, 2 * size, 2 * size)
+        sheet.rimmed(x, y, words, inks, ha=ha, va=va, fontsize=size, gid="letters")
 
 
 def compass_arrows(image: Image) -> list[Arrow]:
