@@ -58,6 +58,31 @@ def test_totals_are_sums_over_cells(kind):
     assert list(found) == list(QUANTITIES)
 
 
+@pytest.mark.parametrize("kind", ["cartesian", "octree"])
+def test_statistics_of_a_box_are_those_of_the_overlaps(kind):
+    volume, chunks = gas(kind), {"memory": "1 GiB"}
+    low, high = np.array([-0.83, -0.5, 0.211]), np.array([0.4, 0.77, 0.9])
+    box = vm.regions.Box(low * u.pc, high * u.pc)
+    centers, half = volume.grid.cell_centers(), 0.5 * volume.grid.cell_sizes()
+    common = np.minimum(centers + half, high[:, None]) - np.maximum(centers - half, low[:, None])
+    share = np.prod(np.clip(common, 0, None), axis=0)  # in pc³
+    inside, rho = share > 1e-12, volume.array("density").ravel()
+    for options in ({}, chunks):
+        found = vm.measure(volume, "density", "density > 0.2 g/cm3", region=box, **options)
+        counts = inside & (rho > 0.2)
+        assert found.cells == np.count_nonzero(counts)
+        # Sums of a few thousand numbers, in another order.
+        assert found.volume.to_value("pc3") == pytest.approx(share[counts].sum(), rel=1e-12)
+        mean = np.average(rho[counts], weights=share[counts])
+        assert found.means["density"].to_value("g/cm3") == pytest.approx(mean, rel=1e-12)
+        assert found.minima["density"].to_value("g/cm3") == rho[counts].min()
+        assert found.maxima["density"].to_value("g/cm3") == rho[counts].max()
+    # Whole cells have no slivers of their neighbours.
+    whole = vm.measure(volume, "density", region=vm.regions.Box((-0.4, -1, 0), (0.6, 0.2, 0.4)))
+    assert whole.volume.to_value("pc3") == pytest.approx(0.48, rel=1e-12)
+    assert kind == "octree" or whole.cells == 10 * 12 * 4
+
+
 def test_a_condition_chooses_cells():
     volume = gas()
     away = volume.evaluate("los('velocity')", camera=CAMERA)

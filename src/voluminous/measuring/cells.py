@@ -18,10 +18,10 @@ from ..grids.contract import BoxGrid
 from ..grids.structured import is_structured
 from ..large.partition import partition_of
 from ..progress import reported_range
-from ..regions import Region
+from ..regions import Box, Region
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
-from ..units import Unit, UnitLike, parse_unit, unit_name
+from ..units import Unit, UnitLike, parse_unit, plain, unit_name
 
 if TYPE_CHECKING:
     from ..grids.contract import CellBox, Grid
@@ -186,14 +186,16 @@ class CellParts:
     def of(self, volume: Volume, first: int, last: int) -> np.ndarray:
         """Return the parts of consecutive cells of the volume, or of a block, from 0 to 1."""
         part = np.ones(last - first)
-        if self.where is not None:
-            values = volume.evaluate_cells(self.where, first, last)
-            part *= (values != 0) & (values == values)  # not where it has no value
         if self.region is not None:
             part *= self._inside(self.region, volume.grid, first, last)
+        if self.where is not None and part.any():
+            values = volume.evaluate_cells(self.where, first, last)
+            part *= (values != 0) & (values == values)  # not where it has no value
         return part
 
     def _inside(self, region: Region, grid: Grid, first: int, last: int) -> np.ndarray:
+        if isinstance(region, Box) and tuple(grid.coordinates) == CARTESIAN and not grid.mirror:
+            return _in_box(region, grid, first, last)
         part, cut = self._known(region, grid, first, last)
         # Without a bound of the distance corners tell where a surface is.
         near = np.flatnonzero(cut) if region.bounded else np.arange(last - first)
@@ -230,6 +232,28 @@ class CellParts:
         low, high = np.array([(e[a], e[b]) for e, a, b in ends]).T
         away = self.region.beyond(0.5 * (low + high)[:, None], grid.unit)
         return bool(away[0] > 0.5 * np.linalg.norm(high - low))
+
+
+def _in_box(region: Box, grid: Any, first: int, last: int) -> np.ndarray:
+    """Return which part of each cell is in a box: exactly, but for slivers of rounding."""
+    corners = np.array([plain(end, grid.unit, "box") for end in (region.low, region.high)])
+    region.beyond(corners.T, grid.unit)  # refuses those that are the wrong way round
+
+    def common(low: np.ndarray, high: np.ndarray, start: Any, stop: Any) -> np.ndarray:
+        part = (np.minimum(high, stop) - np.maximum(low, start)) / (high - low)
+        return np.where(part < _ROUNDING, 0.0, np.where(part > 1 - _ROUNDING, 1.0, part))
+
+    if is_structured(grid):  # one axis after another: 1 instead of 9 ms for 512² cells
+        axes = [common(e[:-1], e[1:], *c) for e, c in zip(grid.edges, corners.T, strict=True)]
+        row = len(axes[1]) * len(axes[2])
+        begin = first // row
+        parts = axes[0][begin : -(-last // row)]
+        if not parts.any():
+            return np.zeros(last - first)
+        flat = np.einsum("i,j,k", parts, *axes[1:]).ravel()
+        return np.asarray(flat[first - begin * row : last - begin * row])
+    low, high = grid.spans(first, last)
+    return np.asarray(common(low, high, *corners[..., None]).prod(axis=0))
 
 
 def _check_lengths(region: Any, grid: Grid) -> None:

@@ -54,6 +54,9 @@ class Measurement(Mapping[str, Any]):
         The number of cells measured, at least in part.
     missing : dict of str to int
         In how many of these cells a quantity has no value: they count nothing.
+    means, minima, maxima : dict of str to float or Quantity
+        Mean by volume, least and largest value in these cells; none of an aperture, or where no
+        cell has a value.
     maps : dict of str to Image
         Columns ∫ q ds per pixel, if asked for.
     """
@@ -63,6 +66,9 @@ class Measurement(Mapping[str, Any]):
     cells: int
     missing: dict[str, int] = field(default_factory=dict)
     maps: dict[str, Image] = field(default_factory=dict)
+    means: dict[str, float | Quantity] = field(default_factory=dict)
+    minima: dict[str, float | Quantity] = field(default_factory=dict)
+    maxima: dict[str, float | Quantity] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
         return self.totals[name]
@@ -80,6 +86,12 @@ class Measurement(Mapping[str, Any]):
 
     def _repr_html_(self) -> str:
         rows = [(name, f"{value:.8g}") for name, value in self.totals.items()]
+        for word, values in (
+            ("mean", self.means),
+            ("least", self.minima),
+            ("largest", self.maxima),
+        ):
+            rows += [(f"{word} {name}", f"{value:.8g}") for name, value in values.items()]
         rows += [("volume", f"{self.volume:.6g}"), ("cells", str(self.cells))]
         rows += [(f"cells without {name}", str(n)) for name, n in self.missing.items() if n]
         return page("Measurement", table(rows))
@@ -120,7 +132,7 @@ def measure(
         with ``box(low, high)``, ``cylinder(start, end, radius)``, ``cone`` and ``doublecone(apex,
         axis, opening, height)``, combined by ``&``, ``|`` and ``~``. Of a cell on its surface that
         part counts which has the centres of ``samples**3`` parts of the cell inside, or of more
-        where it goes far around the axis.
+        where it goes far around the axis; in a box, exactly its part.
     aperture : array_like or str, optional
         A part of the image: a polygon, shape (n, 2), in the image plane's coordinates (numbers in
         the volume's unit, or a Quantity), or a text: ``"circle(center, radius)"``,
@@ -206,21 +218,37 @@ def _in_cells(
     volume: Volume, what: dict[str, CellQuantity], parts: CellParts, memory: Any
 ) -> Measurement:
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
+    known, low, high = (dict.fromkeys(what, start) for start in (0.0, np.inf, -np.inf))
     names = [*parts.names, *(name for q in what.values() for name in q.expression.names)]
     space, cells = 0.0, 0
     for block in blocks(partition_of(volume, memory), names, _CHUNK, parts):
         volumes = np.asarray(block.volume.grid.cell_volumes).reshape(-1)
         for first, last in block.ranges:
             share = parts.of(block.volume, first, last) * volumes[first:last]
-            space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
+            counted = share > 0
+            if not (count := int(np.count_nonzero(counted))):
+                continue
+            space, cells = space + float(share.sum()), cells + count
             for name, quantity in what.items():
                 values = block.volume.evaluate_cells(quantity.expression, first, last, double=True)
-                unknown = np.isnan(values) & (share > 0)
-                missing[name] += int(np.count_nonzero(unknown))
-                sums[name] += float(np.sum(np.where(unknown | (share == 0), 0.0, values) * share))
+                values = np.broadcast_to(values, share.shape)
+                there = counted & ~np.isnan(values)
+                missing[name] += count - int(np.count_nonzero(there))
+                known[name] += float(np.sum(share, where=there))
+                sums[name] += float(np.sum(np.where(there, values, 0.0) * share))
+                low[name] = float(np.min(values, where=there, initial=low[name]))
+                high[name] = float(np.max(values, where=there, initial=high[name]))
     totals = {name: _with_unit(volume, sums[name], q.unit) for name, q in what.items()}
     lacking = {name: count for name, count in missing.items() if count}
-    return Measurement(totals, _with_unit(volume, space, None), cells, lacking)
+
+    def of_known(values: dict[str, float]) -> dict[str, Any]:
+        units = {name: q.unit for name, q in what.items() if known[name] > 0}
+        return {n: values[n] if u is None else values[n] * u for n, u in units.items()}
+
+    means = {name: sums[name] / (known[name] or np.nan) for name in what}
+    statistics = (of_known(values) for values in (means, low, high))
+    space = _with_unit(volume, space, None)
+    return Measurement(totals, space, cells, lacking, {}, *statistics)
 
 
 def _in_pixels(
