@@ -139,6 +139,28 @@ def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
         np.testing.assert_allclose(again.meta["direction"], volume.meta["direction"], atol=kept)
 
 
+@pytest.mark.parametrize("ending", ["mha", "h5"])
+def test_a_part_of_a_turned_scan_stays_where_it_was(tmp_path, ending):
+    volume = volume_of(VALUES)
+    volume.meta["orientation"] = "LPS"
+    turn = rotation(np.array([0.9, 0.3, -0.1, 0.2]))
+    volume.meta["direction"] = turn.tolist()
+    edges = [e[k:] for k, e in enumerate(volume.grid.edges)]
+    part = volume.resample(vm.CartesianGrid(*edges, unit=volume.unit))
+    part.save(tmp_path / f"part.{ending}")
+    again = vm.open(tmp_path / f"part.{ending}")
+    assert again.meta["orientation"] == "LPS"
+
+    def truly(one):
+        """Return the true place of the last cell."""
+        middle = one.grid.bounds.mean(axis=1)
+        about = np.asarray(one.meta.get("direction_center", middle))
+        return about + turn @ (one.grid.cell_centers()[:, -1] - about)
+
+    np.testing.assert_allclose(truly(again), truly(volume), atol=1e-9)
+    np.testing.assert_allclose(truly(part), truly(volume), atol=1e-9)
+
+
 @pytest.mark.parametrize("ending", ["mha", "nrrd", "nii"])
 def test_what_a_format_cannot_hold_is_refused(tmp_path, ending):
     two = volume_of(VALUES)

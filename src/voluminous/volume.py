@@ -516,8 +516,8 @@ class Volume(Evaluation):
         Returns
         -------
         Volume
-            Fields that were float32 remain so, others become float64. `meta` is copied; the
-            orientation of scans (``meta["direction"]``) only if the new grid has the same centre.
+            Fields that were float32 remain so, others become float64. `meta` is copied, with the
+            orientation of scans; a turned one stays turned about its ``meta["direction_center"]``.
 
         Raises
         ------

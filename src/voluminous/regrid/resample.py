@@ -502,9 +502,8 @@ def _meta_on(volume: Any, grid: Grid) -> dict[str, Any]:
     meta = dict(volume.meta)
     old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
     if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):
-        # The patient's axes are then undefined too.
-        del meta["direction"]
-        meta.pop("orientation", None)
+        # Turned about the centre of the scan, whatever part of it this is.
+        meta.setdefault("direction_center", old.tolist())
     return meta
 
 

@@ -164,7 +164,7 @@ def lattice(volume: Volume, unit: str = "") -> tuple[np.ndarray, np.ndarray]:
         factor = float(plain(1.0 * grid.unit, parse_unit(unit), "the cell edges"))
     bounds = grid.bounds * factor
     widths = np.ptp(bounds, axis=1) / grid.shape
-    direction, middle = direction_of(volume), bounds.mean(axis=1)
+    direction, middle = direction_of(volume), middle_of(volume) * factor
     first = bounds[:, 0] + widths / 2
     if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
         first = middle + direction @ (first - middle)
@@ -180,6 +180,11 @@ def direction_of(volume: Volume) -> np.ndarray:
             "delete it if the volume is not turned"
         )
     return direction
+
+
+def middle_of(volume: Volume) -> np.ndarray:
+    """Return the point about which the cells are turned: the centre of the scan."""
+    return np.asarray(volume.meta.get("direction_center", volume.grid.bounds.mean(axis=1)), float)
 
 
 def single_field(volume: Volume, kind: str) -> str:

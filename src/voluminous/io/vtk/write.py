@@ -14,7 +14,7 @@ from ...errors import FileFormatError, InputError
 from ...grids.cartesian.grid import CartesianGrid
 from ...packages import require
 from ..axes import cartesian
-from ..scanners.placement import direction_of
+from ..scanners.placement import direction_of, middle_of
 from ..scanners.voxels import VECTOR
 from .library import heard, vtk
 
@@ -27,10 +27,10 @@ def write_image(volume: Volume, path: Path) -> None:
     grid, direction = cartesian(volume), direction_of(volume)
     if not (isinstance(grid, CartesianGrid) and grid.is_uniform):
         raise InputError("image data have equal cells, these are not: write a .vtr file")
-    low, high = grid.bounds.T
+    low = grid.bounds[:, 0]
     if not np.array_equal(direction, np.eye(3)):
-        # The grid of an oblique volume lies about the volume's true centre.
-        middle = (low + high) / 2
+        # The grid of an oblique volume lies about the scan's true centre.
+        middle = middle_of(volume)
         low = middle + direction @ (low - middle)
     widths = np.ptp(grid.bounds, axis=1) / grid.shape
     image = _pyvista().ImageData(dimensions=[n + 1 for n in grid.shape], spacing=widths, origin=low)
