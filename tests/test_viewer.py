@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import io
 import json
 import threading
@@ -310,6 +311,57 @@ def test_a_page_is_welcomed_and_gets_a_preview_and_the_exact_picture(explorer, v
     assert frame["error"] <= 1e-3
     assert frame["exposure"] == pytest.approx(image.exposure, rel=1e-6)
     np.testing.assert_allclose(frame["frame"]["right"], CAMERA.frame(GRID).vectors[1])
+
+
+BOX = {"kind": "cells", "expr": "a", "low": [-0.3, -0.9, 0.1], "high": [0.71, 0.9, 0.8]}
+
+
+def test_measures_are_those_of_python(explorer, volume):
+    page, patch = Page(explorer), [["measures", []]]
+    distance = {"kind": "distance", "points": [[0.1, 0.2, -0.3], [0.4, -0.2, 0.9]]}
+    angle = {"kind": "angle", "points": [[1, 0, 0], [0, 0, 0], [1, 1, 0]]}
+    region = vm.regions.Box(BOX["low"], BOX["high"])
+    shown = page.ask("measure", measure={"kind": "cells", "expr": "a"}, medium=0)
+    low, high = 0.6 - 0.05 * np.sqrt(2 * np.log(2)), 0.6 + 0.05 * np.sqrt(2 * np.log(2))
+    assert shown["where"] == f"{low:.6g} <= a <= {high:.6g}"
+    boxed = page.ask("measure", measure=BOX)
+    for reply, options in ((shown, {"where": shown["where"]}), (boxed, {"region": region})):
+        wanted = vm.measure(volume, "a", **options)
+        assert (reply["total"], reply["volume"]) == (wanted["a"], wanted.volume)
+        assert (reply["min"], reply["max"]) == (wanted.minima["a"], wanted.maxima["a"])
+        assert (reply["mean"], reply["cells"]) == (wanted.means["a"], wanted.cells)
+    within = np.abs(VALUES - 0.6) <= 0.5 * (high - low)
+    assert shown["cells"] == np.count_nonzero(within)
+    assert shown["mean"] == pytest.approx(VALUES[within].mean(), rel=1e-12)
+    patch[0][1] += [distance, angle, {**BOX, "where": "a > 0.5"}]
+    page.say("set", n=1, patch=patch, label="measures")
+    assert not [m for m, _ in page.messages if m["kind"] == "notice"]
+    # What is copied computes them: the lines below the picture.
+    text = page.ask("export", what="python")["text"].partition("picture.png")[2].partition("\n")[2]
+    told: dict = {"vm": vm, "volume": volume}
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(text, told)
+    assert told["distance"] == pytest.approx(1.3)
+    assert told["angle"] == pytest.approx(45)
+    assert told["cells"].means == vm.measure(volume, "a", "a > 0.5", region=region).means
+
+
+def test_what_is_no_measure_is_refused(explorer):
+    page = Page(explorer)
+    wrong = [{"kind": "distance", "points": [[0, 0, 0]]}, {"kind": "area"}, {"kind": "cells"}, 3]
+    wrong += [
+        {**BOX, "points": []},
+        {**BOX, "low": [0, 0]},
+        {"kind": "cells", "expr": "a", "low": [0] * 3},
+    ]
+    for one in wrong:
+        assert "must be a distance" in page.ask("measure", measure=one)["error"]
+    for one, words in (
+        ({**BOX, "expr": "b"}, "unknown field 'b'"),
+        ({**BOX, "where": "a > 2"}, "no cell"),
+        ({**BOX, "low": [3, 0, 0]}, "low must be below high"),
+    ):
+        assert words in page.ask("measure", measure=one)["error"]
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,11 @@ from typing import Any
 from ..errors import InputError
 from ..media import Medium
 from ..scene.sections import build_camera, build_medium, image_options, render_options
+from .measures import check_measures
 
 Patch = list[tuple[str, Any]]
 # Sections that a page may change. Others name files, which no page may.
-_OPEN = ("medium", "camera", "render", "image", "bookmarks")
+_OPEN = ("medium", "camera", "render", "image", "bookmarks", "measures")
 _MOST_UNDONE = 200
 # Parts of a path, and elements of a list.
 _DEEPEST, _LONGEST = 6, 4096
@@ -26,7 +27,8 @@ class Document:
     Attributes
     ----------
     settings : dict
-        Sections ``medium`` (a list of tables), ``camera``, ``render``, ``image``, ``bookmarks``.
+        Sections ``medium`` (a list of tables), ``camera``, ``render``, ``image``, ``bookmarks``,
+        ``measures``.
         A medium with ``hidden = true`` stays in the list, and is not drawn.
     revision : int
         Grows with every change.
@@ -126,6 +128,7 @@ def check(settings: dict[str, Any]) -> Medium | None:
     if tables := shown(settings):
         medium = build_medium(tables)
     build_camera(settings["camera"])
+    check_measures(settings.get("measures", []))
     if isinstance(settings.get("render", {}).get("background"), str):  # no page names a file
         raise InputError("[render] background: the explorer shows no picture as background")
     render_options(settings.get("render", {}))

@@ -18,14 +18,16 @@ import numpy as np
 from ..calibration import presets
 from ..cameras import Camera
 from ..cameras.contract import pixel_counts
+from ..cameras.views import VIEWS, view_angles
 from ..errors import InputError, VoluminousError
+from ..image.metadata import oriented
 from ..io import open as open_volume
 from ..media import Medium
 from ..rendering import framed
 from ..rendering.framing import first_medium
 from ..scene import Scene
 from ..scene.sections import build_camera, build_medium, render_options
-from ..scene.settings import plain_value
+from ..scene.settings import SECTIONS, plain_value
 from ..units import unit_name
 from ..volume import Volume
 from .document import Document, Patch, shown
@@ -43,6 +45,8 @@ _MOST_INPUTS = 240
 _MOST_WARNINGS = 3
 # What a picture may take of a volume that need not be in memory.
 _MEMORY = "1 GiB"
+# Sections that pages show without a new picture.
+_OF_PAGES = ("image.", "bookmarks", "measures")
 _MAPS = ("viridis", "inferno", "magma", "cividis", "gray", "coolwarm", "turbo")
 
 Send = Callable[[dict[str, Any], bytes], None]
@@ -92,6 +96,7 @@ class Explorer:
                 "render": rest,
                 "image": dict(others.get("image", {})),
                 "bookmarks": list(others.get("bookmarks", [])),
+                "measures": list(others.get("measures", [])),
             },
             check_medium=self._check,
         )
@@ -101,6 +106,7 @@ class Explorer:
         self.painter = Painter(lambda: list(self._clients), self.shot)
         self.desk = ThreadPoolExecutor(1, thread_name_prefix="desk")
         self._teller = ThreadPoolExecutor(1, thread_name_prefix="teller")
+        self.counter = ThreadPoolExecutor(1, thread_name_prefix="counter")
         self._untold: set[Client] = set()
         self.filming = threading.Lock()
 
@@ -140,7 +146,7 @@ class Explorer:
 
     def scene(self, resolution: int | tuple[int, int] | None = None) -> Scene:
         """Return what is on the screen as a scene."""
-        settings = {k: v for k, v in self.document.settings.items() if k != "bookmarks"}
+        settings = {k: v for k, v in self.document.settings.items() if k in SECTIONS}
         camera = dict(settings["camera"])
         if resolution is not None:
             fitted = self.camera.within(pixel_counts(resolution))
@@ -153,6 +159,7 @@ class Explorer:
         self.painter.close()
         self.desk.shutdown(wait=False, cancel_futures=True)
         self._teller.shutdown(wait=False, cancel_futures=True)
+        self.counter.shutdown(wait=False, cancel_futures=True)
 
     # --- pages --------------------------------------------------------------------------------
 
@@ -252,6 +259,8 @@ class Explorer:
             "grid": type(volume.grid).__name__,
             "fields": fields,
             "coordinates": list(volume.coordinates),
+            **oriented(volume.meta),
+            "views": _named_views(volume.meta),
         }
 
 
@@ -295,7 +304,9 @@ class Client:
         try:
             if "n" in known:
                 message = {**message, "n": int(message["n"])}
-            if question and kind != "film":
+            if kind == "measure":  # of all cells: beside other questions, and it can be cancelled
+                self.explorer.counter.submit(self.answer, message)
+            elif question and kind != "film":
                 self.questions.append(message)
                 self.explorer.desk.submit(self.explorer.answer_next)
             else:
@@ -384,7 +395,7 @@ class Client:
             if any(path.startswith("camera") for path, _ in patch):
                 for client in explorer._clients:
                     client.session.camera = dict(explorer.document.settings["camera"])
-            if all(path.startswith(("image.", "bookmarks")) for path, _ in patch):
+            if all(path.startswith(_OF_PAGES) for path, _ in patch):
                 explorer.tell(*explorer._clients)  # the pages do it: nothing is painted
                 return
             self.session.want(time.monotonic(), moving=moving)
@@ -503,6 +514,15 @@ def _open_numbers(tables: list[dict[str, Any]], volume: Volume) -> dict[str, flo
             with contextlib.suppress(Exception):  # the painter tells it
                 found[f"medium.{k}.path_length"] = float(medium.calibrated(volume).path_length)
     return found
+
+
+def _named_views(meta: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """Return the angles of those views that a volume knows by name."""
+    views = {}
+    for name in VIEWS:
+        with contextlib.suppress(InputError):  # it does not say how it lies
+            views[name] = view_angles(meta, name)
+    return views
 
 
 def _view(camera: Camera) -> dict[str, Any]:

@@ -18,8 +18,11 @@ from ..expressions import Expression
 from ..measuring import probe
 from ..media import Medium, Rectangle
 from ..scene import settings
+from ..scene.sections import build_medium
 from ..units import is_count, unit_name
 from ..volume import Volume
+from .document import shown
+from .measures import check_measures, script_of, shown_where, statistics
 from .painter import at_hand, caught_warnings
 from .session import scaled
 from .share import IN_MEMORY, exported, filmed, tables_of, text_of
@@ -76,7 +79,9 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
         before = light[k - 1] if k else 0.0
         part = (0.5 * light[-1] - before) / max(light[k] - before, 1e-300)
         reply["depth"] = float(ray.begin[k] + part * (ray.end[k] - ray.begin[k]))
-        reply["point"] = listed(ray.position[k])
+        point, middle = ray.position[k], 0.5 * (ray.begin[k] + ray.end[k])
+        ahead = shot.camera.lines_of_sight(point[:, None], shot.volume.grid)[:, 0]
+        reply["point"] = listed(point + (reply["depth"] - middle) * ahead)
         reply["values"] = {name: number(v[k]) for name, v in ray.scalars.items()}
         reply["contribution"] = listed(np.diff(light, prepend=0.0))
     return reply
@@ -169,6 +174,22 @@ def ask_thumbnail(page: Client, message: Answer, progress: Progress) -> Answer:
     return {"mime": "image/png", "data": text_of(image._repr_png_())}
 
 
+def ask_measure(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return statistics of cells, as `measure` has them; first what a medium shows, if it is one.
+
+    The cells are all of the file's: a volume larger than memory is read chunk by chunk.
+    """
+    explorer, one = page.explorer, message["measure"]
+    check_measures([one])
+    volume, medium = explorer.volume, message.get("medium")
+    if medium is not None:
+        table = {**explorer.document.settings["medium"][int(medium)], "hidden": False}
+        one = {**one, "where": shown_where(build_medium(shown({"medium": [table]})), volume)}
+    progress(0, 1)  # cancelled while it waited
+    numbers = statistics(volume, one, _memory(page), progress)
+    return {"where": one.get("where", ""), **numbers}
+
+
 def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
     """Set the media of a preset, or the suggested ones."""
     name = message.get("name")
@@ -191,7 +212,12 @@ def ask_load(page: Client, message: Answer, progress: Progress) -> Answer:
 def ask_export(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return a picture, or the scene as a text."""
     scene = page.explorer.scene(_pixels(page, message))
-    return exported(scene, str(message["what"]))
+    made = exported(scene, str(message["what"]))
+    measures = page.explorer.document.settings.get("measures")
+    if message["what"] == "python" and measures:
+        unit = unit_name(page.explorer.volume.unit)
+        made["text"] += script_of(measures, unit, _memory(page))
+    return made
 
 
 def ask_film(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -220,6 +246,7 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
     "slice": (ask_slice, ("expr", "axis", "at", "size")),
     "highlight": (ask_highlight, ("expr", "low", "high")),
     "thumbnail": (ask_thumbnail, ("name",)),
+    "measure": (ask_measure, ("measure", "medium")),
     "suggest": (ask_suggest, ("name",)),
     "load": (ask_load, ("text",)),
     "export": (ask_export, ("what", "width")),
@@ -231,6 +258,13 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
 def _level_of(volume: Volume, page: Client) -> int:
     """Return the level of the file that a quick answer is from, 0 being all cells."""
     return 0 if volume is page.explorer.volume else int(volume.meta["level"])
+
+
+def _memory(page: Client) -> Any:
+    """Return what measures may take: of a volume in memory, all of it is there already."""
+    explorer = page.explorer
+    chunks = at_hand(explorer.volume) is not explorer.volume
+    return explorer.document.settings["render"].get("memory") if chunks else None
 
 
 def _preset(volume: Volume, name: Any) -> Medium:

@@ -1,0 +1,223 @@
+"""Measures on the screen: distances, angles, and statistics of the cells that a medium shows.
+
+A measure is a table: ``kind`` "distance" or "angle" with ``points`` (two; or three, the vertex in
+the middle), or "cells" with ``expr`` and what is counted: ``where`` (a condition) and the corners
+``low`` and ``high`` of a box. Numbers are in the volume's unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..cameras import Camera
+from ..errors import InputError
+from ..expressions import Expression
+from ..image.lengths import readable, with_unit
+from ..measuring import measure
+from ..media import Coefficients, Colormap, Gaussian, Isosurface, Medium, Rectangle, Table
+from ..regions import Box
+from ..units import described, is_quantity, plain, unit_name
+from ..volume import Volume
+
+_POINTS = {"distance": 2, "angle": 3}
+_CELLS = {"expr": str, "where": str, "low": list, "high": list}
+_MOST = 50
+# A Gaussian is at half of its maximum this many σ from its centre.
+_HALF = float(np.sqrt(2.0 * np.log(2.0)))
+# Edges of a box, from corner to corner, in one stroke.
+_STROKE = (0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2)
+
+
+def check_measures(measures: Any) -> None:
+    """Refuse what is no list of measures; a path such as ``measures.0`` names the wrong one."""
+    if not isinstance(measures, list) or len(measures) > _MOST:
+        raise InputError(f"measures must be a list of up to {_MOST} tables")
+    for k, one in enumerate(measures):
+        try:
+            points = (
+                one["points"]
+                if (kind := one["kind"]) in _POINTS
+                else [one.get(side, (0, 0, 0)) for side in ("low", "high")]
+            )
+            known = {"kind", "name", *(_CELLS if kind == "cells" else ("points",))}
+            good = np.shape(points) == (_POINTS.get(kind, 2), 3) and set(one) <= known
+            good &= bool(np.all(np.isfinite(np.asarray(points, float))))
+            if kind == "cells":
+                good &= all(isinstance(one[key], _CELLS[key]) for key in _CELLS if key in one)
+                good &= "expr" in one and ("low" in one) == ("high" in one)
+            good &= kind in (*_POINTS, "cells")
+        except (KeyError, TypeError, ValueError, AttributeError):
+            good = False
+        if not good:
+            raise InputError(
+                f"measures.{k} must be a distance (two points), an angle (three) or cells (expr, "
+                f"and where, or low and high), got {one!r:.200}"
+            )
+
+
+def length_of(points: Any) -> float:
+    """Return the distance between two points."""
+    return float(np.linalg.norm(np.subtract(points[1], points[0])))
+
+
+def angle_of(points: Any) -> float:
+    """Return the angle at the second of three points, in degrees."""
+    one, other = np.subtract([points[0], points[2]], points[1])
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
+
+
+def statistics(
+    volume: Volume, one: dict[str, Any], memory: Any, progress: Callable[[int, int], None]
+) -> dict[str, Any]:
+    """Return what `measure` says of cells: numbers and units as JSON has them."""
+    what = {"value": one["expr"], **{axis: axis for axis in "xyz"}}
+    result = measure(volume, what, memory=memory, progress=progress, **_chosen(one))
+    if not result.cells:
+        raise InputError("no cell fulfils that, or is in the box")
+    made: dict[str, Any] = {"cells": result.cells, "missing": result.missing.get("value", 0)}
+    parts = {"min": result.minima, "max": result.maxima, "mean": result.means}
+    values = {name: part.get("value") for name, part in parts.items()}
+    values |= {"total": result["value"], "volume": result.volume}
+    for name, value in values.items():
+        made[name], made[f"{name}_unit"] = _number(value)
+    made["point"] = [_number(result.means[axis])[0] for axis in "xyz"]
+    return made
+
+
+def _chosen(one: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `measure` that say which cells count."""
+    made: dict[str, Any] = {"where": one["where"]} if one.get("where") else {}
+    return {**made, "region": Box(one["low"], one["high"])} if "low" in one else made
+
+
+def _number(value: Any) -> tuple[float | None, str]:
+    if value is None or not np.isfinite(value):
+        return None, ""
+    return (float(value.value), unit_name(value.unit)) if is_quantity(value) else (float(value), "")
+
+
+def script_of(measures: list[dict[str, Any]], unit: str, memory: Any) -> str:
+    """Return the lines of Python that compute the same numbers; `unit` is that of lengths."""
+    lines = (
+        ["", "import numpy as np", ""] if any(one["kind"] in _POINTS for one in measures) else [""]
+    )
+    for one in measures:
+        if one["kind"] == "distance":
+            a, b = one["points"]
+            lines += [f"distance = np.linalg.norm(np.subtract({b}, {a}))"]
+            lines += [f'print("distance", distance, {unit!r})']
+        elif one["kind"] == "angle":
+            a, vertex, b = one["points"]
+            lines += [f"a, b = np.subtract([{a}, {b}], {vertex})"]
+            lines += ["angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))"]
+            lines += ['print("angle", angle, "deg")']
+        else:
+            options = [f"where={one['where']!r}"] if one.get("where") else []
+            if "low" in one:
+                options += [f"region=vm.regions.Box({one['low']}, {one['high']})"]
+            options += [f"memory={memory!r}"] if memory else []
+            given = "".join(f",\n    {option}" for option in options)
+            lines += [f"cells = vm.measure(\n    volume, {one['expr']!r}{given}\n)"]
+            lines += ["print(cells, cells.means, cells.minima, cells.maxima)"]
+    return "\n".join([*lines, ""])
+
+
+def marks_of(
+    measures: list[dict[str, Any]], texts: list[str], camera: Camera, volume: Volume
+) -> list[tuple[np.ndarray, str]]:
+    """Return lines, (n, 2) on the image plane, and their texts: of those in front of the camera."""
+    marks = []
+    for one, words in zip(measures, texts, strict=True):
+        points = one.get("points")
+        if "low" in one:
+            ends = np.array([one["low"], one["high"]])
+            points = [ends[[k & 1, k >> 1 & 1, k >> 2], range(3)] for k in _STROKE]
+        if points is not None:
+            u, v, depth = camera.project(np.array(points, float).T, volume.grid)
+            if camera.parallel or np.all(depth > 0):
+                marks.append((np.stack([u, v], axis=1), words))
+    return marks
+
+
+def text_of(one: dict[str, Any], unit: str, numbers: dict[str, Any] | None) -> str:
+    """Return what is written beside a measure; `numbers` are those of `statistics`."""
+    if one["kind"] == "distance":
+        length = length_of(one["points"])
+        factor, name = readable(length, unit)
+        return with_unit(float(f"{length * factor:.4g}"), name)
+    if one["kind"] == "angle":
+        return f"{angle_of(one['points']):.1f}°"
+    if numbers is None:
+        return str(one["expr"])
+    return with_unit(float(f"{numbers['mean']:.4g}"), numbers["mean_unit"])
+
+
+def shown_where(medium: Medium, volume: Volume) -> str:
+    """Return the condition on cells that a medium shows: half of its maximum, or inside a surface.
+
+    That is where the extinction is at least half of its largest value (of a medium that takes away
+    nothing, the emissivity); inside an isosurface is where x is at least the lowest level. The
+    empty string stands for all cells.
+
+    Raises
+    ------
+    InputError
+        If this kind of medium has no such condition.
+    """
+    if isinstance(medium, Colormap) and medium.range.is_open:
+        medium = medium.calibrated(volume)
+    if isinstance(medium, (Gaussian, Rectangle)):
+        half = medium.width * (_HALF if isinstance(medium, Gaussian) else 1.0)
+        ends = [(medium.center - half, medium.center + half)]
+    elif isinstance(medium, Isosurface):
+        ends = [(min(medium.levels), None)]
+    elif isinstance(medium, Table):
+        ends = _at_half(medium)
+    elif isinstance(medium, Coefficients):
+        return _strong(medium, volume)
+    else:
+        raise InputError(
+            f"what {type(medium).__name__} shows has no limit to measure at; give a condition, "
+            "such as 'density > 1'"
+        )
+    x, unit = medium.expr.text, volume.expression_unit(medium.expr)
+    x = x if x.isidentifier() else f"({x})"
+    numbers = [[e if e is None else f"{plain(e, unit, x):.6g}" for e in pair] for pair in ends]
+    sides = [
+        f"{low} <= {x} <= {high}" if low and high else f"{x} >= {low}" if low else f"{x} <= {high}"
+        for low, high in numbers
+        if low or high
+    ]
+    parts = [" or ".join(sides), medium.describe().get("where") or ""]
+    several = all(parts)
+    return " and ".join(f"({part})" if several else part for part in parts if part)
+
+
+def _at_half(medium: Table) -> list[tuple[Any, Any]]:
+    """Return between which values a table is at half of its maximum or above it."""
+    heights = medium.opacities.max(axis=1)
+    if not heights.any():
+        heights = np.abs(medium.colors).max(axis=1)
+    values, half = medium.values, 0.5 * heights.max()
+    above, unit = heights >= half, 1.0 if medium.unit is None else medium.unit
+    turns = [
+        (values[k] + (half - a) / (b - a) * (values[k + 1] - values[k])) * unit
+        for k, (a, b) in enumerate(pairwise(heights))
+        if above[k] != above[k + 1]
+    ]
+    turns = [None] * bool(above[0]) + turns + [None] * bool(above[-1])
+    return list(zip(turns[::2], turns[1::2], strict=True))
+
+
+def _strong(medium: Coefficients, volume: Volume) -> str:
+    told = medium.describe()
+    for name in ("extinction", "emissivity"):
+        expr = told[name]
+        if isinstance(expr, str) and Expression(expr).names:
+            largest = measure(volume, {"x": expr}).maxima["x"]
+            return f"({expr}) >= {described(0.5 * largest)}"
+    raise InputError("coefficients that are no expression of a field show all cells alike")
