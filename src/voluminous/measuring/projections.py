@@ -21,13 +21,13 @@ from ..schemes import get_scheme
 from ..schemes.base import Around, CellSource, Position, Scanner, Scheme, Source, Steps
 from ..schemes.path import Path
 from .cells import CellQuantity, check_volume, converted, undefined_as_missing
-from .columns import as_map, column, lines_of_sight
+from .columns import Slab, as_map, column, distance, lines_of_sight
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
     from ..cameras import Camera
     from ..expressions import Expression
-    from ..grids.contract import Grid, Segment, Track
+    from ..grids.contract import Grid, Segment
     from ..image import Image
     from ..media import Medium
     from ..units import UnitLike
@@ -54,11 +54,6 @@ def scan(
     return values, float(np.max(tracer.source.channels.unit)) / volume.grid.scale
 
 
-def distance(track: Track, t: Float) -> Float:
-    """Return how far a point of a ray is from its origin, in units of the scale (traced)."""
-    return type(t)(track.entry + t)
-
-
 _SIGNS = {"max": 1.0, "min": -1.0}
 HOW = ("max", "min", "first", "integral", "mean")
 
@@ -71,6 +66,7 @@ def project(
     how: str = "max",
     *,
     depth: bool = False,
+    slab: Any = None,
     unit: UnitLike = None,
     precision: str = "single",
     memory: Any = None,
@@ -94,6 +90,9 @@ def project(
         For ``"max"`` and ``"min"``: return also where the extreme is, as a second map. Distances
         are those of the middle of the cell's chord from the observer; for an orthographic camera
         from the plane through its centre, away from the observer.
+    slab : (distance, thickness), optional
+        As for `column`: a thick slab, across the view of an orthographic camera. For ``"max"``,
+        ``"min"`` and ``"first"`` cells count that are at least partly in it.
     unit : str or unit, optional
         Of the map, as for `column`; where there are two, of the extremes.
     precision, device, progress
@@ -136,18 +135,20 @@ def project(
     options["memory"] = memory
     if how in ("integral", "mean"):
         weight = 1 if how == "mean" else None
-        total = column(volume, quantity, camera, weight=weight, unit=unit, **options)
+        total = column(volume, quantity, camera, weight=weight, slab=slab, unit=unit, **options)
         return total.replace(provenance={**(total.provenance or {}), "how": how})
+    layer = None if slab is None else Slab.of(slab, volume.grid)
     first = how == "first"
     named = "condition" if first else "quantity"
     volume = partition_of(volume, memory).volume
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity, named)
     seen, (known,) = undefined_as_missing(seen, [what.expression], memory)
-    scheme = _First() if first else _Largest(_SIGNS[how])
+    scheme = _First(layer) if first else _Largest(layer, _SIGNS[how])
     (best, *places), own = scan(seen, Coefficients(known, 0), camera, scheme, **options)
     scale = volume.grid.scale
     provenance = {named: what.text, "how": how}
+    provenance |= {} if slab is None else {"slab": [str(one) for one in slab]}
     kind = "distance" if first else f"{how}imum of {what.text!r}"
     target, factor = converted(volume.unit if first else what.unit, unit, f"the {kind}")
     label = "depth" if first else f"{how}imum of {what.text}"
@@ -160,33 +161,51 @@ def project(
     )
 
 
-class _Largest(Scanner[CellSource]):
+class _Searcher(Scanner[CellSource]):
+    """Base of scans that look for cells, of all of a ray or of a slab."""
+
+    def __init__(self, slab: Slab | None) -> None:
+        self.slab = slab
+
+    def start(self, position: Position, source: CellSource) -> list[Float]:
+        if self.slab is not None:
+            self.slab.enter(source)
+        return [source.backend.Float(nothing) for nothing in self.results(0)]
+
+    def part(self, segment: Segment) -> tuple[Float, Float, Mask]:
+        """Return where a segment's part that counts begins, its length, and whether it has one."""
+        begin, length = distance(segment.track, segment.begin), segment.length
+        if self.slab is not None:
+            begin, length = self.slab.part(segment)
+        return begin, length, segment.active & (length > 0.0)
+
+
+class _Largest(_Searcher):
     """Carry the largest value, times a sign, and where it is."""
 
     name = "extreme"
     everywhere = True
 
-    def __init__(self, sign: float) -> None:
+    def __init__(self, slab: Slab | None, sign: float) -> None:
+        super().__init__(slab)
         self.sign = sign
 
     def results(self, extinctions: int) -> list[float]:
         return [np.nan, np.nan]
-
-    def start(self, position: Position, source: CellSource) -> list[Float]:
-        return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
     def solve(
         self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         best, place = carried
+        begin, length, counts = self.part(segment)
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
-        larger &= segment.active & (segment.length > 0.0)
-        here = distance(segment.track, 0.5 * (segment.begin + segment.end))
+        larger &= counts
+        here = begin + 0.5 * length
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
-class _First(Scanner[CellSource]):
+class _First(_Searcher):
     """Carry where rays enter the first cell with a number that is not zero."""
 
     name = "first hit"
@@ -194,15 +213,13 @@ class _First(Scanner[CellSource]):
     def results(self, extinctions: int) -> list[float]:
         return [np.nan]
 
-    def start(self, position: Position, source: CellSource) -> list[Float]:
-        return [source.backend.Float(np.nan)]
-
     def solve(
         self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
-        hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
-        return NOTHING, [dr.select(hit, distance(segment.track, segment.begin), carried[0])]
+        begin, _, counts = self.part(segment)
+        hit = dr.isnan(carried[0]) & (value != 0.0) & counts
+        return NOTHING, [dr.select(hit, begin, carried[0])]
 
 
 @dataclass(frozen=True)
