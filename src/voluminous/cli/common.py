@@ -102,9 +102,10 @@ def summary(image: Image, seconds: float) -> str:
     """Return a line with size, scheme, precision, device, time and automatic exposure."""
     ny, nx, channels = image.shape
     how = image.provenance or {}
+    scheme = f"{how.get('scheme')}, {how.get('precision')} precision, {how.get('device')}"
+    drawn = how.get("map", scheme)
     return (
-        f"{nx} x {ny} pixels, {channels} channel{'s' * (channels > 1)}, {how.get('scheme')}, "
-        f"{how.get('precision')} precision, {how.get('device')}, {seconds:.2f} s, "
+        f"{nx} x {ny} pixels, {channels} channel{'s' * (channels > 1)}, {drawn}, {seconds:.2f} s, "
         f"automatic exposure {image.exposure:.4g}"
     )
 

@@ -94,7 +94,8 @@ def run(args: argparse.Namespace) -> int:
     picture = {k: v for k, v in scene.image_options.items() if k in known.options}
     if args.annotate:
         given = picture.get("annotate")
-        picture["annotate"] = {"medium": scene.medium, **(given if isinstance(given, dict) else {})}
+        noted = {} if scene.projection else {"medium": scene.medium}
+        picture["annotate"] = {**noted, **(given if isinstance(given, dict) else {})}
     volumes = [scene.volume]
     if args.over is not None:
         volumes = [scene.of_file(path) for path in sorted(glob.glob(args.over))]
@@ -113,6 +114,7 @@ def run(args: argparse.Namespace) -> int:
             args.output,
             fps=args.fps,
             picture=picture,
+            project=scene.projection,
             share=None if args.share is None else share_of(args.share),
             progress=progress,
             **scene.drawing(),

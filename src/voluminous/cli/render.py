@@ -111,7 +111,8 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
     if not any("annotate" in format_of(path).options for path in outputs):
         raise InputError("--annotate is for pictures to look at: give a .png or .pdf with -o")
     given = scene.image_options.get("annotate")
-    annotations = {"volume": scene.volume().seen_by(scene.camera), "medium": scene.medium}
+    annotations: dict[str, Any] = {"volume": scene.volume().seen_by(scene.camera)}
+    annotations |= {} if scene.projection else {"medium": scene.medium}
     annotations |= given if isinstance(given, dict) else {}
     scene.image_options = {**scene.image_options, "annotate": annotations}
 

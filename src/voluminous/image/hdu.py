@@ -127,7 +127,7 @@ def unit_card(unit: str) -> str:
             if above.isalpha() and name not in above:
                 return f"{above}{ending}"
         return str(parsed.to_string("fits"))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, u.UnitsError):  # dex, among others
         return unit.encode("ascii", "replace").decode()[:68]
 
 

@@ -140,7 +140,9 @@ def integrals(
     seen, known = undefined_as_missing(volume.seen_by(camera), expressions, options["memory"])
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
-        image = render(seen, Coefficients(known, 0), camera, scheme=Thin(slab), cutoff=0.0, **options)
+        image = render(
+            seen, Coefficients(known, 0), camera, scheme=Thin(slab), cutoff=0.0, **options
+        )
     if not image.intensity.any():
         warnings.warn(
             f"{' and '.join(q.text for q in expressions)}: zero along every ray of this camera, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..drawing import render
 from ..errors import InputError, check_flag, check_name
 from ..large.partition import partition_of
 from ..media import Coefficients
@@ -147,7 +149,7 @@ def project(
     scheme = _First(layer) if first else _Largest(layer, _SIGNS[how])
     (best, *places), own = scan(seen, Coefficients(known, 0), camera, scheme, **options)
     scale = volume.grid.scale
-    provenance = {named: what.text, "how": how}
+    provenance: dict[str, Any] = {named: what.text, "how": how}
     provenance |= {} if slab is None else {"slab": [str(one) for one in slab]}
     kind = "distance" if first else f"{how}imum of {what.text!r}"
     target, factor = converted(volume.unit if first else what.unit, unit, f"the {kind}")
@@ -159,6 +161,29 @@ def project(
     return image, as_map(
         scale * places[0], volume.unit, volume, camera, {**provenance, "map": "depth"}
     )
+
+
+# Options that `render` and `project` have both.
+_SHARED = ("precision", "device", "memory", "progress")
+
+
+def drawn(
+    volume: Volume,
+    medium: Medium,
+    camera: Camera,
+    projection: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> Image:
+    """Return the picture of a medium or, with arguments of `project`, a projection.
+
+    Of the options of `render`, those of colours and of accuracy have no meaning for a projection.
+    """
+    if not projection:
+        return render(volume, medium, camera, **options)
+    shared = {name: options[name] for name in _SHARED if name in options}
+    made: Any = project(volume, camera=camera, **projection, **shared)
+    image: Image = made
+    return image
 
 
 class _Searcher(Scanner[CellSource]):

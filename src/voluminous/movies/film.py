@@ -31,7 +31,7 @@ from ..files import (
 )
 from ..image import Image
 from ..io import open as open_volume
-from ..media.contract import Medium
+from ..media import Coefficients, Medium
 from ..progress import Progress, with_progress
 from ..rendering.options import check_options
 from ..units import is_count, shown
@@ -57,6 +57,7 @@ def movie(
     *,
     fps: float = 30.0,
     picture: dict[str, Any] | None = None,
+    project: dict[str, Any] | None = None,
     finish: Callable[[Image], Image] | None = None,
     codec: str = "libx264",
     keep_frames: bool = False,
@@ -93,6 +94,9 @@ def movie(
         Options of `Image.save`, such as ``{"stretch": "asinh", "annotate": True}``. What decides
         brightness and colours (`exposure`, or the range of a colormap), and the unit of
         annotations, are the same in all frames: by default those that suit the whole film.
+    project : dict, optional
+        Arguments of `project`, such as ``{"quantity": "density", "how": "max"}``: every frame is
+        this projection, and `medium` is not looked at. Grey without a colormap.
     finish : callable, optional
         Makes another image of each before it is saved: ``lambda image: image.anaglyph()``. It
         is identified by its code and by all values that it reads, not by files that it opens.
@@ -146,7 +150,13 @@ def movie(
     check_fps(fps, suffix)
     if not isinstance(codec, str):
         raise InputError(f"codec must be a name such as 'libx264', got {codec!r}")
-    film = _Film.of(volume, medium, cameras, options, {} if picture is None else picture, finish)
+    check_options(options)
+    picture = {} if picture is None else picture
+    if project:
+        # A film has one range for all frames, and grey shows it.
+        picture = {"colormap": "gray", **picture} if isinstance(picture, dict) else picture
+        medium, options = Coefficients(project["quantity"], 0), {**options, "project": project}
+    film = _Film.of(volume, medium, cameras, options, picture, finish)
     mine = _share(share, film.count)
     paths = film.paths = _paths(target, film.count)
     remove_unfinished([*paths, target])
@@ -250,7 +260,6 @@ class _Film:
         if not (isinstance(picture, dict) and (finish is None or callable(finish))):
             wanted = "picture is a dict of options of Image.save, finish a function of an image"
             raise InputError(f"{wanted}, got {shown(picture)} and {shown(finish)}")
-        check_options(options)
         if not (volumes and media and eyes):
             raise InputError("a film needs at least one volume, medium and camera")
         lengths = {len(each) for each in (media, eyes) if len(each) > 1} or {len(volumes)}

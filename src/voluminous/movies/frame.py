@@ -14,11 +14,11 @@ import numpy as np
 
 from ..cameras import Camera
 from ..cameras.contract import pixel_counts
-from ..drawing import render
 from ..errors import InputError
 from ..executors import Sent
 from ..image import Image, metadata
 from ..image.annotate.marks import readable_unit
+from ..measuring.projections import drawn
 from ..media.contract import Medium
 from ..units import is_count
 from ..volume import Volume
@@ -51,7 +51,8 @@ class Frame:
         """Return the picture."""
         with _drawing:
             volume = volume_of(volume.value if isinstance(volume, Sent) else volume)
-            image = render(volume, self.medium, self.camera, progress=False, **self.options)
+            options = {"progress": False, **self.options}
+            image = drawn(volume, self.medium, self.camera, options.pop("project", None), **options)
             image = image if self.finish is None else self.finish(image)
             if not isinstance(image, Image):
                 raise InputError(f"finish must return an image, got {type(image).__name__}")

@@ -146,8 +146,8 @@ def slice_of(volume: Any, expression: Any, plane: Plane, camera: Camera) -> Slic
     cells = cells_on(volume.grid, plane)
     inside, grid = cells >= 0, volume.grid
     shown = np.full((len(parts), *cells.shape), np.nan)
-    for picture, part in zip(shown, parts, strict=True):
-        picture[inside] = _in_cells(volume, part, cells[inside])
+    for values, part in zip(shown, parts, strict=True):
+        values[inside] = _in_cells(volume, part, cells[inside])
     is_vector = len(parts) > 1
     unit = None if is_vector else volume.expression_unit(Expression(expression))
     name = expression.text if isinstance(expression, Expression) else str(expression)

@@ -20,6 +20,7 @@ from .sections import (
     build_objects,
     image_options,
     plain_render,
+    projection,
     read_source,
     render_options,
 )
@@ -36,9 +37,9 @@ class Scene:
     Parameters
     ----------
     settings : mapping
-        The sections ``volume``, ``medium`` (a list), and optionally ``object`` (a list),
-        ``camera``, ``render`` and ``image``, as in a scene file. Media, objects and cameras may
-        also be given as Python objects.
+        The sections ``volume``, ``medium`` (a list) or ``project``, and optionally ``object`` (a
+        list), ``camera``, ``render`` and ``image``, as in a scene file. Media, objects and cameras
+        may also be given as Python objects.
     directory : str or Path
         Base directory of relative paths.
     volume : Volume, optional
@@ -47,7 +48,9 @@ class Scene:
     Attributes
     ----------
     medium : Medium
-        The sum of all media.
+        The sum of all media; of a scene with a projection alone, its quantity.
+    projection : dict
+        Arguments of `project`: the picture is a projection. Empty if it is one of the media.
     objects : list of SceneObject
         Stars, spheres, lines, …
     camera : Camera
@@ -83,12 +86,19 @@ class Scene:
         self._settings = plain_sections(settings)
         self._settings["render"] = plain_render(self._settings["render"])
         self._source = read_source(self._settings["volume"])
-        self.medium = build_medium(self._settings["medium"])
+        self.projection = projection(self._settings["project"])
+        media = self._settings["medium"] or [
+            {"type": "coefficients", "emissivity": self.projection["quantity"], "extinction": 0}
+        ]
+        self.medium = build_medium(media)
         self.objects = build_objects(self._settings["object"])
         self.camera = build_camera(self._settings["camera"])
         self.render_options = render_options(self._settings["render"])
         last = [one.channel for one in self.objects if one.channel is not None]
+        if self.projection and self.objects:
+            raise InputError("a projection shows no objects: leave out [[object]] or [project]")
         channels = max([self.medium.channels, *(channel + 1 for channel in last)])
+        channels = 1 if self.projection else channels
         self.image_options = image_options(self._settings["image"], channels)
         self._volume = volume
 
@@ -150,10 +160,10 @@ class Scene:
             Its provenance holds the scene, with absolute paths: ``Scene.load`` restores it from
             the saved image, in any directory.
         """
-        from ..drawing import render
+        from ..measuring.projections import drawn
 
         options = self.drawing(**overrides)
-        image = render(self.volume(), self.medium, self.camera, **options)
+        image = drawn(self.volume(), self.medium, self.camera, self.projection, **options)
         carried = self.to_dict()
         if overrides.pop("objects", self.objects) is not self.objects:
             carried["object"] = [one.describe() for one in options["objects"]]

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 # Kinds of keys, and where those of a section differ.
 _OF_ALL: dict[Kind, str] = {
     kinds.EXPRESSIONS: "expr emissivity extinction",
-    kinds.EXPRESSION: "where",
+    kinds.EXPRESSION: "where quantity",
     kinds.TEXT: "cmap norm density projection stereo scheme precision device antialias gamut "
-    "colormap",
+    "colormap how unit",
     kinds.NUMBERS: "opacity opacities up view_direction limb_darkening mix",
     kinds.NUMBER: "shading cutoff softening",
     kinds.NUMBER_OR_NONE: "tolerance",
@@ -38,7 +38,7 @@ _OF_ALL: dict[Kind, str] = {
     kinds.QUANTITY: "center sigma half_width vmin vmax incl phi posang zenith fov eye_distance",
     kinds.QUANTITY_OR_AUTO: "path_length",
     kinds.QUANTITIES: "values level width position target shift positions points origin length "
-    "radii luminosities psf",
+    "radii luminosities psf slab",
     kinds.COLORS: "colors",
     kinds.WHOLE: "samples max_panels channel bits",
     kinds.WHOLES: "resolution channels numbers",
@@ -171,6 +171,20 @@ def _render_defaults() -> dict[str, Any]:
     from ..rendering.options import RenderOptions
 
     return {f.name: f.default for f in fields(RenderOptions) if f.name not in _OF_PYTHON}
+
+
+def projection(section: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``[project]`` as keyword arguments of `project`; {} if a scene has none."""
+    from ..measuring.projections import HOW
+
+    with placed("[project]"):
+        check_keys(section, ("quantity", "how", "slab", "unit"))
+        if section and "quantity" not in section:
+            raise InputError("quantity is missing: a field or an expression, such as 'density'")
+        options = converted(section, _KINDS)
+        if "how" in options:
+            check_name("how", options["how"], HOW)
+    return options
 
 
 def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..errors import FileFormatError, InputError, check_name
 from ..files import url_of
 from ..units import described
 
-SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
+SECTIONS = ("volume", "medium", "project", "object", "camera", "render", "image")
 _PATHS = (("volume", "path"), ("render", "background"))
 # Sections that may occur several times.
 _LISTS = ("medium", "object")
@@ -27,7 +27,7 @@ def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
     for name in settings:
         check_name("section", name, SECTIONS)
     for name in ("volume", "medium"):
-        if not settings.get(name):
+        if not settings.get(name) and not (name == "medium" and settings.get("project")):
             raise InputError(f"the section {name!r} is missing or empty; a scene needs it")
     sections: dict[str, Any] = {}
     for name in SECTIONS:

@@ -71,6 +71,7 @@ def filmed(
             target,
             fps=fps,
             picture=scene.image_options,
+            project=scene.projection,
             progress=progress,
             **scene.drawing(),
         )
@@ -125,11 +126,19 @@ def python_of(scene: Scene) -> str:
     lines += [f"volume[{name!r}] = {str(text)!r}" for name, text in derived.items()]
     media = [f"vm.{part!r}" for part in scene.medium.components()]
     joined = "\nmedium += ".join(media)
-    options = "".join(f", {key}={value!r}" for key, value in scene.render_options.items())
+    medium, picture, options = (
+        f"medium = {joined}\n",
+        "vm.render(volume, medium",
+        scene.render_options,
+    )
+    if scene.projection:
+        options = plain_value(scene.projection)
+        medium, picture = "", f"vm.project(volume, {options.pop('quantity')!r}"
+    given = "".join(f", {key}={value!r}" for key, value in options.items())
     shown = "".join(f", {key}={value!r}" for key, value in scene.image_options.items())
     return (
-        "import voluminous as vm\n\n" + "\n".join(lines) + f"\nmedium = {joined}\n"
+        "import voluminous as vm\n\n" + "\n".join(lines) + f"\n{medium}"
         f"camera = vm.{scene.camera!r}\n"
-        f"image = vm.render(volume, medium, camera{options})\n"
+        f"image = {picture}, camera{given})\n"
         f'image.save("picture.png"{shown})\n'
     )
