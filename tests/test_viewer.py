@@ -6,6 +6,7 @@ import base64
 import contextlib
 import io
 import json
+import re
 import threading
 import time
 import warnings
@@ -20,13 +21,15 @@ from PIL import Image as Pillow
 import voluminous as vm
 from voluminous.calibration.samples import measurable
 from voluminous.levels import level_within
+from voluminous.scene.settings import loads
 from voluminous.store import FieldStore
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
 from voluminous.viewer.explorer import Explorer
 from voluminous.viewer.painter import caught_warnings
+from voluminous.viewer.script import IN_MEMORY, keyframes_of, python_of, shortened
 from voluminous.viewer.session import QUIET, SIZES, Session
-from voluminous.viewer.share import python_of, tables_of
+from voluminous.viewer.share import tables_of
 
 GRID = vm.CartesianGrid.uniform(16, (-1, 1))
 AXIS = np.linspace(-0.95, 0.95, 16)
@@ -701,6 +704,52 @@ def test_exports_make_the_same_picture(explorer, volume, tmp_path):
     assert "'passwd'" in page.ask("export", what="passwd")["error"]
 
 
+def test_each_page_takes_away_what_it_shows(explorer):
+    first, other = Page(explorer), Page(explorer)
+    first.put("look", camera={"type": "orthographic", "incl": 12, "phi": 7}, moving=False)
+    other.put("look", camera={"type": "orthographic", "incl": 80, "phi": 7}, moving=False)
+    for page, incl in ((first, 12), (other, 80)):
+        scene = vm.Scene(loads(page.ask("export", what="toml", width=24)["text"]))
+        assert scene.camera.incl == incl
+        assert f"incl={incl}.0" in page.ask("export", what="python", width=24)["text"]
+        png = base64.b64decode(page.ask("export", what="png", width=24)["data"])
+        zipped = page.ask("film", path={"kind": "still"}, frames=1, width=24, what="png")["data"]
+        with zipfile.ZipFile(io.BytesIO(base64.b64decode(zipped))) as film:
+            frame = film.read(film.namelist()[0])
+        drawn = vm.render(explorer.volume, explorer.medium, scene.camera).to_rgb()[::-1]
+        for data in (png, frame):
+            seen = np.asarray(Pillow.open(io.BytesIO(data)).convert("RGB"))
+            np.testing.assert_allclose(seen / 255, drawn, atol=0.51 / 255)
+
+
+def test_pictures_have_marks_and_grounds_and_say_before_what_they_take(explorer):
+    page = Page(explorer)
+
+    def made(**dress):
+        answer = page.ask("export", what="png", width=96, **dress)
+        return np.asarray(Pillow.open(io.BytesIO(base64.b64decode(answer["data"]))))
+
+    plain, white = made(), made(ground="white")
+    assert plain[0, 0].tolist() == [0, 0, 0]
+    assert white[0, 0].tolist() == [255, 255, 255]
+    assert (white >= plain).all()
+    alpha = made(ground="transparent")[..., 3]
+    assert alpha[0, 0] == 0
+    assert alpha.max() > 50
+    bar = made(marks=["scale_bar"])
+    assert bar.shape == plain.shape
+    assert (bar[-12:] != plain[-12:]).any()
+    assert made(marks=["color_bar"], ground="white").shape[1] > plain.shape[1]
+    assert "'ruler'" in page.ask("export", what="png", marks=["ruler"])["error"]
+    assert "'green'" in page.ask("export", what="png", ground="green")["error"]
+    path = {"path": {"kind": "orbit"}, "frames": 30, "fps": 24}
+    for what, more in (("png", {}), ("fits", {}), ("gif", path)):
+        said = page.ask("estimate", what=what, marks=["scale_bar"], ground="white", **more)
+        assert min(said["seconds"], said["bytes"], said["start"] + 1e-9) > 0
+    # Three channels of float32, the transparency and the optical depth, for each pixel.
+    assert page.ask("estimate", what="fits")["bytes"] == pytest.approx(24, rel=0.3)
+
+
 def test_a_follower_sees_what_the_leader_does_and_changes_nothing(explorer):
     leader, follower = Page(explorer), Page(explorer, leader=False)
     leader.put("look", camera={"type": "orthographic", "incl": 12, "phi": 7}, moving=False)
@@ -870,6 +919,39 @@ def test_python_of_a_scene_makes_its_volume():
     scope: dict = {}
     exec(code, scope)
     np.testing.assert_array_equal(scope["image"].intensity, scene.render().intensity)
+
+
+def test_the_copied_code_is_short_and_draws_the_same_picture(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    core = vm.models.prestellar_core(16)
+    core.save("volume.npz")
+    by = vm.ColorBy("log10(density)", cmap="inferno", vmin=3.123456789, vmax=5)
+    medium = vm.suggest_medium(core) + vm.presets.skin_and_bone(core)
+    medium += vm.Gaussian("log10(density)", 4.2123456789, 0.0123456789, by, 0.3, 2.512345678e16)
+    medium += vm.Coefficients(["0 * density" + " + 0 * density" * 12] * 3, "0 / (1.23456789 pc)")
+    # A thousandth of the volume, off its centre: six digits of that would not do.
+    camera = vm.Orthographic(
+        60.123456789, 30, width=5.123456789e14, center=(1.23456789e17, -2e16, 0.0), resolution=48
+    )
+    scene = vm.Scene({"volume": {"path": IN_MEMORY}, "medium": medium, "camera": camera})
+    code = python_of(scene)
+    assert max(map(len, code.splitlines())) <= 88
+    assert "width='34.2482 au'" in code
+    numbers = re.findall(r"[=\[' ]-?(\d+\.\d+)", code)
+    assert sum(len(n.replace(".", "").lstrip("0")) > 6 for n in numbers) <= 3  # the centre's
+    scope: dict = {}
+    exec(code, scope)
+    wanted = scene.render().intensity
+    assert wanted.std() > 0.01 * wanted.max()  # not flat
+    # What is drawn is exact to 1e-3 of the brightest pixel; the code, to less than that.
+    np.testing.assert_allclose(scope["image"].intensity, wanted, atol=1e-3 * wanted.max())
+    again = vm.Scene(loads(shortened(scene).dumps()), volume=core)
+    assert repr(again.medium) == repr(scope["medium"])
+    views = [camera.describe(), camera.replace(phi=40).describe()]
+    code = keyframes_of(scene, views, 21)
+    exec(f"import voluminous as vm\n{code}", scope)
+    assert max(map(len, code.splitlines())) <= 88
+    assert [len(scope["cameras"]), scope["cameras"][10].phi] == [21, pytest.approx(35)]
 
 
 # --- files that are larger than memory, of which there are coarser levels -------------------------

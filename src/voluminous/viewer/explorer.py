@@ -33,8 +33,9 @@ from ..volume import Volume
 from .document import Document, Patch, shown
 from .painter import Painter, Shot, at_hand, caught_warnings
 from .questions import QUESTIONS, number
+from .script import IN_MEMORY
 from .session import Session
-from .share import IN_MEMORY, tables_of, text_of
+from .share import tables_of, text_of
 
 PROTOCOL = 1
 # Seconds after a change of a medium in which another is expected.
@@ -144,15 +145,18 @@ class Explorer:
         made: Camera = build_camera(self.document.settings["camera"])
         return made
 
-    def scene(self, resolution: int | tuple[int, int] | None = None) -> Scene:
-        """Return what is on the screen as a scene."""
-        settings = {k: v for k, v in self.document.settings.items() if k in SECTIONS}
-        camera = dict(settings["camera"])
+    def scene(
+        self, resolution: int | tuple[int, int] | None = None, page: Client | None = None
+    ) -> Scene:
+        """Return what is on the screen as a scene: of a page, or of that which moved last."""
+        with self._lock:
+            settings, volume = self.document.settings, self.volume
+            camera = dict(settings["camera"] if page is None else page.session.camera)
         if resolution is not None:
-            fitted = self.camera.within(pixel_counts(resolution))
+            fitted = build_camera(camera).within(pixel_counts(resolution))
             camera["resolution"] = plain_value(fitted.arguments()["resolution"])
-        settings |= {"medium": shown(settings), "camera": camera}
-        return Scene(settings, volume=self.volume)
+        settings = {k: v for k, v in settings.items() if k in SECTIONS}
+        return Scene({**settings, "medium": shown(settings), "camera": camera}, volume=volume)
 
     def close(self) -> None:
         """End the painter."""

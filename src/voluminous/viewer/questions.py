@@ -6,6 +6,7 @@ threads of their own; ``progress`` tells how far a long one is.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -17,15 +18,16 @@ from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..measuring import probe
 from ..media import Medium, Rectangle
-from ..scene import settings
+from ..scene import Scene, settings
 from ..scene.sections import build_medium
 from ..units import is_count, unit_name
 from ..volume import Volume
 from .document import shown
 from .measures import check_measures, script_of, shown_where, statistics
 from .painter import at_hand, caught_warnings
+from .script import IN_MEMORY, keyframes_of
 from .session import scaled
-from .share import IN_MEMORY, exported, filmed, tables_of, text_of
+from .share import dressed, exported, filmed, tables_of, text_of
 
 if TYPE_CHECKING:
     from .explorer import Client
@@ -39,6 +41,10 @@ _MOST_CELLS = 1 << 24
 # Pixels of a preset's picture, and of one that shows where values are.
 _SMALL, _COARSE = 96, 300
 _QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
+# Widths of the pictures by which the time of a larger one is estimated.
+_ESTIMATED = (64, 96, 192)
+# Frames of a film by which it is estimated; seconds after which no larger one is made.
+_FEW, _PATIENCE = 3, 3.0
 _RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "cutoff")
 
 
@@ -211,7 +217,9 @@ def ask_load(page: Client, message: Answer, progress: Progress) -> Answer:
 
 def ask_export(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return a picture, or the scene as a text."""
-    scene = page.explorer.scene(_pixels(page, message))
+    scene = _scene(page, message)
+    if message["what"] == "keyframes":
+        return {"text": keyframes_of(scene, message["cameras"], int(message["frames"]))}
     made = exported(scene, str(message["what"]))
     measures = page.explorer.document.settings.get("measures")
     if message["what"] == "python" and measures:
@@ -220,24 +228,53 @@ def ask_export(page: Client, message: Answer, progress: Progress) -> Answer:
     return made
 
 
+def ask_estimate(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return what a picture, or each frame of a film, takes: seconds and bytes per pixel.
+
+    Small ones are made: the first since its kernel may have to be compiled, of the others the
+    second has four times as many pixels. Of files larger than memory nothing is said.
+    """
+    volume = page.explorer.volume
+    if at_hand(volume) is not volume:
+        return {}
+    few = min(int(message.get("frames", 1)), _FEW)
+    seconds, sizes, pixels = [0.0], [0], [0]
+    for width in _ESTIMATED:
+        scene, began = _scene(page, {**message, "width": width}), time.perf_counter()
+        what = str(message["what"])
+        if "path" in message:
+            made = _film(scene, volume, message, progress=lambda *_: None, few=few)
+        else:
+            made = exported(scene, what)
+        seconds.append(time.perf_counter() - began)
+        sizes.append(len(made.get("text") or made["data"]) * 3 // 4)
+        nx, ny = scene.camera.frame(volume.grid).pixels
+        pixels.append(nx * ny * few)
+        if seconds[-1] > _PATIENCE:
+            break
+    before = -2 if len(pixels) > len(_ESTIMATED) else 0
+    more = pixels[-1] - pixels[before]
+    per = max(seconds[-1] - seconds[before], 0.1 * seconds[-1]) / more
+    start = max(0.0, seconds[-1] - per * pixels[-1])
+    return {"start": start, "seconds": per, "bytes": max(0, sizes[-1] - sizes[before]) / more}
+
+
 def ask_film(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return a film."""
+    explorer = page.explorer
+    volumes = explorer.series if message.get("series") is True else explorer.volume
+    return _film(_scene(page, message), volumes, message, progress=progress)
+
+
+def _film(scene: Scene, volumes: Any, message: Answer, **how: Any) -> Answer:
     frames: Any = message.get("frames")
+    path = message["path"]
     if not is_count(frames, _MOST_FRAMES):
         raise InputError(f"frames must be a number from 1 to {_MOST_FRAMES}, got {frames!r}")
-    explorer = page.explorer
-    path = message["path"]
     if not isinstance(path, dict):
         raise InputError(f"path must be an object, got {path!r}")
-    return filmed(
-        explorer.scene(_pixels(page, message)),
-        explorer.series if message.get("series") is True else explorer.volume,
-        path,
-        int(frames),
-        what=str(message.get("what", "mp4")),
-        fps=float(message.get("fps", 30.0)),
-        progress=progress,
-    )
+    what, fps = str(message.get("what", "mp4")), float(message.get("fps", 30.0))
+    return filmed(scene, volumes, path, int(frames), what=what, fps=fps, **how)
 
 
 QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[str, ...]]] = {
@@ -249,8 +286,9 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
     "measure": (ask_measure, ("measure", "medium")),
     "suggest": (ask_suggest, ("name",)),
     "load": (ask_load, ("text",)),
-    "export": (ask_export, ("what", "width")),
-    "film": (ask_film, ("path", "frames", "fps", "width", "what", "series")),
+    "export": (ask_export, ("what", "width", "marks", "ground", "cameras", "frames")),
+    "estimate": (ask_estimate, ("what", "marks", "ground", "path", "frames", "fps")),
+    "film": (ask_film, ("path", "frames", "fps", "width", "what", "series", "marks", "ground")),
 }
 """Function and keys of each kind of question, besides ``id``."""
 
@@ -273,6 +311,12 @@ def _preset(volume: Volume, name: Any) -> Medium:
     check_name("preset", name, presets.__all__)
     made: Medium = getattr(presets, name)(volume)
     return made
+
+
+def _scene(page: Client, message: Answer) -> Scene:
+    """Return what a page shows, in the size and dress that it asks for."""
+    scene = page.explorer.scene(_pixels(page, message), page)
+    return dressed(scene, message.get("marks", ()), message.get("ground", "black"))
 
 
 def _pixels(page: Client, message: Answer) -> tuple[int, int]:

@@ -11,23 +11,45 @@ from typing import Any
 
 from ..cameras import Camera
 from ..errors import InputError, check_name
+from ..image.annotate import OPTIONS as ANNOTATIONS
 from ..media import Medium
 from ..movies import dolly, keyframes, movie, orbit, zoom
 from ..scene import Scene
 from ..scene.sections import build_camera
 from ..scene.settings import plain_value
+from .script import python_of, shortened
 
-# The file that scene and script of a volume in memory speak of.
-IN_MEMORY = "volume.npz"
+# What may be drawn over and beside a picture; of each ground, the options of a picture.
+MARKS = ("scale_bar", "color_bar", "letters", "triad")
+_GROUNDS: dict[str, dict[str, Any]] = {
+    "black": {},
+    "white": {"background": "white"},
+    "transparent": {"transparent": True},
+}
 _PICTURES = {"png": "image/png", "exr": "image/x-exr", "fits": "application/fits"}
 _FILMS = {"mp4": "video/mp4", "gif": "image/gif", "webp": "image/webp", "png": "application/zip"}
+
+
+def dressed(scene: Scene, marks: Any, ground: Any) -> Scene:
+    """Let pictures of a scene have some of `MARKS`, and a ground: black, white or transparent."""
+    check_name("ground", ground, _GROUNDS)
+    marks = list(marks)
+    for name in marks:
+        check_name("mark", name, MARKS)
+    options = {**scene.image_options, **_GROUNDS[ground]}
+    if marks:
+        chosen = {name: name in marks for name in ANNOTATIONS & {*MARKS, "compass", "time"}}
+        options["annotate"] = {**chosen, "medium": scene.medium}
+    scene.image_options = options
+    return scene
 
 
 def exported(scene: Scene, what: str) -> dict[str, Any]:
     """Return name, kind and content of a file: text, or bytes in base64."""
     check_name("export", what, (*_PICTURES, "toml", "python"))
     if what == "toml":
-        return {"name": "scene.toml", "mime": "application/toml", "text": scene.dumps()}
+        text = shortened(scene).dumps()
+        return {"name": "scene.toml", "mime": "application/toml", "text": text}
     if what == "python":
         return {"name": "scene.py", "mime": "text/x-python", "text": python_of(scene)}
     image = scene.render(progress=False)
@@ -47,6 +69,7 @@ def filmed(
     what: str,
     fps: float,
     progress: Callable[[int, int], None],
+    few: int | None = None,
 ) -> dict[str, Any]:
     """Return name, kind and content of a film; pictures come in a zip file.
 
@@ -59,9 +82,11 @@ def filmed(
     path : dict
         ``kind`` "orbit" (with ``turns``), "zoom" or "dolly" (``factor``), "keyframes" (``cameras``
         as tables, ``ease``) or "still".
+    few : int, optional
+        Make so many of the frames, the first ones.
     """
     check_name("film", what, _FILMS)
-    cameras = _path(scene, path, frames)
+    cameras = _path(scene, path, frames)[:few]
     with tempfile.TemporaryDirectory() as directory:
         target = Path(directory) / f"film.{what}"
         files = movie(
@@ -112,33 +137,3 @@ def text_of(data: bytes) -> str:
 def tables_of(medium: Medium) -> list[dict[str, Any]]:
     """Return a medium's parts as tables of a scene file."""
     return [plain_value(part.describe()) for part in medium.components()]
-
-
-def python_of(scene: Scene) -> str:
-    """Return a script that makes the picture."""
-    source = dict(scene.to_dict()["volume"])
-    derived, units = source.pop("derived", {}), source.pop("units", {})
-    model, path = source.pop("model", None), source.pop("path", IN_MEMORY)
-    given = "".join(f", {key}={value!r}" for key, value in source.items())
-    made = f"vm.open({path!r}{given})" if model is None else f"vm.models.{model}({given[2:]})"
-    lines = [f"volume = {made}"]
-    lines += [f"volume.set_unit({name!r}, {unit!r})" for name, unit in units.items()]
-    lines += [f"volume[{name!r}] = {str(text)!r}" for name, text in derived.items()]
-    media = [f"vm.{part!r}" for part in scene.medium.components()]
-    joined = "\nmedium += ".join(media)
-    medium, picture, options = (
-        f"medium = {joined}\n",
-        "vm.render(volume, medium",
-        scene.render_options,
-    )
-    if scene.projection:
-        options = plain_value(scene.projection)
-        medium, picture = "", f"vm.project(volume, {options.pop('quantity')!r}"
-    given = "".join(f", {key}={value!r}" for key, value in options.items())
-    shown = "".join(f", {key}={value!r}" for key, value in scene.image_options.items())
-    return (
-        "import voluminous as vm\n\n" + "\n".join(lines) + f"\n{medium}"
-        f"camera = vm.{scene.camera!r}\n"
-        f"image = {picture}, camera{given})\n"
-        f'image.save("picture.png"{shown})\n'
-    )
