@@ -62,7 +62,7 @@ def keyframes_of(scene: Scene, tables: Sequence[Any], frames: int) -> str:
     step = (frames - 1) / max(1, len(tables) - 1)
     cameras = [build_camera(_camera(dict(table), unit)) for table in tables]
     pairs = [f"({round(k * step)}, {_made(camera)})" for k, camera in enumerate(cameras)]
-    return f"{wrapped('cameras = vm.keyframes([' + ', '.join(pairs) + '])', always=True)}\n"
+    return f"{wrapped('cameras = vm.movies.keyframes([' + ', '.join(pairs) + '])', always=True)}\n"
 
 
 def _made(thing: Any) -> str:
