@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 import math
+import pprint
 import re
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,12 @@ from ..units import plain, unit_name
 
 # The file that scene and script of a volume in memory speak of.
 IN_MEMORY = "volume.npz"
-_DIGITS, _LONGEST, _INDENT = 6, 88, 4
+_LONGEST, _INDENT = 88, 4
 _LENGTHS = ("center", "shift", "position", "target", "path_length")
-# Numbers of media that may carry a unit, and the sizes beside them that say how exact they must be.
-_BESIDE = {"center": ("sigma", "half_width"), "level": ("width",), "values": ()}
-_BESIDE |= {"vmin": ("vmax",), "vmax": ("vmin",), "sigma": (), "half_width": (), "width": ()}
-_QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(\s+\S.*)")
-_OPENING = dict(zip("([{", ")]}", strict=True))
+# Numbers of media that may have a unit, and the widths beside them.
+_WIDTHS = ("sigma", "half_width", "width")
+_QUANTITIES = ("center", "level", "values", "vmin", "vmax", *_WIDTHS)
+_QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(\s+\S.*|)")
 
 
 def python_of(scene: Scene) -> str:
@@ -34,47 +32,46 @@ def python_of(scene: Scene) -> str:
     source = dict(scene.to_dict()["volume"])
     derived, units = source.pop("derived", {}), source.pop("units", {})
     model, path = source.pop("model", None), source.pop("path", IN_MEMORY)
-    given = "".join(f", {key}={value!r}" for key, value in source.items())
-    made = f"vm.open({path!r}{given})" if model is None else f"vm.models.{model}({given[2:]})"
-    lines = [f"volume = {made}"]
+    if model is None:
+        lines = [_call("volume = vm.open", source, repr(path))]
+    else:
+        lines = [_call(f"volume = vm.models.{model}", source)]
     if model is None and path == IN_MEMORY:
         lines.insert(0, f"# The volume was in memory: volume.save({path!r}) writes this file.")
     lines += [f"volume.set_unit({name!r}, {unit!r})" for name, unit in units.items()]
     lines += [f"volume[{name!r}] = {str(text)!r}" for name, text in derived.items()]
     if scene.projection:
         given = plain_value(scene.projection)
-        picture = f"vm.project(volume, {given.pop('quantity')!r}"
+        picture = f"volume, {given.pop('quantity')!r}, camera"
+        drawn = _call("image = vm.project", given, picture)
     else:
-        given, picture = scene.render_options, "vm.render(volume, medium"
         for k, part in enumerate(scene.medium.components()):
-            lines.append(f"medium {'+=' if k else '='} {_made(part)}")
-    options = "".join(f", {key}={value!r}" for key, value in given.items())
-    shown = "".join(f", {key}={value!r}" for key, value in scene.image_options.items())
-    lines += [f"camera = {_made(scene.camera)}"]
-    lines += [f"image = {picture}, camera{options})"]
-    lines += [f"image.save('picture.png'{shown})"]
-    return "import voluminous as vm\n\n" + "".join(f"{wrapped(line)}\n" for line in lines)
+            lines.append(_made(f"medium {'+=' if k else '='} ", part))
+        drawn = _call("image = vm.render", scene.render_options, "volume, medium, camera")
+    lines += [_made("camera = ", scene.camera), drawn]
+    lines.append(_call("image.save", scene.image_options, repr("picture.png")))
+    return "import voluminous as vm
+
+" + "
+".join(lines) + "
+"
 
 
 def keyframes_of(scene: Scene, tables: Sequence[Any], frames: int) -> str:
     """Return the cameras of a film through some views, spread evenly, as `keyframes` makes them."""
-    unit = scene.volume().unit
-    step = (frames - 1) / max(1, len(tables) - 1)
-    cameras = [build_camera(_camera(dict(table), unit)) for table in tables]
-    pairs = [f"({round(k * step)}, {_made(camera)})" for k, camera in enumerate(cameras)]
-    return f"{wrapped('cameras = vm.movies.keyframes([' + ', '.join(pairs) + '])', always=True)}\n"
-
-
-def _made(thing: Any) -> str:
-    code = f"vm.{thing!r}".replace("=ColorBy(", "=vm.ColorBy(")
-    return code.replace(" AU'", " au'")  # astropy's name
+    unit, step = scene.volume().unit, (frames - 1) / max(1, len(tables) - 1)
+    lines = ["cameras = vm.movies.keyframes(["]
+    for k, table in enumerate(tables):
+        camera = build_camera(_camera(dict(table), unit))
+        lines.append(" " * _INDENT + _made(f"({round(k * step)}, ", camera, _INDENT) + "),")
+    return "\n".join([*lines, "])"]) + "\n"
 
 
 def shortened(scene: Scene) -> Scene:
     """Return a scene of numbers with six digits, and lengths with a unit that suits them.
 
     Places have more digits where sizes beside them need that: the centre of a camera that sees a
-    small part of the volume, or the value of a thin shell.
+    small part of the volume, or of a thin shell.
     """
     settings, volume = scene.to_dict(), scene.volume()
     described = {k: v for k, v in scene.camera.describe().items() if v is not None}
@@ -86,46 +83,28 @@ def shortened(scene: Scene) -> Scene:
 
 def _camera(table: dict[str, Any], unit: Any) -> dict[str, Any]:
     lengths = {name: plain(table[name], unit, name) for name in _LENGTHS if name in table}
-    if table["type"] == "orthographic":
-        if table.get("width") is None:
-            return {name: _short(value) for name, value in table.items()}
-        lengths["width"] = size = float(np.max(plain(table["width"], unit, "width")))
-    elif "position" in lengths and "target" in lengths:
-        away = np.subtract(lengths["position"], lengths["target"])
-        size = float(np.linalg.norm(away) * np.min(plain(table.get("width", 1.0), "rad", "width")))
-    else:
-        size = 0.0
-    return {
-        k: _length(lengths[k], unit, size) if k in lengths else _short(v) for k, v in table.items()
-    }
+    width, size = table.get("width"), 0.0
+    if table["type"] == "orthographic" and width is not None:
+        lengths["width"] = size = float(np.max(plain(width, unit, "width")))
+    elif width is not None:
+        away = np.linalg.norm(np.subtract(lengths["position"], lengths["target"]))
+        size = float(away * np.min(plain(width, "rad", "width")))
+    short = {k: _length(value, unit, size) for k, value in lengths.items()}
+    return {k: short[k] if k in short else _short(value) for k, value in table.items()}
 
 
 def _medium(table: dict[str, Any], unit: Any) -> dict[str, Any]:
     """Return the table of a medium; expressions stay as they are."""
-    short = {}
+    short, widths = dict(table), [_QUANTITY.match(str(table.get(name))) for name in _WIDTHS]
+    size = min((w for found in widths if found and (w := float(found[1]))), default=0.0)
     for name, value in table.items():
-        if name in _BESIDE:
-            sizes = [_number(table[other]) for other in _BESIDE[name] if other in table]
-            if name.startswith("v") and sizes:  # the width of a range
-                sizes = [abs(sizes[0] - _number(value))]
-            if name == "values" and isinstance(value, list):
-                sizes = np.abs(np.diff([_number(v) for v in value])).tolist()
-            size = min((s for s in sizes if s > 0), default=0.0)
-            short[name] = _short(value, 10.0 * size, texts=True)  # to 1e-4 of it
-        elif name == "path_length" and value != "auto":
+        if name == "path_length" and value != "auto":
             short[name] = _length(plain(value, unit, name), unit)
         elif name == "color" and isinstance(value, dict):  # by another expression
             short[name] = _medium(value, unit)
         else:
-            short[name] = _short(value)
+            short[name] = _short(value, 10.0 * size, name in _QUANTITIES)  # to 1e-4 of the width
     return short
-
-
-def _number(value: Any) -> float:
-    """Return the number of a quantity; 0 if there is none."""
-    found = _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None
-    number = found[1] if found else value
-    return float(number) if isinstance(number, (str, int, float)) and number != "auto" else 0.0
 
 
 def _length(value: Any, unit: Any, size: float = 0.0) -> Any:
@@ -134,17 +113,17 @@ def _length(value: Any, unit: Any, size: float = 0.0) -> Any:
     largest = max(float(np.abs(values).max(initial=0.0)), size)
     factor, name = readable(largest, unit_name(unit)) if unit is not None else (1.0, "")
     name = {r"R$_\odot$": "R_sun"}.get(name, name)
-    texts = [_round(float(v) * factor, size * factor) for v in values.ravel()]
-    made = [f"{text!r} {name}" if name else text for text in texts]
+    numbers = [_round(float(v) * factor, size * factor) for v in values.ravel()]
+    made = [f"{number!r} {name}" if name else number for number in numbers]
     return made if values.ndim else made[0]
 
 
-def _short(value: Any, size: float = 0.0, *, texts: bool = False) -> Any:
+def _short(value: Any, size: float = 0.0, quantity: bool = False) -> Any:
     if isinstance(value, dict):
-        return {key: _short(one, size, texts=texts) for key, one in value.items()}
+        return {key: _short(one, size, quantity) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_short(one, size, texts=texts) for one in value]
-    if texts and isinstance(value, str) and (found := _QUANTITY.fullmatch(value.strip())):
+        return [_short(one, size, quantity) for one in value]
+    if quantity and isinstance(value, str) and (found := _QUANTITY.fullmatch(value.strip())):
         return f"{_round(float(found[1]), size)!r}{found[2]}"
     return _round(value, size) if isinstance(value, float) else value
 
@@ -152,74 +131,29 @@ def _short(value: Any, size: float = 0.0, *, texts: bool = False) -> Any:
 def _round(value: float, size: float = 0.0) -> float:
     """Return a number of six digits, or of as many as make it exact to 1e-5 of `size`."""
     needed = math.ceil(math.log10(abs(value) / size)) + 5 if value and size > 0.0 else 0
-    return float(f"{value:.{min(max(_DIGITS, needed), 17)}g}") + 0.0  # no -0.0
+    return float(f"{value:.{min(max(6, needed), 17)}g}") + 0.0  # no -0.0
 
 
-def wrapped(code: str, indent: int = 0, *, always: bool = False) -> str:
-    """Return a statement in lines of at most 88 letters, broken between arguments."""
-    room = _LONGEST - indent - 1
-    if len(code) <= room and not always:
-        return code
-    inner = indent + _INDENT
-    head, pieces, tail = _taken_apart(code)
-    if not pieces:
-        return _in_parts(code, inner)
-    lines, margin = [head], " " * inner
-    for piece in pieces:
-        piece = wrapped(piece, inner) + ","
-        fits = len(lines[-1]) + len(piece) + 1 <= _LONGEST
-        if len(lines) > 1 and "\n" not in lines[-1] + piece and fits and not always:
-            lines[-1] += f" {piece}"
-        else:
-            lines.append(margin + piece)
-    return "\n".join([*lines, " " * indent + tail])
+def _made(start: str, thing: Any, indent: int = 0) -> str:
+    """Return the call that makes a medium or a camera, after `start`."""
+    table = plain_value(thing.describe())
+    table.pop("type", None)
+    return _call(f"{start}vm.{type(thing).__name__}", table, indent=indent)
 
 
-def _taken_apart(code: str) -> tuple[str, list[str], str]:
-    """Return what is before the first bracket, with it; its arguments; and the rest."""
-    head, pieces, ends, last = "", [], "", 0
-    for kind, k in _marks(code):
-        if kind in _OPENING:
-            if not ends:
-                head, last = code[: k + 1], k + 1
-            ends += _OPENING[kind]
-        elif kind == "," and len(ends) == 1:
-            pieces.append(code[last:k].strip())
-            last = k + 1
-        elif ends and kind == ends[-1]:
-            ends = ends[:-1]
-            if not ends:
-                last_piece = code[last:k].strip()
-                return head, [*pieces, *([last_piece] if last_piece else [])], code[k:]
-    return code, [], ""
-
-
-def _marks(code: str) -> Iterator[tuple[str, int]]:
-    """Yield brackets and commas that are in no text, and where they are."""
-    quote, k = "", 0
-    while k < len(code):
-        letter = code[k]
-        if quote:
-            k += letter == "\\"
-            quote = "" if letter == quote else quote
-        elif letter in "'\"":
-            quote = letter
-        elif letter in "([{}]),":
-            yield letter, k
-        k += 1
-
-
-def _in_parts(code: str, indent: int) -> str:
-    """Return a long text as several ones, which Python joins; other code stays."""
-    found = re.fullmatch(r"(\w+(?:=|: )|'\w+': )?(['\"].*['\"])", code, re.DOTALL)
-    if found is None:
-        return code
-    text, room = ast.literal_eval(found[2]), _LONGEST - indent - 12
-    how: dict[str, Any] = {
-        "drop_whitespace": False,
-        "replace_whitespace": False,
-        "expand_tabs": False,
-    }
-    parts = textwrap.wrap(text, room, break_on_hyphens=False, **how)
-    lines = "\n".join(" " * indent + repr(part) for part in parts)
-    return f"{found[1] or ''}(\n{lines}\n{' ' * (indent - _INDENT)})"
+def _call(head: str, options: dict[str, Any], first: str = "", *, indent: int = 0) -> str:
+    """Return a call; an argument on each line, if one line is not enough."""
+    inner, pieces = indent + _INDENT, [first] if first else []
+    for name, value in options.items():
+        if name == "color" and isinstance(value, dict):
+            pieces.append(_call(f"{name}=vm.ColorBy", value, indent=inner))
+            continue
+        margin = inner + len(name) + 1
+        text = pprint.pformat(value, width=_LONGEST - margin - 1, compact=True, sort_dicts=False)
+        text = text.replace(" AU'", " au'")  # astropy's name
+        pieces.append(f"{name}=" + text.replace("\n", "\n" + " " * margin))
+    line = f"{head}({', '.join(pieces)})"
+    if len(line) + indent < _LONGEST - 1 and "\n" not in line:
+        return line
+    lines = "\n".join(" " * inner + piece + "," for piece in pieces)
+    return f"{head}(\n{lines}\n{' ' * indent})"
