@@ -122,6 +122,7 @@ CALLS = {
     "plot_row": (vm.plot_row, {"images": [IMAGE]}),
     "regions.Box": (regions.Box, {}),
     "regions.Sphere": (regions.Sphere, {}),
+    "regions.HalfSpace": (regions.HalfSpace, {}),
     "regions.Cylinder": (regions.Cylinder, {}),
     "regions.DoubleCone": (regions.DoubleCone, {}),
     "movies.zoom": (vm.movies.zoom, {}),

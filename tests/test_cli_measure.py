@@ -74,10 +74,10 @@ def test_a_scene_is_seen_by_its_camera(gas, capsys):
 
 def test_a_region_is_that_of_python(gas, capsys):
     text = "doublecone((0, 0, 0), (0, 0, 1), 40 deg, 0.8 pc, side=up) & ~sphere((0,0,0), 4e4 AU)"
-    told(capsys, "gas.h5", "--region", text, "--where", "temperature > 50", "-o", "cone.ecsv")
+    told(capsys, "gas.h5", "--clip", text, "--where", "temperature > 50", "-o", "cone.ecsv")
     cone = DoubleCone((0, 0, 0), (0, 0, 1), 40, 0.8 * u.pc, side="up")
     core = Sphere((0, 0, 0), 4e4 * u.AU)
-    expected = vm.measure(gas, "density", "temperature > 50", region=cone & ~core)
+    expected = vm.measure(gas, "density", "temperature > 50", clip=cone & ~core)
     (row,) = QTable.read("cone.ecsv")
     assert 0 < row["cells"] == expected.cells < 120
     assert u.isclose(row["density"], expected["density"], rtol=1e-12)
@@ -108,8 +108,8 @@ def test_an_aperture_fills_the_frame(gas, capsys):
         (["--unit", "Msun"], "--unit expects"),
         (["-o", "table.txt"], ".ecsv, .csv, .fits"),
         (["--where", "density > 5 km"], "5 km"),
-        (["--region", "sphre((0, 0, 0), 1)"], "did you mean 'sphere'"),
-        (["--region", "sphere((0, 0, 0), 1 s)"], "radius is in s, expected pc"),
+        (["--clip", "sphre((0, 0, 0), 1)"], "did you mean 'sphere'"),
+        (["--clip", "sphere((0, 0, 0), 1 s)"], "radius is in s, expected pc"),
         (["--aperture", "circle((0, 0), 1)"], "give --angles INCL,PHI"),
         (["--aperture", "polygon((0, 0), (1, 0), (2, 0))", "--angles", "0,0"], "has no area"),
     ],

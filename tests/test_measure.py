@@ -118,7 +118,7 @@ REGIONS = {
 @pytest.mark.parametrize("name", REGIONS)
 def test_volumes_of_regions(name, kind):
     region, expected = REGIONS[name]
-    found = vm.measure(vm.Volume(GRIDS[kind]), {"one": "1"}, region=region, samples=8)
+    found = vm.measure(vm.Volume(GRIDS[kind]), {"one": "1"}, clip=region, samples=8)
     # Cells on the surface (0.4 wide in the octree) count to an eighth of their width; errors of
     # either sign cancel out, but not on faces that lie along walls.
     exact = 0.04 if kind == "octree" else 0.015
@@ -133,7 +133,7 @@ def test_regions_thinner_than_a_cell_are_found(kind):
     needle = vm.regions.Cylinder(start, end, 0.03)
     bead = vm.regions.Sphere((0.237, 0.161, 0.223), 0.03)
     found = [
-        vm.measure(vm.Volume(GRIDS[kind]), one, region=region, samples=24).volume.to_value("pc3")
+        vm.measure(vm.Volume(GRIDS[kind]), one, clip=region, samples=24).volume.to_value("pc3")
         for region in (needle, bead, needle | bead, ~bead, bead & ~needle)
     ]
     long, round_ = np.pi * 0.03**2 * np.linalg.norm(end - start), 4 / 3 * np.pi * 0.03**3
@@ -147,8 +147,8 @@ def test_regions_thinner_than_a_cell_are_found(kind):
 def test_maps_add_up_to_the_totals(kind):
     volume = gas(kind)
     where, region = "los('velocity') > 0.1 km/s", REGIONS["cones"][0]
-    plain = vm.measure(volume, QUANTITIES, where, CAMERA, region=region)
-    found = vm.measure(volume, QUANTITIES, where, CAMERA, region=region, maps=True)
+    plain = vm.measure(volume, QUANTITIES, where, CAMERA, clip=region)
+    found = vm.measure(volume, QUANTITIES, where, CAMERA, clip=region, maps=True)
     for name, total in plain.items():
         assert found[name].value == pytest.approx(total.value, rel=1e-12)
         image = found.maps[name]
@@ -215,7 +215,7 @@ SHAPE = GRIDS["cartesian"].shape
     [
         ({"quantities": {}}, "say what to measure, such as quantities={'mass': 'density'}; fields"),
         ({"maps": True}, "give a camera"),
-        ({"region": 3}, "one of vm.regions"),
+        ({"clip": 3}, "one of vm.regions"),
         ({"camera": 3}, "a camera, or a list of them"),
         ({"camera": [vm.Orthographic(), None]}, "number 1 is None"),
         ({"camera": CAMERA, "aperture": np.ones((3, 3))}, "aperture must be"),

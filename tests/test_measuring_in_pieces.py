@@ -150,7 +150,7 @@ def test_chunks_beside_a_region_are_not_read(volumes):
     whole, parts, counted = volumes(UNIFORM)
     region = "sphere((-0.5, -0.4, 0), 0.3)"
     one, other = (
-        vm.measure(v, "density", region=region, **o) for v, o in ((whole, {}), (parts, PIECES))
+        vm.measure(v, "density", clip=region, **o) for v, o in ((whole, {}), (parts, PIECES))
     )
     np.testing.assert_allclose(other["density"].value, one["density"].value, **ROUNDING)
     assert other.cells == one.cells

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from matplotlib.path import Path
 
 import voluminous as vm
-from voluminous.measuring.shapes import aperture_weights, polygon_of, region_of
-from voluminous.regions import Box, Cylinder, DoubleCone, Sphere
+from voluminous.measuring.shapes import aperture_weights, polygon_of
+from voluminous.regions import Box, Cylinder, DoubleCone, Sphere, region_of
 
 POINTS = np.random.default_rng(0).uniform(-2, 2, (3, 4000))
 BALL, CUBE = Sphere((0, 0, 0.5), 1.5), Box((-1, -1, -1), (2, 1, 1))
@@ -94,10 +94,8 @@ def test_pixels_that_a_polygon_cuts_count_by_their_points(corners, pixels):
 def test_measuring_takes_texts():
     grid = vm.CartesianGrid.uniform(12, (-1, 1), unit="pc")
     volume = vm.Volume(grid, density=np.random.default_rng(1).random(grid.shape))
-    ball = vm.measure(volume, "density", region="sphere((0, 0, 0), 0.7 pc)")
-    assert (
-        ball["density"] == vm.measure(volume, "density", region=Sphere((0, 0, 0), 0.7))["density"]
-    )
+    ball = vm.measure(volume, "density", clip="sphere((0, 0, 0), 0.7 pc)")
+    assert ball["density"] == vm.measure(volume, "density", clip=Sphere((0, 0, 0), 0.7))["density"]
     camera = vm.Orthographic(30, 40, resolution=30)
     corners = [(-0.5, -0.4), (0.6, -0.4), (0.6, 0.2), (-0.5, 0.2)]
     text = "rectangle((-0.5, -0.4), (0.6, 0.2))"

@@ -81,7 +81,7 @@ def far_too_small():
         return lambda: vm.render(volume, medium, camera.replace(**changes))
 
     def summed(region):
-        return lambda: vm.measure(volume, "density", region=region)
+        return lambda: vm.measure(volume, "density", clip=region)
 
     ball, box = vm.regions.Sphere, vm.regions.Box
     near = vm.Perspective((0, -2, 0), (0, 0, 0), resolution=4)

@@ -78,9 +78,9 @@ _PUBLIC = {
 }
 # Words of other tools, and what does that here.
 _ELSEWHERE = {
-    "clip": "a medium shows a part of a volume with where='x > 0'; vm.regions are for measuring",
+    "clip": "vm.render(..., clip=vm.regions.Box(low, high)) draws a part of space, of any region",
     "contour": "vm.Isosurface draws surfaces of one value",
-    "crop": "volume.resample(vm.CartesianGrid.uniform(n, bounds)) is a smaller volume",
+    "crop": "volume.crop(x=(0, 1)) is a smaller volume of the same cells",
     "first_hit": "vm.project(..., how='first') is the first value along each ray",
     "imshow": "image.plot() draws a picture with axes, vm.view(volume) opens the explorer",
     "integrate": "vm.column integrates along rays, vm.measure over cells",

@@ -34,6 +34,7 @@ from .files import stamp
 from .levels import level_of_volume
 from .memory import check_memory
 from .progress import Progress, with_progress
+from .regrid.crop import cropped_volume
 from .regrid.resample import resampled_volume
 from .regrid.slices import Slice, make_plane, slice_of
 from .regrid.table import table_of_cells
@@ -538,6 +539,30 @@ class Volume(Evaluation):
         later = _made_in_boxes if deferred else None
         resampled: Volume = resampled_volume(self, grid, fields, fill, samples, later)
         return resampled
+
+    def crop(self, x: Any = None, y: Any = None, z: Any = None) -> Volume:
+        """Return the cells between two walls along each axis; the others need no memory.
+
+        Fields of a file that can be read in pieces are read when they are used, this part alone.
+
+        Parameters
+        ----------
+        x, y, z : (low, high), optional
+            Numbers in the volume's unit or lengths, None for an end. Cells that are partly within
+            stay whole: ``clip=`` of `render` also cuts cells.
+
+        Raises
+        ------
+        InputError
+            If the grid is not Cartesian, or has no cells there.
+
+        Examples
+        --------
+        >>> vm.models.sphere(8).crop(x=(0, None), y=(-0.3, 0.3)).grid.shape
+        (4, 4, 8)
+        """
+        cropped: Volume = cropped_volume(self, {"x": x, "y": y, "z": z}, _made_in_boxes)
+        return cropped
 
     def unfolded(self, phi: int | None = None, theta: int | None = None) -> Volume:
         """Return a volume without mirror images and, with `phi`, without axisymmetric cells.

@@ -47,6 +47,8 @@ def check_bounds(bounds: Any, max_panels: Any, job: RenderJob) -> int:
             "bounds are of media of expressions; of spectral media image.error is an estimate: "
             "leave out bounds=True, or give a smaller tolerance"
         )
+    if job.clip is not None:
+        raise InputError("bounds are of whole rays: leave out clip=, or bounds=True")
     if job.adaptive or job.recursive:
         raise InputError("bounds need to know the rays of a pixel: leave out antialias")
     return min(int(max_panels), 1 << 31)

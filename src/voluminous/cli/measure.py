@@ -36,12 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     help = "only cells in which this holds, such as \"los('velocity') > 5 km/s\""
     parser.add_argument("--where", metavar="COND", help=help)
     parser.add_argument(
-        "--region",
+        "--clip",
         metavar="SHAPE",
         help='only this part of space, such as "sphere((0, 0, 0), 100 AU)": box(low, high), '
-        "sphere(center, radius), cylinder(start, end, radius), cone or doublecone(apex, axis, "
-        "opening, height), combined by & | ~ or and, or, not; lengths without a unit are in that "
-        "of the data",
+        "sphere(center, radius), halfspace(point, normal), cylinder(start, end, radius), cone or "
+        "doublecone(apex, axis, opening, height), combined by & | ~ or and, or, not; lengths "
+        "without a unit are in that of the data",
     )
     parser.add_argument(
         "--aperture",
@@ -66,13 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, print and save."""
     from ..measuring import measure
-    from ..measuring.shapes import region_of
+    from ..regions import region_of
 
     if args.output is not None and args.output.suffix.lower() not in _FORMATS:
         raise InputError(f"a table is written as {', '.join(_FORMATS)}, got {args.output}")
     if args.output is not None:
         check_directory(args.output)
-    region = None if args.region is None else region_of(args.region)
+    clip = None if args.clip is None else region_of(args.clip)
     quantities = _quantities(args.quantity)
     units = dict(assignment(text, "--unit", "something like mass=Msun") for text in args.unit)
     volume, camera = _opened(args, quantities)
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("los(…) depends on from where it is seen: give --angles INCL,PHI")
     if not cameras and args.aperture is not None:
         raise InputError("--aperture is a part of the image: give --angles INCL,PHI")
-    parts = {"region": region, "aperture": args.aperture, "memory": args.memory}
+    parts = {"clip": clip, "aperture": args.aperture, "memory": args.memory}
     result: Any = measure(volume, quantities, args.where, cameras or None, **parts)
     table = _with_units(result if cameras else _one_row(result), units, [*quantities, "volume"])
     say(args.quiet, _text(table))

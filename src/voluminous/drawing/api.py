@@ -20,6 +20,7 @@ from ..media.details import intensity_unit
 from ..objects import SceneObject
 from ..objects.values import MANY
 from ..progress import Progress, silent, with_progress
+from ..regions import Region
 from ..rendering.empty_picture import warn_of_nothing
 from ..rendering.framing import first_camera, first_medium, framed
 from ..rendering.job import RenderJob
@@ -53,6 +54,7 @@ def render(
     view: str | None = None,
     objects: Any = (),
     background: Any = 0.0,
+    clip: Region | str | None = None,
     scheme: Any = None,
     tolerance: float | None = 1e-3,
     precision: str = "single",
@@ -88,6 +90,11 @@ def render(
         `Stars`, `Spheres`, `Curves`, `Boxes`, `Axes`.
     background : float, sequence of float, array (ny, nx[, channel]) or Image
         Intensity behind everything.
+    clip : Region or str, optional
+        The part of space that is drawn, of `voluminous.regions` or as a text, such as
+        ``"halfspace((0, 0, 0), (1, 0, 0)) & ~sphere((0, 0, 0), 1 pc)"``. Rays begin and end at its
+        surface, wherever that cuts a cell: the cut shows the inside. Objects are drawn wherever
+        they are. The camera does not depend on it.
 
     Accuracy
     --------
@@ -180,6 +187,7 @@ def render(
         view=view,
         objects=objects,
         background=background,
+        clip=clip,
         scheme=scheme,
         tolerance=tolerance,
         precision=precision,

@@ -10,11 +10,12 @@ point where it enters the whole domain: pieces of a volume agree on them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
+from ..backend import dr
 from ..backend.types import Float, Int, Mask
 from ..errors import InputError
 from ..geometry import CARTESIAN, span, unit_vectors
@@ -44,6 +45,8 @@ class Ray:
         Lanes that are rays at all.
     waiting : cursor or None
         Where rays go on, in a walk confined to some leaves of a tree; None where they enter.
+    stretches : list of (array, array), optional
+        Several parts to which rays are confined, in their order; a walk goes through one of them.
     """
 
     origin: list[Float]
@@ -52,6 +55,15 @@ class Ray:
     last: Float = None
     active: Mask = None
     waiting: Any = None
+    stretches: list[tuple[Float, Float]] | None = None
+
+    def confined(self, first: Float, last: Float) -> Ray:
+        """Return rays that are also confined to ``first <= t <= last``, in one stretch."""
+        if self.first is not None:
+            first = dr.select(self.first > first, self.first, first)
+        if self.last is not None:
+            last = dr.select(self.last < last, self.last, last)
+        return replace(self, first=first, last=last, stretches=None)
 
 
 @dataclass

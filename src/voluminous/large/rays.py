@@ -40,6 +40,8 @@ class Rays:
         One for each group of channels.
     depths : pair of arrays, optional
         Where each begins and ends, measured from the observer.
+    stretch : int
+        In which of several stretches rays are.
     """
 
     def __init__(
@@ -49,8 +51,10 @@ class Rays:
         places: tuple[np.ndarray, np.ndarray, np.ndarray],
         states: list[RayState],
         depths: tuple[np.ndarray, np.ndarray] | None = None,
+        stretch: int = 0,
     ) -> None:
         self.tracer, self.offset, self.states, self.depths = tracer, offset, states, depths
+        self.stretch = stretch
         self.u, self.v, self.there = places
         # The least and the largest places of rays that are together.
         starts = np.arange(0, len(self.u), TILE)
@@ -70,13 +74,26 @@ class Rays:
         rays = cls(tracer, batch.offset, places, states)
         if batch.depths is not None:
             rays.depths = np.resize(batch.depths[0], count), np.resize(batch.depths[1], count)
-        if not is_structured(grid := tracer.partition.grid):
-            walk = tracer.walk_in(CellBox((0,), (grid.size,)))
-            _, cursor = walk.enter(rays.ray(np.arange(count)))
-            dr.eval(cursor)
-            for state in states:
-                state.cursor = mapped(lambda a: np.resize(a.numpy(), count), cursor)
+        rays._enter()
         return rays
+
+    def _enter(self) -> None:
+        if not is_structured(grid := self.tracer.partition.grid):
+            walk, count = self.tracer.walk_in(CellBox((0,), (grid.size,))), len(self.u)
+            _, cursor = walk.enter(self.ray(np.arange(count)))
+            dr.eval(cursor)
+            for state in self.states:
+                state.cursor = mapped(lambda a: np.resize(a.numpy(), count), cursor)
+
+    def further(self) -> bool:
+        """Go on to the next stretch; return whether there is one."""
+        if self.stretch + 1 >= len(self._whole(np.arange(2)).stretches or ()):
+            return False
+        self.stretch += 1
+        for state in self.states:
+            state.moved = state.begun.copy()
+        self._enter()
+        return True
 
     @property
     def over(self) -> np.ndarray:
@@ -100,11 +117,11 @@ class Rays:
         """Return some of the rays by themselves."""
         places = self.u[chosen], self.v[chosen], self.there[chosen]
         states = mapped(lambda a: a[chosen], self.states)
-        return Rays(self.tracer, self.offset, places, states, self._depths(chosen))
+        return Rays(self.tracer, self.offset, places, states, self._depths(chosen), self.stretch)
 
     def plain(self) -> tuple[Any, ...]:
         """Return the arguments besides the tracer, which other processes take."""
-        return self.offset, (self.u, self.v, self.there), self.states, self.depths
+        return self.offset, (self.u, self.v, self.there), self.states, self.depths, self.stretch
 
     def _depths(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         return self.depths and (self.depths[0][chosen], self.depths[1][chosen])
@@ -190,7 +207,11 @@ class Rays:
         return np.broadcast_to(inside, chosen.shape)
 
     def ray(self, chosen: np.ndarray) -> Any:
-        """Return some rays as kernels have them."""
+        """Return some rays as kernels have them, in their stretch."""
+        ray = self._whole(chosen)
+        return ray.confined(*ray.stretches[self.stretch]) if ray.stretches else ray
+
+    def _whole(self, chosen: np.ndarray) -> Any:
         backend = self.tracer.backend
         u, v = (from_host(backend.Wide, a[chosen]) for a in (self.u, self.v))
         lanes = Lanes(u, v, dr.arange(backend.UInt, len(chosen)))

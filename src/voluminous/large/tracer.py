@@ -94,9 +94,9 @@ class BlockTracer(RayTracer):
                 self.through(rays, self.partition.blocks(*rays.origins()))
             else:
                 self.partition.sweep.draw(self, rays)
-            if not rays.wait:
+            if not rays.wait and not rays.further():
                 break
-            self._counts = False  # rays come to some parts of patches again
+            self._counts = False  # rays come to some parts of patches, or all blocks, again
         self._counts = counts
         for number, state in enumerate(rays.states):
             path = rays.found(state)
@@ -161,7 +161,7 @@ class BlockTracer(RayTracer):
     def follow(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, *written: Any) -> Followed:
         rays = Rays.starting(self, RayBatch(self._lanes(pixel, du, dv)))
         (state,), blocks = rays.states, list[tuple[CellBox, int]]()
-        while not blocks or rays.wait:  # rays come to some parts of patches again
+        while not blocks or rays.wait or rays.further():  # rays come to some parts again
             for block in self.partition.blocks(*rays.origins()):
                 self.through(rays, [block])
                 blocks.append((block, int(state.carried[0][0]) if state.carried else 0))

@@ -13,12 +13,11 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression, components, is_dex, without_unit
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
-from ..grids.arguments import on_grid
 from ..grids.contract import BoxGrid
 from ..grids.structured import is_structured
 from ..large.partition import partition_of
 from ..progress import reported_range
-from ..regions import Box, Region
+from ..regions import Box, Region, region_on
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
 from ..units import Unit, UnitLike, parse_unit, plain, unit_name
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 
 # Bytes for each cell that is evaluated at once: temporary arrays, and what cells are multiplied by.
 _PER_CELL = 320
-# Arguments of regions that are lengths, or places.
-_LENGTHS = ("low", "high", "center", "radius", "start", "end", "apex", "height")
 # The parts of a cell that is entirely inside add up to one only to this.
 _ROUNDING = 1e-12
 
@@ -170,16 +167,16 @@ def _is_finite(volume: Volume, expression: Expression) -> bool:
 class CellParts:
     """The part of each cell that is measured: where a condition holds, and inside a region."""
 
-    def __init__(self, volume: Volume, where: Any, region: Region | None, samples: Any) -> None:
+    def __init__(self, volume: Volume, where: Any, clip: Any, samples: Any) -> None:
         if not isinstance(samples, Integral) or samples < 1:
             raise InputError(f"samples must be a positive whole number, got {samples!r}")
-        if region is not None and not isinstance(volume.grid, BoxGrid):
+        if clip is not None and not isinstance(volume.grid, BoxGrid):
             raise InputError(
-                f"a region needs cells that are boxes, got a {type(volume.grid).__name__}; use "
+                f"clip= needs cells that are boxes, got a {type(volume.grid).__name__}; use "
                 "where= with coordinates, or volume.resample(grid) first"
             )
-        _check_lengths(region, volume.grid)
-        self.region, self.samples = region, int(samples)
+        self.region = None if clip is None else region_on(clip, volume.grid)
+        self.samples = int(samples)
         self.where = None if where is None else CellQuantity.of(volume, where, "where").expression
         self.names = () if self.where is None else self.where.names
 
@@ -254,15 +251,6 @@ def _in_box(region: Box, grid: Any, first: int, last: int) -> np.ndarray:
         return np.asarray(flat[first - begin * row : last - begin * row])
     low, high = grid.spans(first, last)
     return np.asarray(common(low, high, *corners[..., None]).prod(axis=0))
-
-
-def _check_lengths(region: Any, grid: Grid) -> None:
-    """Refuse regions whose plain numbers were meant in another unit; see `on_grid`."""
-    for name, value in vars(region).items() if isinstance(region, Region) else ():
-        for part in value if isinstance(value, tuple) else (value,):
-            _check_lengths(part, grid)
-        if name in _LENGTHS and value is not None:
-            on_grid(value, grid, name, across=name in ("radius", "height"))
 
 
 def _fraction(

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ..cameras import Camera
     from ..expressions import Expression
     from ..grids.contract import Grid, Segment, Track
+    from ..regions import Region
     from ..schemes.base import Position
     from ..volume import Volume
 
@@ -114,6 +115,8 @@ class Thin(Scanner[CellSource]):
 
 
 METHODS = ("rays", "exact")
+# Points along each axis at which cells on the surface of a clip are tested.
+CUT = 4
 # Cells projected at once, which limits the memory for their places.
 _CHUNK = 1 << 21
 
@@ -135,8 +138,11 @@ def integrals(
     check_name("method", method, METHODS)
     if method == "exact":
         check_exact(volume.grid, camera)
-        how = options["device"], options["memory"]
-        return exact_maps(volume.seen_by(camera), expressions, camera, *how, together=True)
+        how, seen = (options["device"], options["memory"]), volume.seen_by(camera)
+        parts = None
+        if options["clip"] is not None:
+            parts = CellParts(seen, None, options["clip"], max(options["samples"], CUT))
+        return exact_maps(seen, expressions, camera, *how, parts, together=True)
     seen, known = undefined_as_missing(volume.seen_by(camera), expressions, options["memory"])
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
@@ -238,6 +244,7 @@ def column(
     camera: Camera,
     *,
     weight: str | Expression | float | None = None,
+    clip: Region | str | None = None,
     method: str = "rays",
     samples: int = 1,
     slab: Any = None,
@@ -262,6 +269,9 @@ def column(
         The lines of sight, and the pixels.
     weight : str or Expression, optional
         Return the mean of the quantity with this weight; NaN where the weight is zero.
+    clip : Region or str, optional
+        As for `render`: only what is inside counts. Rays end at its surface; in exact maps cells on
+        the surface count in part, as for `measure`.
     method : {"rays", "exact"}
         Rays through the pixels' centres (or parts of them, see `samples`); or the mean over the
         area of each pixel, from the shadows of all cells in closed form. Then the sum over all
@@ -299,7 +309,7 @@ def column(
     """
     how: dict[str, Any] = {"method": method, "samples": samples}
     options = {**how, "precision": precision, "device": device, "progress": progress}
-    options["memory"] = memory
+    options |= {"memory": memory, "clip": clip}
     check_volume(volume)
     if slab is not None:
         if method == "exact":
@@ -309,6 +319,8 @@ def column(
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity)
     provenance = {"quantity": what.text, **how}
+    if clip is not None:
+        provenance["clip"] = str(clip)
     if weight is None:
         provenance["map"] = f"column of {what.text}"
         own, factor = integral_unit(what.unit, volume.unit)
@@ -362,6 +374,7 @@ def moments(
     velocity: str | Expression = "velocity",
     n: int = 2,
     *,
+    clip: Region | str | None = None,
     method: str = "rays",
     samples: int = 1,
     precision: str = "double",
@@ -380,7 +393,7 @@ def moments(
         or any expression.
     n : int
         The highest moment: 0 for the column, 1 for the mean too, 2 for the dispersion, up to 4.
-    method, samples, precision, memory, device, progress
+    clip, method, samples, precision, memory, device, progress
         As for `column`. Dispersions are differences: take double precision.
 
     Returns
@@ -407,7 +420,7 @@ def moments(
     powers = [product(weight.number, *[v] * k) for k in range(n + 1)]
     how: dict[str, Any] = {"method": method, "samples": samples}
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
-    options["memory"] = memory
+    options |= {"memory": memory, "clip": clip}
     sums = integrals(volume, powers, camera, **how, **options)
 
     def image(values: np.ndarray, unit: Unit, what: str) -> Image:

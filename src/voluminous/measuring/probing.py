@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from ..cameras import Camera, Frame
     from ..grids.contract import Segment
     from ..media import Medium
+    from ..regions import Region
     from ..rendering.partition import Partition
     from ..rendering.tracer import RayTracer
     from ..volume import Volume
@@ -70,6 +71,7 @@ def probe(
     scheme: str | Scheme | None = None,
     tolerance: float | None = 1e-3,
     background: Any = 0.0,
+    clip: Region | str | None = None,
     precision: str = "single",
     device: str = "auto",
     cutoff: float | None = None,
@@ -93,7 +95,7 @@ def probe(
         A point of the image plane instead, in the unit of its coordinates.
     also : str, Expression or sequence of them
         Further fields or expressions to return, with their values in the cells.
-    scheme, tolerance, background, precision, device, cutoff
+    scheme, tolerance, background, clip, precision, device, cutoff
         As for `render`. With a tolerance the whole picture is drawn, unless that has just been
         done: the tolerance of a pixel depends on the brightest one. With ``tolerance=None`` steps
         are as wide as those of the picture: up to eight cells, and none in empty space.
@@ -119,6 +121,7 @@ def probe(
     options = RenderOptions(
         scheme=scheme,
         tolerance=tolerance,
+        clip=clip,
         precision=precision,
         device=device,
         cutoff=cutoff,

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..grids.contract import Grid, Segment
     from ..image import Image
     from ..media import Medium
+    from ..regions import Region
     from ..units import UnitLike
     from ..volume import Volume
 
@@ -69,6 +70,7 @@ def project(
     *,
     depth: bool = False,
     slab: Any = None,
+    clip: Region | str | None = None,
     unit: UnitLike = None,
     precision: str = "single",
     memory: Any = None,
@@ -95,6 +97,8 @@ def project(
     slab : (distance, thickness), optional
         As for `column`: a thick slab, across the view of an orthographic camera. For ``"max"``,
         ``"min"`` and ``"first"`` cells count that are at least partly in it.
+    clip : Region or str, optional
+        As for `column`.
     unit : str or unit, optional
         Of the map, as for `column`; where there are two, of the extremes.
     precision, device, progress
@@ -134,7 +138,7 @@ def project(
     if depth and how not in _SIGNS:
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
-    options["memory"] = memory
+    options |= {"memory": memory, "clip": clip}
     if how in ("integral", "mean"):
         weight = 1 if how == "mean" else None
         total = column(volume, quantity, camera, weight=weight, slab=slab, unit=unit, **options)
@@ -151,6 +155,7 @@ def project(
     scale = volume.grid.scale
     provenance: dict[str, Any] = {named: what.text, "how": how}
     provenance |= {} if slab is None else {"slab": [str(one) for one in slab]}
+    provenance |= {} if clip is None else {"clip": str(clip)}
     kind = "distance" if first else f"{how}imum of {what.text!r}"
     target, factor = converted(volume.unit if first else what.unit, unit, f"the {kind}")
     label = "depth" if first else f"{how}imum of {what.text}"
@@ -276,6 +281,7 @@ def tau_surface(
     wavelengths: Any = None,
     frequencies: Any = None,
     velocities: Any = None,
+    clip: Region | str | None = None,
     scheme: str | Scheme = "first-order",
     precision: str = "double",
     memory: Any = None,
@@ -297,7 +303,7 @@ def tau_surface(
         One of them, of spectral media, as in `observe`: the map has a channel for each.
     scheme : str
         Computes the optical depths of segments; see `render`.
-    precision, memory, device, progress
+    clip, precision, memory, device, progress
         As for `render`.
 
     Returns
@@ -319,7 +325,7 @@ def tau_surface(
         medium = tuned(volume, medium, **channels)
     surface = _Surface(get_scheme(scheme, controlled=False), float(tau))
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
-    options["memory"] = memory
+    options |= {"memory": memory, "clip": clip}
     results, _ = scan(volume, medium, camera, surface, **options)
     places, depths = np.split(results, 2)
     if np.isnan(depths).any():  # else it would seem that the surface is not reached

@@ -1,110 +1,15 @@
-"""Parts of space and of images to measure in, and texts such as ``sphere((0, 0, 0), 1 pc)``."""
+"""Parts of images to measure in, and texts such as ``circle((0, 0), 1 pc)``."""
 
 from __future__ import annotations
 
-import ast
-import functools
-import inspect
-import operator
-import re
-import warnings
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..cameras import Frame
-from ..errors import InputError, VoluminousError, unknown_name
-from ..regions import Box, Cylinder, DoubleCone, Region, Sphere
+from ..errors import InputError
+from ..regions import read_shape
 from ..units import Unit, plain
-
-_LONGEST, _SHOWN = 10_000, 80
-# A name that may be a unit, and a number with one; the unit after a point is that of its numbers.
-_UNIT = r"\s*\*?\s*(?!(?:and|or|not|if|else)\b|e[-+]?\d)([^\W\d]\w*)"
-_NUMBER = re.compile(r"(?<![\w.'\"])(-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)" + _UNIT, re.IGNORECASE)
-_POINT = re.compile(r"\(([^()]*)\)" + _UNIT)
-_UNREADABLE = (SyntaxError, ValueError, TypeError, RecursionError, MemoryError, VoluminousError)
-
-
-def _read(text: str, what: str, shapes: Mapping[str, Callable[..., Any]]) -> Any:
-    """Return the shape that a text describes: calls of known names with literal values.
-
-    Shapes are combined by ``&``, ``|`` and ``~``, or by ``and``, ``or`` and ``not``. Only Python's
-    grammar is used: nothing is evaluated.
-    """
-
-    def shape(node: ast.expr) -> Any:
-        match node:
-            case ast.UnaryOp(op=ast.Invert() | ast.Not(), operand=part):
-                return ~shape(part)
-            case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
-                return shape(left) & shape(right)
-            case ast.BinOp(left=left, op=ast.BitOr(), right=right):
-                return shape(left) | shape(right)
-            case ast.BoolOp(op=op, values=parts):
-                rule = operator.and_ if isinstance(op, ast.And) else operator.or_
-                return functools.reduce(rule, map(shape, parts))
-            case ast.Call(func=ast.Name(id=name), args=args, keywords=keywords):
-                make = shapes.get(name.lower().replace("_", ""))
-                if make is None:
-                    raise unknown_name(what, name, shapes)
-                known = inspect.signature(make).parameters
-                for keyword in keywords:
-                    if keyword.arg not in known:
-                        raise unknown_name("argument", str(keyword.arg), known)
-                return make(*map(_value, args), **{str(k.arg): _value(k.value) for k in keywords})
-        raise ValueError("expected shapes, combined by &, | and ~")
-
-    def with_unit(point: re.Match[str]) -> str:
-        return f"({','.join(f'{number} {point[2]}' for number in point[1].split(','))})"
-
-    try:
-        if len(text) > _LONGEST:
-            raise ValueError(f"it has {len(text)} characters, expected {_LONGEST} at most")
-        quoted = _NUMBER.sub(r"'\1 \2'", _POINT.sub(with_unit, " ".join(text.split())))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # the error suffices
-            return shape(ast.parse(quoted, mode="eval").body)
-    except _UNREADABLE as error:
-        shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
-        known = ", ".join(
-            f"{name}({', '.join(inspect.signature(make).parameters)})"
-            for name, make in shapes.items()
-        )
-        kind = type(error) if isinstance(error, VoluminousError) else InputError
-        raise kind(
-            f"{what} {shown!r}: {error or 'too long'}; points are in parentheses: (0, 0, 0); "
-            f"there are: {known}"
-        ) from None
-
-
-def _value(node: ast.expr) -> Any:
-    """Return a word, a number, a text such as '0.5 pc', or a tuple of these."""
-    return node.id if isinstance(node, ast.Name) else ast.literal_eval(node)
-
-
-def _cone(apex: Any, axis: Any, opening: Any, height: Any = None) -> DoubleCone:
-    return DoubleCone(apex, axis, opening, height, side="up")
-
-
-_REGIONS: dict[str, Callable[..., Region]] = {
-    "box": Box,
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "cone": _cone,
-    "doublecone": DoubleCone,
-}
-
-
-def region_of(text: str) -> Region:
-    """Return the region that a text describes; numbers without a unit are in the volume's.
-
-    Such as ``"sphere((0, 0, 0), 100 AU) & ~box((-1, -1, 0), (1, 1, 2 pc))"``: the classes of
-    `voluminous.regions` in small letters, and ``cone``, one half of a double cone.
-    """
-    region: Region = _read(text, "region", _REGIONS)
-    return region
-
 
 # Corners of the polygon that represents a circle, of equal area; its radius is accurate to 1e-4.
 _CORNERS = 180
@@ -146,7 +51,7 @@ def polygon_of(text: str, unit: Unit) -> np.ndarray:
         return np.array(list(map(plane, points)))
 
     shapes = {"circle": circle, "rectangle": rectangle, "polygon": polygon}
-    corners: np.ndarray = _read(text, "aperture", shapes)
+    corners: np.ndarray = read_shape(text, "aperture", shapes)
     return corners
 
 

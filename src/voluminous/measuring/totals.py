@@ -17,7 +17,7 @@ from ..regions import Region
 from ..units import Unit, parse_unit
 from .cells import CellParts, CellQuantity, blocks, check_volume, integral_unit
 from .columns import as_map, check_exact, exact_maps
-from .shapes import aperture_weights, region_of
+from .shapes import aperture_weights
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -104,7 +104,7 @@ def measure(
     where: str | Expression | None = None,
     camera: Camera | Sequence[Camera] | None = None,
     *,
-    region: Region | str | None = None,
+    clip: Region | str | None = None,
     aperture: Any = None,
     maps: bool = False,
     samples: int = 4,
@@ -127,10 +127,11 @@ def measure(
     camera : camera or sequence of cameras, optional
         From where it is seen: for ``los(...)``, `aperture` and `maps`. Of several, the totals
         become a table with one row for each.
-    region : Region or str, optional
+    clip : Region or str, optional
         A part of space, see `voluminous.regions`; or a text such as ``"sphere((0, 0, 0), 100 AU)"``
-        with ``box(low, high)``, ``cylinder(start, end, radius)``, ``cone`` and ``doublecone(apex,
-        axis, opening, height)``, combined by ``&``, ``|`` and ``~``. Of a cell on its surface that
+        with ``box(low, high)``, ``halfspace(point, normal)``, ``cylinder(start, end, radius)``,
+        ``cone`` and ``doublecone(apex, axis, opening, height)``, combined by ``&``, ``|`` and
+        ``~``. Of a cell on its surface that
         part counts which has the centres of ``samples**3`` parts of the cell inside, or of more
         where it goes far around the axis; in a box, exactly its part.
     aperture : array_like or str, optional
@@ -143,7 +144,7 @@ def measure(
         Return columns per pixel too: exact ones, whose sum times a pixel's area is the total, as
         far as it is in the frame. `camera` must be orthographic, and cells boxes.
     samples : int
-        See `region`.
+        See `clip`.
     memory : str or int, optional
         As for `render`: the volume is read and measured chunk by chunk. Sums are the same to
         rounding: their order is another.
@@ -169,17 +170,13 @@ def measure(
     """
     check_volume(volume)
     named = _named(quantities, volume)
-    if isinstance(region, str):
-        region = region_of(region)
-    if region is not None and not isinstance(region, Region):
-        raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
     if camera is not None and not isinstance(camera, Camera):
         if not isinstance(camera, Sequence) or isinstance(camera, str) or not camera:
             raise InputError(f"camera must be a camera, or a list of them, got {camera!r}")
         for number, one in enumerate(camera):
             if not isinstance(one, Camera):
                 raise InputError(f"camera must be a list of cameras; number {number} is {one!r}")
-        options: dict[str, Any] = {"region": region, "aperture": aperture, "maps": maps}
+        options: dict[str, Any] = {"clip": clip, "aperture": aperture, "maps": maps}
         options |= {"samples": samples, "memory": memory}
         options |= {"device": device, "progress": progress}
         rows = [measure(volume, quantities, where, one, **options) for one in camera]
@@ -189,7 +186,7 @@ def measure(
     volume = partition_of(volume, memory).volume
     seen = volume if camera is None else volume.seen_by(camera)
     what = {name: CellQuantity.of(seen, text, name) for name, text in named.items()}
-    parts = CellParts(seen, where, region, samples)
+    parts = CellParts(seen, where, clip, samples)
     if aperture is None and not maps:
         return _in_cells(seen, what, parts, memory)
     if camera is None:

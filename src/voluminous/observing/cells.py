@@ -27,7 +27,7 @@ _LEAST_ALBEDO = 0.01
 # the light that may come from beside the frame.
 _THIN, _DIFFERENCE, _BESIDE = 0.1, 0.01, 1e-3
 # Options with which cells are not in memory, or others are drawn.
-_OTHERS = ("memory", "executor", "checkpoint", "level", "view")
+_OTHERS = ("memory", "executor", "checkpoint", "level", "view", "clip")
 # In erg/s/cm²/Hz.
 JANSKY = 1e-23
 

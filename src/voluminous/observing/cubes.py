@@ -100,8 +100,8 @@ def observe(
     progress : bool or callable, optional
         As in `render`.
     **options
-        Those of `render`: ``scheme``, ``tolerance``, ``precision``, ``samples``, ``antialias``,
-        ``device``, ``cutoff``, ``executor`` …
+        Those of `render`: ``clip``, ``scheme``, ``tolerance``, ``precision``, ``samples``,
+        ``antialias``, ``device``, ``cutoff``, ``executor`` …
 
     Returns
     -------

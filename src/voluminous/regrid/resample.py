@@ -436,7 +436,7 @@ def resampled_volume(
             other[name] = means[name].astype(np.float32) if single else means[name]
     for name in names:
         other.set_unit(name, volume.field_unit(name))
-    other.meta |= _meta_on(volume, grid)
+    other.meta |= meta_on(volume, grid)
     return other
 
 
@@ -498,7 +498,8 @@ def _met(source: Any, part: Any) -> tuple[list[int], list[int]]:
     return first, last
 
 
-def _meta_on(volume: Any, grid: Grid) -> dict[str, Any]:
+def meta_on(volume: Any, grid: Grid) -> dict[str, Any]:
+    """Return the metadata of a volume that are true on another grid."""
     meta = dict(volume.meta)
     old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
     if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):

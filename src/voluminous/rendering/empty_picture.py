@@ -30,7 +30,7 @@ def warn_of_nothing(job: RenderJob) -> None:
     context = RangeContext(_TAIL)
     with np.errstate(all="ignore"):
         ranges = {name: statistics.range_of(name) for name in medium.names}
-        reason = _NOT_MET
+        reason = _NOT_MET if job.clip is None else f"clip={job.clip.region} may leave nothing of it"
         if not np.any(medium.bind(Binding.to(volume)).may_show(ranges, context)):
             values = []
             for expr in dict.fromkeys(medium.scalars()):

@@ -12,6 +12,7 @@ from ..media.context import Tape
 from ..media.contract import Medium
 from ..packages import version
 from ..progress import silent
+from ..regions import Clip
 from ..schemes.base import Scheme, is_controlled
 from ..volume import Volume
 from .cache import Cache
@@ -33,6 +34,8 @@ class RayJob:
         About how many rays there are.
     hidden : HiddenCells, optional
         Cells that hold no value.
+    clip : Clip, optional
+        The part of space to which rays are confined.
     tape : Tape, optional
         Records the numbers of the medium, to differentiate by them.
     partition : Partition
@@ -49,6 +52,7 @@ class RayJob:
     cache: Cache
     partition: Partition
     hidden: HiddenCells | None = None
+    clip: Clip | None = None
     tape: Tape | None = None
 
     @property
@@ -102,6 +106,7 @@ class RayJob:
             "medium": self.medium.describe(),
             "color_bars": [bar for f in self.medium.known_features() for bar in f.color_bars()],
             "volume": self.volume.describe(),
+            **({} if self.clip is None else {"clip": str(self.clip.region)}),
         }
 
 

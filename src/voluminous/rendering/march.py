@@ -61,6 +61,8 @@ class RayState:
         have reached the cut-off; None if there are none.
     cursor : cursor or None
         Where lanes wait in the whole grid, of walks confined to some leaves of a tree.
+    moved : array of Bool or None
+        Lanes that come through a gap between stretches to where they enter next.
     """
 
     path: Path
@@ -68,6 +70,7 @@ class RayState:
     begun: Mask = None
     over: Mask = None
     cursor: Any = None
+    moved: Mask = None
 
 
 @dataclass
@@ -81,6 +84,22 @@ class MarchState:
 
 
 def march(
+    walk: Any, source: Source, scheme: Scheme, ray: Ray, before: RayState, *how: Any
+) -> MarchState:
+    """Trace rays through the volume, one stretch after another, and return their final state.
+
+    The cursor of a ray that stopped early is still inside.
+    """
+    if ray.stretches is None:
+        return _march(walk, source, scheme, ray, before, *how)
+    for stretch in ray.stretches:
+        end = _march(walk, source, scheme, ray.confined(*stretch), before, *how)
+        lanes = end.cursor.inside | True
+        before = RayState(end.path, end.carried, lanes, end.over, moved=lanes)
+    return replace(end, cursor=replace(end.cursor, inside=end.cursor.inside | end.over))
+
+
+def _march(
     walk: Any,
     source: Source,
     scheme: Scheme,
@@ -90,16 +109,14 @@ def march(
     backward: bool,
     hidden: Int | None = None,
 ) -> MarchState:
-    """Trace rays through the volume and return their final state.
-
-    The cursor of a ray that stopped early is still inside. `hidden` is a mask of cells, in bits:
-    rays pass them as they pass gaps.
-    """
+    """Trace rays through a stretch; they pass cells that are `hidden`, in bits, as gaps."""
     track, cursor = walk.enter(ray)
     never = cursor.inside & False
-    carried = scheme.start(Position(walk, track, cursor), source)
+    carried = scheme.start(here := Position(walk, track, cursor), source)
     if before.carried is not None:
         carried = dr.select(before.begun, before.carried, carried)
+        if before.moved is not None:
+            carried = scheme.after_skip(here, source, carried, before.moved & cursor.inside)
     state = MarchState(cursor, carried, before.path, never if before.over is None else before.over)
 
     def going_on(state: MarchState) -> Mask:
@@ -162,7 +179,8 @@ def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:
     """Return the rays' state for the next piece, given the lanes that `entered` this one."""
     begun = entered if before.begun is None else before.begun | entered
     cursor = None if before.cursor is None else after.cursor
-    return RayState(after.path, after.carried, begun, after.over, cursor)
+    moved = None if before.moved is None else before.moved & ~entered
+    return RayState(after.path, after.carried, begun, after.over, cursor, moved)
 
 
 def arrays_in(tree: Any) -> Iterator[Any]:

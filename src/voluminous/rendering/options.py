@@ -46,6 +46,7 @@ class RenderOptions:
     view: str | None = None
     objects: Any = ()
     background: Any = 0.0
+    clip: Any = None
     scheme: Any = None
     tolerance: float | None = 1e-3
     precision: str = "single"

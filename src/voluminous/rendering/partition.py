@@ -78,7 +78,7 @@ class Partition:
             key = job.key(
                 "kernels",
                 job.camera.key(),
-                (faintest, job.hidden is None),
+                (faintest, job.hidden is None, job.clip and job.clip.form),
                 (type(source), type(tracer.walk), None if ending is None else len(ending.weights)),
             )
             tracer.kernels = job.cache.get_or_make(key, KernelCache)

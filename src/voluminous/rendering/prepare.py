@@ -14,6 +14,7 @@ from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.sum import with_each
 from ..progress import silent
+from ..regions import Clip
 from ..schemes import get_scheme
 from ..volume import Volume
 from .cache import Cache
@@ -127,6 +128,7 @@ def prepare_rays(
         volume=volume,
         cache=cache,
         hidden=hidden,
+        clip=None if options.clip is None else Clip(options.clip, volume.grid),
         medium=medium,
         rays=rays,
         scheme=solver,

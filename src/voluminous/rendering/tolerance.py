@@ -62,7 +62,8 @@ class Rounds:
     @staticmethod
     def key(job: RenderJob, background: float) -> Hashable:
         """Return the key under which those of a job are cached; None if they cannot be."""
-        rays = (repr(job.camera), job.frame.pixels, job.samples, job.recursive)
+        clip = job.clip and str(job.clip.region)
+        rays = (repr(job.camera), clip, job.frame.pixels, job.samples, job.recursive)
         return job.key("rounds", rays, (job.cutoff, background))
 
 

@@ -315,8 +315,8 @@ class RayTracer(Marcher):
 
     Attributes
     ----------
-    vectors : list of lists of arrays
-        The camera's vectors.
+    vectors, cuts : list of lists of arrays
+        The camera's vectors, and the numbers of a clip.
     places : list of [array, array]
         Along both axes: the width of a pixel, and the position of the picture's centre.
     kernels : KernelCache or None
@@ -329,6 +329,7 @@ class RayTracer(Marcher):
         super().__init__(job, source, brightest_background)
         self.kernels: KernelCache | None = None
         self.vectors = job.frame.traced_vectors(job.backend)
+        self.cuts = [] if job.clip is None else job.clip.traced(job.backend)
         axes = zip(job.frame.pixel, job.frame.shift, strict=True)
         self.places = [[job.backend.wide(number) for number in axis] for axis in axes]
 
@@ -436,12 +437,13 @@ class RayTracer(Marcher):
         """
         offset = [self.backend.wide(o) for o in batch.offset]
         lanes = batch.lanes if batch.whole is None else None
-        return self.vectors, self.places, self.ending, self.tolerance, offset, lanes
+        return self.vectors, self.cuts, self.places, self.ending, self.tolerance, offset, lanes
 
     def trace(self, batch: RayBatch, inputs: tuple[Any, ...]) -> tuple[list[Float], Lanes]:
         """Return the components of the paths, traced but not evaluated, and the lanes."""
         reader = copy.copy(self)
-        reader.vectors, reader.places, reader.ending, reader.tolerance, offset, lanes = inputs
+        reader.vectors, reader.cuts, reader.places, reader.ending, reader.tolerance, *rest = inputs
+        offset, lanes = rest
         lanes = lanes or batch.lanes
         return reader.components(reader.ray(lanes, offset, batch.depths)), lanes
 
@@ -458,6 +460,8 @@ class RayTracer(Marcher):
             for place, o, (step, shift) in zip((lanes.u, lanes.v), offset, self.places, strict=True)
         )
         ray = self.job.camera.rays(self.vectors, u, v)
+        if self.job.clip is not None:
+            ray = self.job.clip.cut(ray, self.cuts)
         ray.active = lanes.there if ray.active is None else lanes.there & ray.active
         if self.job.backward:
             ray = reverse(ray)
@@ -468,11 +472,7 @@ class RayTracer(Marcher):
         first, last = (from_host(self.backend.Wide, np.resize(d, lanes)) for d in (begin, end))
         if self.job.backward:
             first, last = -last, -first
-        if ray.first is not None:
-            first = dr.select(ray.first > first, ray.first, first)
-        if ray.last is not None:
-            last = dr.select(ray.last < last, ray.last, last)
-        return replace(ray, first=first, last=last)
+        return replace(ray.confined(first, last), stretches=ray.stretches)
 
 
 def write_paths(rows: list[Float], numbers: list[Float], lanes: Lanes, first: int) -> None:
@@ -499,7 +499,9 @@ def exhausted(batches: Generator[Any, None, Result]) -> Result:
 def reverse(ray: Ray) -> Ray:
     """Return the reversed rays, towards the camera."""
     first, last = (None if end is None else -end for end in (ray.last, ray.first))
-    return replace(ray, direction=[-d for d in ray.direction], first=first, last=last)
+    stretches = ray.stretches and [(-b, -a) for a, b in reversed(ray.stretches)]
+    away = [-d for d in ray.direction]
+    return replace(ray, direction=away, first=first, last=last, stretches=stretches)
 
 
 # With more rays, unless they are a whole picture's, tracing is a small part of the time, and cached

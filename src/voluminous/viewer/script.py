@@ -50,11 +50,7 @@ def python_of(scene: Scene) -> str:
         drawn = _call("image = vm.render", scene.render_options, "volume, medium, camera")
     lines += [_made("camera = ", scene.camera), drawn]
     lines.append(_call("image.save", scene.image_options, repr("picture.png")))
-    return "import voluminous as vm
-
-" + "
-".join(lines) + "
-"
+    return "import voluminous as vm\n\n" + "\n".join(lines) + "\n"
 
 
 def keyframes_of(scene: Scene, tables: Sequence[Any], frames: int) -> str:
