@@ -321,7 +321,7 @@ def test_bounds_are_of_whole_rays():
 
 def test_lengths_have_units():
     grid = vm.CartesianGrid.uniform(4, (-2, 2), unit="pc")
-    volume, camera = noise(grid), vm.Orthographic(40, 25, resolution=4)
+    volume, camera = noise(grid), vm.Orthographic(40, 25, width=2, resolution=4)
     texts = "sphere((0.1 pc, 0 pc, 0 pc), 1 pc) & halfspace((0 pc, 0 pc, 0 pc), (0, 0, 1))"
     km = Sphere(np.array([0.1, 0, 0]) * u.pc.to("km") * u.km, "1 pc") & HalfSpace(
         ("0 m",) * 3, (0, 0, 2)
@@ -349,3 +349,45 @@ def test_cropped_files_are_read_in_part(tmp_path):
             volume.crop(x=wrong)
     with pytest.raises(vm.InputError, match="crop drops cells of Cartesian grids"):
         vm.Volume(GRIDS["octree"]).crop(x=(0, 1))
+
+
+def test_scenes_hold_a_clip_as_a_text(tmp_path):
+    tables = {
+        "volume": {"model": "sphere", "resolution": 8},
+        "medium": [{"type": "coefficients", "emissivity": "inside", "extinction": "inside"}],
+        "camera": {"resolution": 6},
+        "render": {"scheme": "first-order", "clip": HalfSpace((0, 0, "0.1"), (1, 0, 0)) & ~BOX},
+    }
+    scene = vm.Scene(tables)
+    scene.save(tmp_path / "cut.toml")
+    again = vm.Scene.load(tmp_path / "cut.toml")
+    assert again.render_options["clip"] == str(tables["render"]["clip"])
+    image = again.render()
+    np.testing.assert_array_equal(image.intensity, scene.render().intensity)
+    whole = scene.replaced({"render.clip": "~sphere((0, 0, 0), 9)"})
+    with pytest.warns(UserWarning, match="shows nothing"):
+        assert not whole.render().intensity.any()
+    assert scene.render(clip=Sphere((0, 0, 0), 0.5)).provenance["scene"]["render"]["clip"] == (
+        "sphere((0, 0, 0), 0.5)"
+    )
+    with pytest.raises(vm.VoluminousError, match=r"\[render\].*did you mean 'box'"):
+        scene.replaced({"render.clip": "bx((0, 0, 0), (1, 1, 1))"})
+
+
+def test_a_clip_may_move_through_a_film(tmp_path):
+    volume, camera = noise(CUBE), ORTHOGRAPHIC.replace(resolution=4)
+    clips = [HalfSpace((x, 0, 0), (1, 0, 0)) for x in (-1, 0, 1)]
+
+    def made(clip):
+        paths = vm.movie(volume, MEDIUM, camera, tmp_path / "cut.npz", clip=clip, **FIRST)
+        return paths, [path.stat().st_mtime_ns for path in paths]
+
+    paths, first = made(clips)
+    for path, clip in zip(paths, clips, strict=True):
+        expected = vm.render(volume, MEDIUM, camera, clip=clip, **FIRST).intensity
+        np.testing.assert_array_equal(vm.Image.load(path).intensity, expected)
+    assert made(clips)[1] == first
+    changed = made([clips[0], clips[2], clips[2]])[1]
+    assert [a == b for a, b in zip(changed, first, strict=True)] == [True, False, True]
+    with pytest.raises(vm.InputError, match="2 cameras, 3 clips"):
+        vm.movie(volume, MEDIUM, [camera] * 2, tmp_path / "cut.npz", clip=clips)

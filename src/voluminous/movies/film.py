@@ -116,7 +116,7 @@ def movie(
         As in `render`, counted in frames. With an executor it is called five times a second; if it
         raises, frames that are not begun are cancelled.
     **options
-        Those of `render`.
+        Those of `render`; `clip` may be a sequence too, with a region for each frame.
 
     Returns
     -------
@@ -225,6 +225,7 @@ class _Film:
     volumes: list[Any]
     media: list[Medium]
     cameras: list[Camera]
+    clips: list[Any]
     options: dict[str, Any]
     given: dict[str, Any]
     finish: Callable[[Image], Image] | None
@@ -262,16 +263,20 @@ class _Film:
             raise InputError(f"{wanted}, got {shown(picture)} and {shown(finish)}")
         if not (volumes and media and eyes):
             raise InputError("a film needs at least one volume, medium and camera")
-        lengths = {len(each) for each in (media, eyes) if len(each) > 1} or {len(volumes)}
-        if len(lengths) > 1:
+        clip = options.get("clip")
+        clips = list(clip) if isinstance(clip, (list, tuple)) else [clip]
+        each = [one for one in (media, eyes, clips) if len(one) > 1]
+        lengths = {len(one) for one in each} or {len(volumes)}
+        if len(lengths) > 1 or not clips:
             raise InputError(
                 f"a film needs one medium and one camera, or one for each frame, got {len(media)} "
-                f"media and {len(eyes)} cameras"
+                f"media and {len(eyes)} cameras{f', {len(clips)} clips' if clip else ''}"
             )
         sources = [_source(one) for one in volumes]
         if isinstance(picture.get("colormap"), str):  # which may be registered again
             picture = {**picture, "colormap": get_colormap(picture["colormap"])}
-        return cls(sources, media, eyes, options, picture, finish, lengths.pop(), picture)
+        others = {name: value for name, value in options.items() if name != "clip"}
+        return cls(sources, media, eyes, clips, others, picture, finish, lengths.pop(), picture)
 
     def take(self, executor: Any) -> None:
         """Make ready what an executor gets; measure what is open in the media."""
@@ -297,13 +302,13 @@ class _Film:
         return self._opened[1]
 
     def frame(self, k: int) -> Frame:
-        medium, camera = self._drawn(k)
-        noted = {**self.noted, "frame": self.key(k)}
-        return Frame(medium, camera, self.options, self.picture, self.finish, self.paths[k], noted)
+        medium, camera, clip = self._drawn(k)
+        noted, options = {**self.noted, "frame": self.key(k)}, {**self.options, "clip": clip}
+        return Frame(medium, camera, options, self.picture, self.finish, self.paths[k], noted)
 
-    def _drawn(self, k: int) -> tuple[Medium, Camera]:
-        media, cameras = self.media, self.cameras
-        return media[k if len(media) > 1 else 0], cameras[k if len(cameras) > 1 else 0]
+    def _drawn(self, k: int) -> tuple[Any, ...]:
+        each = self.media, self.cameras, self.clips
+        return tuple(one[k if len(one) > 1 else 0] for one in each)
 
     def fix_display(self, report: Callable[[int], Any]) -> None:
         """Choose brightness, colour range and unit that are the same in all frames.
@@ -395,13 +400,15 @@ class _Film:
     def whole(self) -> str:
         """Return a hash of all that decides the display options that are open."""
         contents = [self.content(k) for k in range(len(self.volumes))]
-        return content_key(contents, self._told((*self.media, *self.cameras)), self.count)
+        return content_key(
+            contents, self._told((*self.media, *self.cameras, *self.clips)), self.count
+        )
 
     def content(self, index: int) -> str:
         """Return what tells one of the volumes from others."""
         return self._once(self.volumes[index], _content)
 
-    def _told(self, drawn: Sequence[Medium | Camera]) -> list[str]:
+    def _told(self, drawn: Sequence[Any]) -> list[str]:
         how = self.options, self.given, self.finish
         return [self._once(part, content_key) for part in (*how, *drawn)]
 

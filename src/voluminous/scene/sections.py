@@ -29,7 +29,7 @@ _OF_ALL: dict[Kind, str] = {
     kinds.EXPRESSIONS: "expr emissivity extinction",
     kinds.EXPRESSION: "where quantity",
     kinds.TEXT: "cmap norm density projection stereo scheme precision device antialias gamut "
-    "colormap how unit",
+    "colormap clip how unit",
     kinds.NUMBERS: "opacity opacities up view_direction limb_darkening mix",
     kinds.NUMBER: "shading cutoff softening",
     kinds.NUMBER_OR_NONE: "tolerance",
@@ -142,6 +142,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``[render]`` as keyword arguments of `render`."""
     from ..backend.device import DEVICES, PRECISIONS
     from ..memory import byte_count
+    from ..regions import region_of
     from ..rendering.options import check_cutoff, check_tolerance
     from ..schemes import SCHEMES
 
@@ -157,6 +158,8 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
                 check_name(key, options[key], names)
         check_cutoff(options.get("cutoff"))
         check_tolerance(options.get("tolerance"))
+        if "clip" in options:
+            region_of(options["clip"])
         if "memory" in options:
             byte_count(options["memory"])
     return options

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..errors import FileFormatError, InputError, check_name
 from ..files import url_of
+from ..regions import Region
 from ..units import described
 
 SECTIONS = ("volume", "medium", "project", "object", "camera", "render", "image")
@@ -70,6 +71,8 @@ def plain_value(value: Any) -> Any:
         return {key: plain_value(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain_value(one) for one in value]
+    if isinstance(value, Region):
+        return value.describe()
     return os.fspath(value) if isinstance(value, os.PathLike) else described(value)
 
 

@@ -45,7 +45,7 @@ _QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
 _ESTIMATED = (64, 96, 192)
 # Frames of a film by which it is estimated; seconds after which no larger one is made.
 _FEW, _PATIENCE = 3, 3.0
-_RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "cutoff")
+_RAY_OPTIONS = ("scheme", "tolerance", "precision", "device", "cutoff", "clip")
 
 
 def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -163,7 +163,8 @@ def ask_highlight(page: Client, message: Answer, progress: Progress) -> Answer:
         opacity=1e-6,
     )
     with caught_warnings():  # that nothing shows
-        image = render(at_hand(shot.volume), medium, shot.camera, **_QUICK)
+        clip = shot.options.get("clip")
+        image = render(at_hand(shot.volume), medium, shot.camera, clip=clip, **_QUICK)
     seen = np.nan_to_num(image.intensity[::-1, :, 0])
     top = float(seen.max(initial=0.0))
     codes = np.sqrt(np.clip(seen / top, 0.0, 1.0)) * 255.0 if top > 0.0 else np.zeros_like(seen)
