@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr, from_host, get_backend
+from ..backend import from_host, get_backend
 from ..cameras import Orthographic
 from ..cameras.contract import check_camera
 from ..drawing import image_wcs, render
@@ -24,6 +24,7 @@ from ..large.partition import partition_of
 from ..media import Coefficients
 from ..packages import version
 from ..progress import Progress, with_progress
+from ..regions import Region, region_of
 from ..rendering.partition import check_finite
 from ..schemes.base import CellSource, Scanner, Solution
 from ..units import Unit, UnitLike, plain, shown, unit_name
@@ -42,9 +43,7 @@ if TYPE_CHECKING:
     from ..backend.types import Float
     from ..cameras import Camera
     from ..expressions import Expression
-    from ..grids.contract import Grid, Segment, Track
-    from ..regions import Region
-    from ..schemes.base import Position
+    from ..grids.contract import Grid, Ray, Segment, Track
     from ..volume import Volume
 
 
@@ -53,36 +52,33 @@ def distance(track: Track, t: Float) -> Float:
     return type(t)(track.entry + t)
 
 
-class Slab:
-    """The part of each ray between two distances, in units of the grid's scale."""
+class Slab(Region):
+    """The part of each ray around a distance, of a thickness: a region for rays alone."""
 
-    def __init__(self, first: float, last: float) -> None:
-        self.ends = first, last
+    def __init__(self, slab: Any) -> None:
+        if not (isinstance(slab, (list, tuple)) and len(slab) == 2):
+            raise InputError(f"slab is a distance and a thickness, got {shown(slab)}")
+        self.slab = slab
 
     @classmethod
-    def of(cls, slab: Any, grid: Grid) -> Slab:
-        """Return the slab of a middle and a thickness: lengths, or numbers in the grid's unit."""
-        pair = slab if isinstance(slab, (list, tuple)) and len(slab) == 2 else None
-        if pair is None:
-            raise InputError(f"slab is a distance and a thickness, got {shown(slab)}")
-        middle, thickness = (
-            float(np.asarray(plain(one, grid.unit, "slab"))) / grid.scale for one in pair
-        )
+    def within(cls, slab: Any, clip: Any) -> Any:
+        """Return a clip that is also confined to a slab, if there is one."""
+        if slab is None:
+            return clip
+        clip = region_of(clip) if isinstance(clip, str) else clip
+        return cls(slab) if clip is None else cls(slab) & clip
+
+    def numbers(self, unit: Unit) -> list[Any]:
+        middle, thickness = (float(np.asarray(plain(one, unit, "slab"))) for one in self.slab)
         if not (np.isfinite(middle) and 0.0 < thickness < np.inf):
-            raise InputError(f"a slab needs a finite distance and a thickness > 0, got {slab!r}")
-        return cls(middle - 0.5 * thickness, middle + 0.5 * thickness)
+            raise InputError(
+                f"a slab needs a finite distance and a thickness > 0, got {self.slab!r}"
+            )
+        return [[middle - 0.5 * thickness, middle + 0.5 * thickness]]
 
-    def enter(self, source: CellSource) -> None:
-        """Make the distances run-time data of a kernel."""
-        self.first, self.last = map(source.backend.opaque, self.ends)
-
-    def part(self, segment: Segment) -> tuple[Float, Float]:
-        """Return where the part of a segment in the slab begins, and its length (traced)."""
-        begin, end = (distance(segment.track, t) for t in (segment.begin, segment.end))
-        low = dr.select(begin < self.first, self.first, begin)
-        high = dr.select(end > self.last, self.last, end)
-        inside = (begin >= self.first) & (end <= self.last)
-        return low, dr.select(inside, segment.length, dr.select(high > low, high - low, 0.0))
+    def stretches(self, ray: Ray, numbers: Iterator[list[Float]]) -> list[tuple[Float, Float]]:
+        first, last = next(numbers)
+        return [(first, last)]
 
 
 class Thin(Scanner[CellSource]):
@@ -90,27 +86,16 @@ class Thin(Scanner[CellSource]):
 
     Exact, up to rounding, for quantities that are constant in cells. A third faster than first
     order with an extinction of zero.
-
-    Of a slab only what is between two distances counts.
     """
 
     name = "column"
-
-    def __init__(self, slab: Slab | None = None) -> None:
-        self.slab = slab
-
-    def start(self, position: Position, source: CellSource) -> list[Float]:
-        if self.slab is not None:
-            self.slab.enter(source)
-        return []
 
     def solve(
         self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         emissivity, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
-        length = segment.length if self.slab is None else self.slab.part(segment)[1]
-        columns = [q * length for q in emissivity]
+        columns = [q * segment.length for q in emissivity]
         return Solution(columns, [one for _ in none], [zero for _ in none]), carried
 
 
@@ -126,7 +111,6 @@ def integrals(
     expressions: Sequence[Expression],
     camera: Camera,
     method: str,
-    slab: Slab | None = None,
     **options: Any,
 ) -> np.ndarray:
     """Return ∫ q ds for each expression q, float64 of shape (k, ny, nx).
@@ -146,9 +130,7 @@ def integrals(
     seen, known = undefined_as_missing(volume.seen_by(camera), expressions, options["memory"])
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
-        image = render(
-            seen, Coefficients(known, 0), camera, scheme=Thin(slab), cutoff=0.0, **options
-        )
+        image = render(seen, Coefficients(known, 0), camera, scheme=Thin(), cutoff=0.0, **options)
     if not image.intensity.any():
         warnings.warn(
             f"{' and '.join(q.text for q in expressions)}: zero along every ray of this camera, "
@@ -309,12 +291,12 @@ def column(
     """
     how: dict[str, Any] = {"method": method, "samples": samples}
     options = {**how, "precision": precision, "device": device, "progress": progress}
-    options |= {"memory": memory, "clip": clip}
+    options |= {"memory": memory, "clip": Slab.within(slab, clip)}
     check_volume(volume)
     if slab is not None:
         if method == "exact":
             raise InputError("slab= is for method='rays': exact maps are of all the volume")
-        options["slab"], how["slab"] = Slab.of(slab, volume.grid), [str(one) for one in slab]
+        how["slab"] = [str(one) for one in slab]
     volume = partition_of(volume, memory).volume
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity)

@@ -95,8 +95,7 @@ def project(
         are those of the middle of the cell's chord from the observer; for an orthographic camera
         from the plane through its centre, away from the observer.
     slab : (distance, thickness), optional
-        As for `column`: a thick slab, across the view of an orthographic camera. For ``"max"``,
-        ``"min"`` and ``"first"`` cells count that are at least partly in it.
+        As for `column`: a thick slab, across the view of an orthographic camera.
     clip : Region or str, optional
         As for `column`.
     unit : str or unit, optional
@@ -138,19 +137,19 @@ def project(
     if depth and how not in _SIGNS:
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
-    options |= {"memory": memory, "clip": clip}
+    options["memory"] = memory
     if how in ("integral", "mean"):
-        weight = 1 if how == "mean" else None
-        total = column(volume, quantity, camera, weight=weight, slab=slab, unit=unit, **options)
+        options |= {"weight": 1 if how == "mean" else None, "slab": slab, "clip": clip}
+        total = column(volume, quantity, camera, unit=unit, **options)
         return total.replace(provenance={**(total.provenance or {}), "how": how})
-    layer = None if slab is None else Slab.of(slab, volume.grid)
+    options["clip"] = Slab.within(slab, clip)
     first = how == "first"
     named = "condition" if first else "quantity"
     volume = partition_of(volume, memory).volume
     seen = volume.seen_by(camera)
     what = CellQuantity.of(seen, quantity, named)
     seen, (known,) = undefined_as_missing(seen, [what.expression], memory)
-    scheme = _First(layer) if first else _Largest(layer, _SIGNS[how])
+    scheme = _First() if first else _Largest(_SIGNS[how])
     (best, *places), own = scan(seen, Coefficients(known, 0), camera, scheme, **options)
     scale = volume.grid.scale
     provenance: dict[str, Any] = {named: what.text, "how": how}
@@ -169,7 +168,7 @@ def project(
 
 
 # Options that `render` and `project` have both.
-_SHARED = ("precision", "device", "memory", "progress")
+_SHARED = ("clip", "precision", "device", "memory", "progress")
 
 
 def drawn(
@@ -191,51 +190,33 @@ def drawn(
     return image
 
 
-class _Searcher(Scanner[CellSource]):
-    """Base of scans that look for cells, of all of a ray or of a slab."""
-
-    def __init__(self, slab: Slab | None) -> None:
-        self.slab = slab
-
-    def start(self, position: Position, source: CellSource) -> list[Float]:
-        if self.slab is not None:
-            self.slab.enter(source)
-        return [source.backend.Float(nothing) for nothing in self.results(0)]
-
-    def part(self, segment: Segment) -> tuple[Float, Float, Mask]:
-        """Return where a segment's part that counts begins, its length, and whether it has one."""
-        begin, length = distance(segment.track, segment.begin), segment.length
-        if self.slab is not None:
-            begin, length = self.slab.part(segment)
-        return begin, length, segment.active & (length > 0.0)
-
-
-class _Largest(_Searcher):
+class _Largest(Scanner[CellSource]):
     """Carry the largest value, times a sign, and where it is."""
 
     name = "extreme"
     everywhere = True
 
-    def __init__(self, slab: Slab | None, sign: float) -> None:
-        super().__init__(slab)
+    def __init__(self, sign: float) -> None:
         self.sign = sign
 
     def results(self, extinctions: int) -> list[float]:
         return [np.nan, np.nan]
+
+    def start(self, position: Position, source: CellSource) -> list[Float]:
+        return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
     def solve(
         self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         best, place = carried
-        begin, length, counts = self.part(segment)
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
-        larger &= counts
-        here = begin + 0.5 * length
+        larger &= segment.active & (segment.length > 0.0)
+        here = distance(segment.track, 0.5 * (segment.begin + segment.end))
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
-class _First(_Searcher):
+class _First(Scanner[CellSource]):
     """Carry where rays enter the first cell with a number that is not zero."""
 
     name = "first hit"
@@ -243,13 +224,15 @@ class _First(_Searcher):
     def results(self, extinctions: int) -> list[float]:
         return [np.nan]
 
+    def start(self, position: Position, source: CellSource) -> list[Float]:
+        return [source.backend.Float(np.nan)]
+
     def solve(
         self, segment: Segment, source: CellSource, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
-        begin, _, counts = self.part(segment)
-        hit = dr.isnan(carried[0]) & (value != 0.0) & counts
-        return NOTHING, [dr.select(hit, begin, carried[0])]
+        hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
+        return NOTHING, [dr.select(hit, distance(segment.track, segment.begin), carried[0])]
 
 
 @dataclass(frozen=True)
