@@ -68,7 +68,7 @@ def test_statistics_of_a_box_are_those_of_the_overlaps(kind):
     share = np.prod(np.clip(common, 0, None), axis=0)  # in pc³
     inside, rho = share > 1e-12, volume.array("density").ravel()
     for options in ({}, chunks):
-        found = vm.measure(volume, "density", "density > 0.2 g/cm3", region=box, **options)
+        found = vm.measure(volume, "density", "density > 0.2 g/cm3", clip=box, **options)
         counts = inside & (rho > 0.2)
         assert found.cells == np.count_nonzero(counts)
         # Sums of a few thousand numbers, in another order.

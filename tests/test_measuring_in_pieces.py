@@ -127,7 +127,7 @@ def test_totals_read_every_chunk_once(volumes):
     quantities = {"mass": "density", "signed": "signed", "p": "density * los(velocity)"}
     options = {
         "where": "norm(velocity) < 2 km/s",
-        "region": "sphere((0, 0, 0), 10)",
+        "clip": "sphere((0, 0, 0), 10)",
         "camera": OBLIQUE,
     }
     one, other = (
@@ -334,7 +334,7 @@ def test_refined_grids_are_measured_in_parts(name, monkeypatch):
     np.testing.assert_allclose(*(image.intensity for image in exact), **ROUNDING)
     totals = [
         vm.measure(volume, ["density", "signed"], "norm(velocity) < 2", camera, **options)
-        for options in ({"region": "sphere((0.5, 0.5, 0.5), 1)"}, {})
+        for options in ({"clip": "sphere((0.5, 0.5, 0.5), 1)"}, {})
         for options in (options, {**options, **PIECES})
     ]
     for one, other in zip(totals[::2], totals[1::2], strict=True):

@@ -328,7 +328,7 @@ def test_measures_are_those_of_python(explorer, volume):
     low, high = 0.6 - 0.05 * np.sqrt(2 * np.log(2)), 0.6 + 0.05 * np.sqrt(2 * np.log(2))
     assert shown["where"] == f"{low:.6g} <= a <= {high:.6g}"
     boxed = page.ask("measure", measure=BOX)
-    for reply, options in ((shown, {"where": shown["where"]}), (boxed, {"region": region})):
+    for reply, options in ((shown, {"where": shown["where"]}), (boxed, {"clip": region})):
         wanted = vm.measure(volume, "a", **options)
         assert (reply["total"], reply["volume"]) == (wanted["a"], wanted.volume)
         assert (reply["min"], reply["max"]) == (wanted.minima["a"], wanted.maxima["a"])
@@ -346,7 +346,7 @@ def test_measures_are_those_of_python(explorer, volume):
         exec(text, told)
     assert told["distance"] == pytest.approx(1.3)
     assert told["angle"] == pytest.approx(45)
-    assert told["cells"].means == vm.measure(volume, "a", "a > 0.5", region=region).means
+    assert told["cells"].means == vm.measure(volume, "a", "a > 0.5", clip=region).means
 
 
 def test_what_is_no_measure_is_refused(explorer):

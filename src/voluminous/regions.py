@@ -106,7 +106,7 @@ class Region(Value):
         return _Combined("|", self, other)
 
     def __invert__(self) -> Region:
-        return _Outside(self)
+        return Outside(self)
 
     def describe(self) -> Any:
         """Return it as a text, which `region_of` reads."""
@@ -157,7 +157,9 @@ class _Combined(Region):
         return f"({f' {self.sign} '.join(map(str, self.parts))})"
 
 
-class _Outside(Region):
+class Outside(Region):
+    """What is not in a region."""
+
     def __init__(self, region: Region) -> None:
         self.region = region
 

@@ -17,7 +17,7 @@ from ..grids.contract import BoxGrid
 from ..grids.structured import is_structured
 from ..large.partition import partition_of
 from ..progress import reported_range
-from ..regions import Box, Region, region_on
+from ..regions import Box, Outside, Region, region_on
 from ..regrid.resample import points_along
 from ..rendering.cache import VolumeStatistics
 from ..units import Unit, UnitLike, parse_unit, plain, unit_name
@@ -193,6 +193,8 @@ class CellParts:
     def _inside(self, region: Region, grid: Grid, first: int, last: int) -> np.ndarray:
         if isinstance(region, Box) and tuple(grid.coordinates) == CARTESIAN and not grid.mirror:
             return _in_box(region, grid, first, last)
+        if isinstance(region, Outside):
+            return np.asarray(1.0 - self._inside(region.region, grid, first, last))
         part, cut = self._known(region, grid, first, last)
         # Without a bound of the distance corners tell where a surface is.
         near = np.flatnonzero(cut) if region.bounded else np.arange(last - first)

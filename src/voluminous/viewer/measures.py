@@ -91,7 +91,7 @@ def statistics(
 def _chosen(one: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `measure` that say which cells count."""
     made: dict[str, Any] = {"where": one["where"]} if one.get("where") else {}
-    return {**made, "region": Box(one["low"], one["high"])} if "low" in one else made
+    return {**made, "clip": Box(one["low"], one["high"])} if "low" in one else made
 
 
 def _number(value: Any) -> tuple[float | None, str]:
@@ -118,7 +118,7 @@ def script_of(measures: list[dict[str, Any]], unit: str, memory: Any) -> str:
         else:
             options = [f"where={one['where']!r}"] if one.get("where") else []
             if "low" in one:
-                options += [f"region=vm.regions.Box({one['low']}, {one['high']})"]
+                options += [f"clip=vm.regions.Box({one['low']}, {one['high']})"]
             options += [f"memory={memory!r}"] if memory else []
             given = "".join(f",\n    {option}" for option in options)
             lines += [f"cells = vm.measure(\n    volume, {one['expr']!r}{given}\n)"]
