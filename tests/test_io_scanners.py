@@ -139,6 +139,20 @@ def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
         np.testing.assert_allclose(again.meta["direction"], volume.meta["direction"], atol=kept)
 
 
+@pytest.mark.parametrize("ending", ["mha", "nrrd", "nii"])
+def test_a_patient_who_lies_another_way_is_written_in_lps(tmp_path, ending):
+    volume = volume_of(VALUES)
+    volume.meta["orientation"] = "SRP"  # z becomes y, x becomes z, and y becomes -x
+    volume.save(tmp_path / f"a.{ending}")
+    again = vm.open(tmp_path / f"a.{ending}")
+    assert again.meta["orientation"] == "LPS"
+    turned = volume.array("density").transpose(1, 2, 0)[::-1]
+    np.testing.assert_array_equal(again.array(again.fields[0]), turned)
+    low, high = volume.grid.bounds[[1, 2, 0]].T
+    expected = np.array([[-high[0], low[1], low[2]], [-low[0], high[1], high[2]]]).T
+    np.testing.assert_allclose(again.grid.bounds, expected, atol=1e-4)  # NIfTI: single precision
+
+
 @pytest.mark.parametrize("ending", ["mha", "h5"])
 def test_a_part_of_a_turned_scan_stays_where_it_was(tmp_path, ending):
     volume = volume_of(VALUES)

@@ -14,7 +14,16 @@ from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape
 from ..units import known_unit
-from .placement import LPS, Placement, conversion, lattice, length_unit, single_field, slabs
+from .placement import (
+    LPS,
+    Placement,
+    conversion,
+    lattice,
+    length_unit,
+    single_field,
+    slabs,
+    to_patient,
+)
 from .stored import StoredNumbers, data_files, header_lines
 from .voxels import COLORS, TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step
 
@@ -95,7 +104,7 @@ class NRRDReader(VoxelReader):
         values, (origin, steps) = volume.array(name), lattice(volume)
         unit = volume.grid.describe()["unit"]
         dtype = np.dtype(np.uint8 if values.dtype == np.bool_ else values.dtype)
-        patient = volume.meta.get("orientation") == LPS
+        patient = to_patient(volume) is not None
         lines = [
             "NRRD0005",
             f"type: {_TYPES.get(dtype.str[1:], dtype.name)}",

@@ -151,7 +151,8 @@ def conversion(unit: str, to: str) -> float:
 def lattice(volume: Volume, unit: str = "") -> tuple[np.ndarray, np.ndarray]:
     """Return the centre of the first cell of a uniform Cartesian volume, and the steps along axes.
 
-    Both turned as they truly are; in a unit if one is given and the volume's lengths have one.
+    Both turned as they truly are, in LPS where the volume says how a patient lies; in a unit if one
+    is given and the volume's lengths have one.
     """
     grid = cartesian(volume)
     if not (isinstance(grid, CartesianGrid) and grid.is_uniform):
@@ -168,7 +169,19 @@ def lattice(volume: Volume, unit: str = "") -> tuple[np.ndarray, np.ndarray]:
     first = bounds[:, 0] + widths / 2
     if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
         first = middle + direction @ (first - middle)
-    return first, direction.T * widths[:, None]
+    turn = np.eye(3) if (known := to_patient(volume)) is None else known
+    return turn @ first, (turn @ direction).T * widths[:, None]
+
+
+def to_patient(volume: Volume) -> np.ndarray | None:
+    """Return the matrix from the volume's x, y and z to LPS; None if it does not say how it lies.
+
+    Its ``meta["orientation"]`` has the letters of +x, +y and +z, such as "RAS".
+    """
+    letters = str(volume.meta.get("orientation", "")).upper()
+    turn = [[(c == a) - (c == b) for c in letters] for a, b in zip(LPS, "RAI", strict=True)]
+    is_turn = len(letters) == 3 and abs(round(np.linalg.det(turn))) == 1
+    return np.array(turn, float) if is_turn else None
 
 
 def direction_of(volume: Volume) -> np.ndarray:
