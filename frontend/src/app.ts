@@ -1,6 +1,6 @@
 // Ties the parts together: messages in, frames to the picture, the panels around it.
 
-import { fromSide, tableOf } from "./camera";
+import { tableOf } from "./camera";
 import { listen } from "./gestures";
 import { Highlight } from "./highlight";
 import { listenToKeys } from "./keys";
@@ -23,7 +23,7 @@ export function explore(model: Model, el: HTMLElement): () => void {
   const server = new Server(model, notices);
   const stage = new Stage((frame) => server.send({ kind: "seen", frame }), decorate);
   const store = new Store((m) => server.send(m), () => (changedBy = server.number()), (callback) => requestAnimationFrame(callback));
-  const overlay = new Overlay(stage, (axis) => navigation.change((view) => fromSide(view, axis)));
+  const overlay = new Overlay(stage, (axis) => navigation.side(axis));
   const legend = new Legend(stage, store, server);
   const rests = (): boolean => !navigation.moving && !server.isBehind && root.dataset.exact === "true";
   const highlight: Highlight = new Highlight(server, rests, (values) => {

@@ -1,6 +1,6 @@
 // Every key, in one table that the help shows too.
 
-import { fromSide, orbit, otherType, pan, roll, zoom } from "./camera";
+import { orbit, otherType, pan, roll, zoom } from "./camera";
 import type { Parts } from "./parts";
 import { ARROWS } from "./ui/dom";
 import { pretty } from "./ui/format";
@@ -9,6 +9,7 @@ import { pretty } from "./ui/format";
 interface Actions {
   views: { go(key: number): void; keep(key: number): void };
   time: { step(by: number): void };
+  measure: { begin(kind: string | null): void; addBox(): void; addShown(): void };
   probe: { at(place: [number, number]): Promise<void>; turnAbout(): void };
   save(): void;
   help(): void;
@@ -22,7 +23,7 @@ const STEP = 5;
 const FAST = 1.15;
 const DIGITS = [..."123456789"];
 
-export function keyTable({ stage, store, notices, overlay, navigation, scenes }: Parts, { views, time, probe, ...actions }: Actions): Record<string, Row[]> {
+export function keyTable({ stage, store, notices, overlay, navigation, scenes }: Parts, { views, time, probe, measure, ...actions }: Actions): Record<string, Row[]> {
   const names = Object.keys(ARROWS);
   const go = ({ key, shiftKey }: KeyboardEvent) => {
     const [x, y] = ARROWS[key];
@@ -43,7 +44,8 @@ export function keyTable({ stage, store, notices, overlay, navigation, scenes }:
       [names, "← → ↑ ↓", "rotate by 5°; with Shift move", go],
       [names.map((a) => "ctrl+" + a), "Ctrl ← →", "roll the picture", ({ key }) => navigation.change((view) => roll(view, -STEP * ARROWS[key][0]))],
       [[..."+=-_"], "+ −", "zoom", ({ key }) => navigation.change((view) => zoom(view, "+=".includes(key) ? FAST : 1 / FAST, 0, 0))],
-      [[..."xXyYzZ"], "x X y Y z Z", "look from an axis (capitals: its other end)", ({ key }) => navigation.change((view) => fromSide(view, key))],
+      [[..."xXyYzZ"], "x X y Y z Z", "look from an axis (capitals: its other end)", ({ key }) => navigation.side(key)],
+      [[..."APLRSI"], "A P L R S I", "look from anterior, posterior, left, right, superior, inferior", ({ key }) => navigation.side(key)],
       [["f"], "f", "fit the whole volume", () => navigation.fit()],
       [["r"], "r", "back to the first view", () => navigation.reset()],
       [["o"], "o", "parallel rays or perspective", () => navigation.change(otherType)],
@@ -59,6 +61,13 @@ export function keyTable({ stage, store, notices, overlay, navigation, scenes }:
       [["a"], "a", "rotate about the probed point", () => probe.turnAbout()],
       [["b"], "b", "box of the volume on or off", box],
       [["[", "]"], "[ ]", "time step back, forward", ({ key }) => time.step(key === "]" ? 1 : -1)],
+    ],
+    Measure: [
+      [["d"], "d", "distance between two points", () => measure.begin("distance")],
+      [["g"], "g", "angle at the second of three points", () => measure.begin("angle")],
+      [["Escape"], "Esc", "no more points", () => measure.begin(null)],
+      [["V"], "V", "statistics of what a medium shows", () => measure.addShown()],
+      [["B"], "B", "statistics of a box", () => measure.addBox()],
     ],
     Document: [
       [["ctrl+z", "u"], "Ctrl Z or u", "undo", () => store.goBack()],

@@ -3,6 +3,7 @@
 import { otherType, type View } from "./camera";
 import { helpDialog, historyMenu, saveDialog } from "./dialogs";
 import { keyTable } from "./keys";
+import { measurePanel } from "./panels/measure";
 import { mediaPanel } from "./panels/media";
 import { probePanel } from "./panels/probe";
 import { scenePanel } from "./panels/scene";
@@ -30,11 +31,14 @@ export function build(parts: Parts, legend: HTMLElement) {
   );
 
   const views = viewsPanel(parts);
-  const probe = probePanel(parts, () => tabs.show("probe"));
+  const ray = probePanel(parts, () => tabs.show("probe"));
+  const measure = measurePanel(parts, () => tabs.show("measure"));
+  const probe = { ...ray, at: async (place: [number, number]) => void (measure.takes(place) || (await ray.at(place))) };
   const panels: [string, string, Panel][] = [
     ["media", "Media", mediaPanel(parts)],
     ["tone", "Tone", tonePanel(parts)],
-    ["probe", "Ray", probe],
+    ["probe", "Ray", ray],
+    ["measure", "Measure", measure],
     ["slice", "Slice", slicePanel(parts)],
     ["views", "Views", views],
     ["scene", "Scene", scenePanel(parts)],
@@ -46,7 +50,7 @@ export function build(parts: Parts, legend: HTMLElement) {
   const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
   const save = saveDialog(parts);
   const keys = keyTable(parts, {
-    views, time, probe,
+    views, time, probe, measure,
     save: save.open,
     help: () => help.open(),
     togglePanels: () => root.classList.toggle("vlm-bare"),
@@ -98,6 +102,7 @@ export function build(parts: Parts, legend: HTMLElement) {
     update() {
       history.update();
       tabs.current().update();
+      measure.update();
     },
     badge(head: FrameHead) {
       const { words, state } = badgeOf(head);
@@ -107,6 +112,7 @@ export function build(parts: Parts, legend: HTMLElement) {
       if (head.exact && announced !== words) notices.announce(words);
       announced = words;
       this.camera(stage.view);
+      if (head.exact) measure.rests();
     },
     camera(view: View | null) {
       if (!view) return;

@@ -4,6 +4,7 @@
 import { fit, tableOf, type View } from "./camera";
 import type { Highlight } from "./highlight";
 import type { Notices } from "./notices";
+import { fromNamed } from "./orientation";
 import type { Overlay } from "./overlay";
 import type { Server } from "./server";
 import type { Stage } from "./stage";
@@ -47,6 +48,14 @@ export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, s
     },
     change(how: (view: View) => View): void {
       if (stage.view) self.look(how(stage.view), false);
+    },
+    /** Look from a side of the patient, by its letter or name, or from the end of an axis. */
+    side(name: string): void {
+      const { info } = server;
+      if (!info || !stage.view) return;
+      const next = fromNamed(info, stage.view, name);
+      if (next) self.look(next, false);
+      else notices.add("This volume does not say how a patient lies in it: x, y, z and X, Y, Z look along its axes.", "info");
     },
     fit(): void {
       const { info } = server;

@@ -2,9 +2,11 @@
 // in a corner, which can be clicked. All with the camera of the frame that is shown.
 
 import { axesOf } from "./camera";
+import { letterOf, lettersOf, NAMES } from "./orientation";
 import type { Stage } from "./stage";
 import { h, refill, svg } from "./ui/dom";
 import { roundLength } from "./ui/format";
+import { times } from "./vec";
 import type { Vec3, VolumeInfo } from "./wire";
 
 const GIZMO = 92;
@@ -22,6 +24,9 @@ export class Overlay {
   pivot: Vec3 | null = null;
   probed: Vec3 | null = null;
   shown = true;
+  /** More that is drawn above the picture; what it shows is a part of the key. */
+  more: { key(): unknown; draw(): SVGElement[] } | null = null;
+  private named = "";
   private ends = new Map<string, SVGGElement>();
   private stalks = new Map<string, SVGLineElement>();
   private order = "";
@@ -47,7 +52,7 @@ export class Overlay {
       { class: `vlm-end vlm-${axis.toLowerCase()}`, tabindex: "0", role: "button", "aria-label": `Look from ${name}`, onclick: act, onkeydown: act },
       svg("title", {}, `Look from ${name}  (${axis})`),
       svg("circle", { r: positive ? 9 : 5, class: positive ? "vlm-plus" : "vlm-minus" }),
-      positive && svg("text", { "text-anchor": "middle", dy: "0.34em" }, axis),
+      svg("text", { "text-anchor": "middle", dy: "0.34em" }, positive && axis),
     );
     this.ends.set(axis, end);
     if (positive) this.stalks.set(axis, svg("line", { class: `vlm-stalk vlm-${axis}` }));
@@ -58,7 +63,7 @@ export class Overlay {
     if (!frameView) return;
     // Lines over the whole picture are dear to draw: not anew for another exposure.
     const size = [canvas.clientWidth, canvas.clientHeight];
-    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown]);
+    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown, this.more?.key()]);
     if (key === this.key) return;
     this.key = key;
     this.lines.setAttribute("viewBox", `0 0 ${canvas.clientWidth} ${canvas.clientHeight}`);
@@ -70,7 +75,10 @@ export class Overlay {
     if (this.shown) parts.push(...this.box(info));
     if (this.pivot) parts.push(this.mark(this.pivot, "vlm-pivot"));
     if (this.probed) parts.push(this.mark(this.probed, "vlm-probed"));
+    if (this.more) parts.push(...this.more.draw());
+    parts.push(...this.letters(info));
     refill(this.lines, ...parts);
+    this.nameEnds(info);
     this.drawGizmo();
     this.drawBar(info);
   }
@@ -97,6 +105,32 @@ export class Overlay {
       }
     }
     return [svg("path", { d: behind, class: "vlm-behind" }), svg("path", { d: front, class: "vlm-front" })];
+  }
+
+  /** The sides of the patient, in the middle of the borders. */
+  private letters(info: VolumeInfo): SVGElement[] {
+    const [right, up] = axesOf(this.stage.frameView!);
+    const { clientWidth: w, clientHeight: h_ } = this.stage.canvas;
+    const places: [Vec3, number, number][] = [
+      [right, w - 18, h_ / 2], [times(right, -1), 18, h_ / 2], [up, w / 2, 20], [times(up, -1), w / 2, h_ - 20],
+    ];
+    return places.map(([way, x, y]) => svg("text", { class: "vlm-letter", x, y }, lettersOf(info, way)));
+  }
+
+  /** Both ends of each axis carry the patient's side, where that is known. */
+  private nameEnds(info: VolumeInfo): void {
+    const letters = [...this.ends.keys()].map((axis) => letterOf(info, axis));
+    if (letters.join() === this.named) return;
+    this.named = letters.join();
+    [...this.ends].forEach(([axis, end], i) => {
+      const letter = letters[i];
+      const positive = axis === axis.toLowerCase();
+      end.querySelector("text")!.textContent = letter || (positive ? axis : "");
+      end.querySelector("circle")!.setAttribute("r", positive || letter ? "9" : "5");
+      if (!letter) return;
+      end.setAttribute("aria-label", `Look from ${NAMES[letter]}`);
+      end.querySelector("title")!.textContent = `Look from ${NAMES[letter]}  (${letter})`;
+    });
   }
 
   private mark(point: Vec3, name: string): SVGElement {

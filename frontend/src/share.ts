@@ -4,7 +4,7 @@
 import { inflate } from "./half";
 import { fromBase64, type Table, toBase64 } from "./wire";
 
-export const SECTIONS = ["medium", "camera", "render", "image"];
+export const SECTIONS = ["medium", "camera", "render", "image", "measures"];
 
 export async function linkOf(document: Table, page: string): Promise<string> {
   const json = JSON.stringify(Object.fromEntries(SECTIONS.map((name) => [name, document[name]])));

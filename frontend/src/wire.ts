@@ -24,6 +24,10 @@ export interface VolumeInfo {
   grid: string;
   fields: Field[];
   coordinates: string[];
+  /** Where +x, +y and +z point in a patient, how the cells are turned, and the angles of views by name. */
+  orientation?: string;
+  direction?: number[][];
+  views?: Record<string, { incl: number; phi: number; posang: number }>;
 }
 
 /** The plane on which a frame was drawn, as numbers in the volume's unit (or radians). */

@@ -1,6 +1,7 @@
 // Views that were kept: bookmarks under the keys 1 to 9, in an order that can be a film's keyframes.
 
 import { tableOf, viewFrom, type View } from "../camera";
+import { NAMES } from "../orientation";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
 import { pretty } from "../ui/format";
@@ -100,15 +101,26 @@ export function viewsPanel({ stage, store, server, notices, navigation }: Pick<P
   }
 
   const next = () => [1, 2, 3, 4, 5, 6, 7, 8, 9].find((n) => !kept().some((k) => k.key === n)) ?? 9;
+  const sides = h("div", { class: "vlm-actions vlm-sides" });
+  /** Buttons for the sides of a patient, and for a stack of pictures; where neither is known, for the axes. */
+  function drawSides(): void {
+    const names = Object.keys(server.info?.views ?? {});
+    const patient = names.includes("anterior");
+    const letter = (name: string) => Object.keys(NAMES).find((key) => NAMES[key] === name);
+    const ends = patient ? [] : [..."xXyYzZ"].map((axis) => button(`${axis === axis.toLowerCase() ? "+" : "−"}${axis.toLowerCase()}`, `Look from there  (${axis})`, () => navigation.side(axis)));
+    refill(sides, ...names.map((name) => button(name, `Look from ${name}${letter(name) ? `  (${letter(name)})` : ""}`, () => navigation.side(name))), ...ends);
+  }
   return {
     element: h(
       "div", {},
+      h("h2", {}, "Look from"), sides,
       h("h2", {}, "Kept views"), list,
       h("div", { class: "vlm-actions" }, button("Keep this view", "Under the next free digit", () => keep(next()), "plus")),
       h("h2", {}, "Film"), film.element,
       h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void notices.copy(python(), "Keyframes"), "copy")),
     ),
     update: draw,
+    shown: drawSides,
     go,
     keep,
   };

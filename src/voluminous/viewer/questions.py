@@ -40,6 +40,8 @@ _MOST_BINS, _MOST_SIDE, _MOST_FRAMES = 4096, 8192, 10_000
 _MOST_CELLS = 1 << 24
 # Pixels of a preset's picture, and of one that shows where values are.
 _SMALL, _COARSE = 96, 300
+# Points of measures, and below what part of light that passes they are hidden.
+_MOST_POINTS, _HIDDEN = 150, 0.1
 _QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
 # Widths of the pictures by which the time of a larger one is estimated.
 _ESTIMATED = (64, 96, 192)
@@ -197,6 +199,34 @@ def ask_measure(page: Client, message: Answer, progress: Progress) -> Answer:
     return {"where": one.get("where", ""), **numbers}
 
 
+def ask_hidden(page: Client, message: Answer, progress: Progress) -> Answer:
+    """Return which points of space are hidden: less than a tenth of their light passes."""
+    shot = page.explorer.shot(page, page.session.size)
+    points = np.asarray(message["points"], np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) > _MOST_POINTS:
+        raise InputError(f"points must be up to {_MOST_POINTS} triples of numbers")
+    hidden = [False] * len(points)
+    if shot.medium is None:
+        return {"hidden": hidden}
+    grid = shot.volume.grid
+    options = {k: v for k, v in shot.options.items() if k in ("scheme", "precision", "device")}
+    options |= {"tolerance": None, "memory": _memory(page), "progress": False}
+    u, v, _ = shot.camera.project(points.T, grid)
+    ahead = shot.camera.lines_of_sight(points.T, grid).T
+    for k, cell in enumerate(grid.locate(points)):
+        if cell < 0:
+            continue
+        ray = probe(shot.volume, shot.medium, shot.camera, at=(u[k], v[k]), **options)
+        if len(ray):
+            # Not by the surface on which the point lies.
+            beside = 2.0 * float(grid.cell_sizes(cell, cell + 1).max())
+            place = 0.5 * (ray.begin[0] + ray.end[0]) + (points[k] - ray.position[0]) @ ahead[k]
+            depth = np.append(0.0, ray.depth.min(axis=1))
+            front = np.interp(place - beside, np.append(ray.begin[0], ray.end), depth)
+            hidden[k] = bool(np.exp(-front) < _HIDDEN)
+    return {"hidden": hidden}
+
+
 def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
     """Set the media of a preset, or the suggested ones."""
     name = message.get("name")
@@ -285,6 +315,7 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
     "highlight": (ask_highlight, ("expr", "low", "high")),
     "thumbnail": (ask_thumbnail, ("name",)),
     "measure": (ask_measure, ("measure", "medium")),
+    "hidden": (ask_hidden, ("points",)),
     "suggest": (ask_suggest, ("name",)),
     "load": (ask_load, ("text",)),
     "export": (ask_export, ("what", "width", "marks", "ground", "cameras", "frames")),
