@@ -529,6 +529,8 @@ class Image:
         letters : bool
             The patient's sides at the borders, R, L, A, P, S and I, of a picture of a volume that
             says how it lies (``volume.meta["orientation"]``).
+        measures : list of (array_like, str)
+            Lines, points of shape (n, 2) in the coordinates of the picture, and a text for each.
         ticks : bool
             Axes with ticks around the picture. Default: False.
         color_bar : bool

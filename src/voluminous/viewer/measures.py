@@ -71,7 +71,7 @@ def angle_of(points: Any) -> float:
 
 
 def statistics(
-    volume: Volume, one: dict[str, Any], memory: Any, progress: Callable[[int, int], None]
+    volume: Volume, one: dict[str, Any], memory: Any, progress: Callable[[int, int], None] | bool
 ) -> dict[str, Any]:
     """Return what `measure` says of cells: numbers and units as JSON has them."""
     what = {"value": one["expr"], **{axis: axis for axis in "xyz"}}
@@ -127,33 +127,33 @@ def script_of(measures: list[dict[str, Any]], unit: str, memory: Any) -> str:
 
 
 def marks_of(
-    measures: list[dict[str, Any]], texts: list[str], camera: Camera, volume: Volume
+    measures: list[dict[str, Any]], counted: list[dict[str, Any]], camera: Camera, volume: Volume
 ) -> list[tuple[np.ndarray, str]]:
     """Return lines, (n, 2) on the image plane, and their texts: of those in front of the camera."""
     marks = []
-    for one, words in zip(measures, texts, strict=True):
-        points = one.get("points")
+    for one, numbers in zip(measures, counted, strict=True):
+        points = one["points"] if "points" in one else [numbers["point"]]
         if "low" in one:
             ends = np.array([one["low"], one["high"]])
             points = [ends[[k & 1, k >> 1 & 1, k >> 2], range(3)] for k in _STROKE]
-        if points is not None:
-            u, v, depth = camera.project(np.array(points, float).T, volume.grid)
-            if camera.parallel or np.all(depth > 0):
-                marks.append((np.stack([u, v], axis=1), words))
+        u, v, depth = camera.project(np.array(points, float).T, volume.grid)
+        if camera.parallel or np.all(depth > 0):
+            words = _words(one, unit_name(volume.unit), numbers)
+            marks.append((np.stack([u, v], axis=1), words))
     return marks
 
 
-def text_of(one: dict[str, Any], unit: str, numbers: dict[str, Any] | None) -> str:
-    """Return what is written beside a measure; `numbers` are those of `statistics`."""
+def _words(one: dict[str, Any], unit: str, numbers: dict[str, Any]) -> str:
     if one["kind"] == "distance":
         length = length_of(one["points"])
         factor, name = readable(length, unit)
         return with_unit(float(f"{length * factor:.4g}"), name)
     if one["kind"] == "angle":
         return f"{angle_of(one['points']):.1f}°"
-    if numbers is None:
+    if numbers["mean"] is None:
         return str(one["expr"])
-    return with_unit(float(f"{numbers['mean']:.4g}"), numbers["mean_unit"])
+    mean = with_unit(float(f"{numbers['mean']:.4g}"), numbers["mean_unit"])
+    return f"{one['expr']} {mean}"
 
 
 def shown_where(medium: Medium, volume: Volume) -> str:

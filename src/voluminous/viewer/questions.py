@@ -6,6 +6,7 @@ threads of their own; ``progress`` tells how far a long one is.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -23,11 +24,11 @@ from ..scene.sections import build_medium
 from ..units import is_count, unit_name
 from ..volume import Volume
 from .document import shown
-from .measures import check_measures, script_of, shown_where, statistics
+from .measures import check_measures, marks_of, script_of, shown_where, statistics
 from .painter import at_hand, caught_warnings
 from .script import IN_MEMORY, keyframes_of
 from .session import scaled
-from .share import dressed, exported, filmed, tables_of, text_of
+from .share import MEASURES, dressed, exported, filmed, tables_of, text_of
 
 if TYPE_CHECKING:
     from .explorer import Client
@@ -195,8 +196,7 @@ def ask_measure(page: Client, message: Answer, progress: Progress) -> Answer:
         table = {**explorer.document.settings["medium"][int(medium)], "hidden": False}
         one = {**one, "where": shown_where(build_medium(shown({"medium": [table]})), volume)}
     progress(0, 1)  # cancelled while it waited
-    numbers = statistics(volume, one, _memory(page), progress)
-    return {"where": one.get("where", ""), **numbers}
+    return {"where": one.get("where", ""), **_counted(page, one, progress)}
 
 
 def ask_hidden(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -252,7 +252,7 @@ def ask_export(page: Client, message: Answer, progress: Progress) -> Answer:
     if message["what"] == "keyframes":
         return {"text": keyframes_of(scene, message["cameras"], int(message["frames"]))}
     made = exported(scene, str(message["what"]))
-    measures = page.explorer.document.settings.get("measures")
+    measures = page.explorer.document.settings["measures"]
     if message["what"] == "python" and measures:
         unit = unit_name(page.explorer.volume.unit)
         made["text"] += script_of(measures, unit, _memory(page))
@@ -337,6 +337,15 @@ def _memory(page: Client) -> Any:
     return explorer.document.settings["render"].get("memory") if chunks else None
 
 
+def _counted(page: Client, one: dict[str, Any], progress: Progress | bool) -> Answer:
+    """Return the statistics of a measure: what was counted before is not counted again."""
+    explorer = page.explorer
+    key = explorer.index, json.dumps(one, sort_keys=True)
+    if key not in explorer.counted:
+        explorer.counted[key] = statistics(explorer.volume, one, _memory(page), progress)
+    return explorer.counted[key]
+
+
 def _preset(volume: Volume, name: Any) -> Medium:
     if name is None:
         return suggest_medium(volume)
@@ -348,7 +357,14 @@ def _preset(volume: Volume, name: Any) -> Medium:
 def _scene(page: Client, message: Answer) -> Scene:
     """Return what a page shows, in the size and dress that it asks for."""
     scene = page.explorer.scene(_pixels(page, message), page)
-    return dressed(scene, message.get("marks", ()), message.get("ground", "black"))
+    marks, volume = message.get("marks", ()), scene.volume()
+    scene = dressed(scene, marks, message.get("ground", "black"))
+    if MEASURES in marks and "path" not in message:  # the camera of a film moves
+        measures = page.explorer.document.settings["measures"]
+        counted = [_counted(page, one, False) if one["kind"] == "cells" else {} for one in measures]
+        drawn = marks_of(measures, counted, scene.camera, volume)
+        scene.image_options["annotate"][MEASURES] = drawn
+    return scene
 
 
 def _pixels(page: Client, message: Answer) -> tuple[int, int]:

@@ -21,6 +21,7 @@ from .script import python_of, shortened
 
 # What may be drawn over and beside a picture; of each ground, the options of a picture.
 MARKS = ("scale_bar", "color_bar", "letters", "triad")
+MEASURES = "measures"  # one more, which each picture draws at other places
 _GROUNDS: dict[str, dict[str, Any]] = {
     "black": {},
     "white": {"background": "white"},
@@ -35,7 +36,7 @@ def dressed(scene: Scene, marks: Any, ground: Any) -> Scene:
     check_name("ground", ground, _GROUNDS)
     marks = list(marks)
     for name in marks:
-        check_name("mark", name, MARKS)
+        check_name("mark", name, (*MARKS, MEASURES))
     options = {**scene.image_options, **_GROUNDS[ground]}
     if marks:
         chosen = {name: name in marks for name in ANNOTATIONS & {*MARKS, "compass", "time"}}

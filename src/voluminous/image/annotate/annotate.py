@@ -18,6 +18,7 @@ from .marks import (
     compass_arrows,
     draw_arrows,
     draw_letters,
+    draw_measures,
     draw_scale_bar,
     draw_ticks,
     draw_time,
@@ -46,6 +47,7 @@ def annotate(
     triad: bool = True,
     compass: bool = True,
     letters: bool = True,
+    measures: Any = (),
     ticks: bool = False,
     color_bar: bool = True,
     title: str | None = None,
@@ -69,6 +71,7 @@ def annotate(
             raise InputError(f"{name} must be a {name}, got {type(given).__name__}")
     if font_size is not None and not (isinstance(font_size, Real) and 0 < font_size < np.inf):
         raise InputError(f"font_size must be a positive number of pixels, got {font_size!r}")
+    extent = image.extent
     image = image if unit is None else image.to(unit)
     pixels = display_values(image, transparent, display, 8)
     if pixels.shape[-1] == 3:
@@ -99,6 +102,7 @@ def annotate(
             draw_time(sheet, stamp)
         if sides:
             draw_letters(sheet, sides)
+        draw_measures(sheet, measures, extent)
 
     if ax is not None:
         if paper is not None or transparent:

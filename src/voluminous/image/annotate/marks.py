@@ -31,6 +31,7 @@ _XYZ = {"x": ("#ff6a5a", "#c02010"), "y": ("#5ce05c", "#107810"), "z": ("#86b4ff
 _OPPOSITE = dict(zip("LRPASI", "RLAPIS", strict=True))
 # An axis of the patient that is within 66° of a direction gives it a letter.
 _NEAR = 0.4
+_MEASURED = ("#ffd75e", "#0b0e12")
 _SKY = {"GLON": ("b", "l"), "ELON": ("β", "λ")}
 # Maximum automatic length of the scale bar, in widths of the picture.
 _PART = 0.25
@@ -232,6 +233,25 @@ def is_wide(image: Image) -> bool:
     if unit is None or not unit.is_equivalent("rad"):
         return False
     return bool(abs(right - left) * unit.to("rad") > _WIDE)
+
+
+def draw_measures(sheet: Sheet, measures: Any, extent: tuple[float, ...]) -> None:
+    """Draw lines, (n, 2) on the image plane, each with its text above its highest point."""
+    from matplotlib.lines import Line2D
+
+    left, right, bottom, top = extent
+    scale = np.array([sheet.width / (right - left), sheet.height / (top - bottom)])
+    look: dict[str, Any] = {"color": _MEASURED[0], "path_effects": sheet.rim(_MEASURED[1])}
+    look |= {"linewidth": 0.1 * sheet.em, "gid": "measures", "solid_joinstyle": "round"}
+    for points, words in measures:
+        xy = (np.asarray(points, float) - (left, bottom)) * scale
+        sheet.add(
+            Line2D(*xy.T, marker="o" if len(xy) < 4 else "", markersize=0.4 * sheet.em, **look)
+        )
+        x, y = xy[np.argmax(xy[:, 1])]
+        if 0 <= x <= sheet.width and 0 <= y <= sheet.height:
+            place = {"ha": "center", "va": "bottom", "gid": "measures"}
+            sheet.rimmed(x, y + 0.4 * sheet.em, str(words), _MEASURED, **place)
 
 
 def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None:
