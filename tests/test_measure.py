@@ -78,7 +78,7 @@ def test_statistics_of_a_box_are_those_of_the_overlaps(kind):
         assert found.minima["density"].to_value("g/cm3") == rho[counts].min()
         assert found.maxima["density"].to_value("g/cm3") == rho[counts].max()
     # Whole cells have no slivers of their neighbours.
-    whole = vm.measure(volume, "density", region=vm.regions.Box((-0.4, -1, 0), (0.6, 0.2, 0.4)))
+    whole = vm.measure(volume, "density", clip=vm.regions.Box((-0.4, -1, 0), (0.6, 0.2, 0.4)))
     assert whole.volume.to_value("pc3") == pytest.approx(0.48, rel=1e-12)
     assert kind == "octree" or whole.cells == 10 * 12 * 4
 

@@ -2,7 +2,7 @@
 // the cells that a medium shows, that fulfil a condition, or that are in a box. They are in the
 // document; numbers of cells are the server's, which counts beside everything else.
 
-import { angleOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
+import { angleOf, boxOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
 import { Form } from "../ui/fields";
@@ -92,13 +92,15 @@ export function measurePanel(
 
   const addBox = () => {
     toFront();
-    if (server.info) add({ kind: "cells", expr: wish.expr, ...middleBox(server.info) }, "measure a box");
+    const clip = boxOf(store.document.render?.clip);
+    if (server.info) add({ kind: "cells", expr: wish.expr, ...(clip ?? middleBox(server.info)) }, "measure a box");
   };
 
   /** The server says where this medium shows: the condition becomes the measure's own. */
   async function addShown(): Promise<void> {
     toFront();
-    const bare = { kind: "cells", expr: wish.expr };
+    const clip = store.document.render?.clip;
+    const bare = { kind: "cells", expr: wish.expr, ...(clip ? { clip } : {}) };
     const reply = await ask(JSON.stringify([bare, wish.medium]), { measure: bare, medium: wish.medium });
     if (!reply) return;
     const measure = { ...bare, ...(reply.where ? { where: reply.where } : {}) };
@@ -129,7 +131,7 @@ export function measurePanel(
 
   function titleOf(measure: Table): string {
     if (measure.kind !== "cells") return measure.kind === "angle" ? "Angle" : "Distance";
-    return [measure.expr, measure.where ? `where ${measure.where}` : "", measure.low ? "in a box" : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
+    return [measure.expr, measure.where ? `where ${measure.where}` : "", measure.low ? "in a box" : measure.clip ? "inside the clip" : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
   }
 
   function wordsOf(measure: Table): string {

@@ -1,8 +1,8 @@
 """Measures on the screen: distances, angles, and statistics of the cells that a medium shows.
 
 A measure is a table: ``kind`` "distance" or "angle" with ``points`` (two; or three, the vertex in
-the middle), or "cells" with ``expr`` and what is counted: ``where`` (a condition) and the corners
-``low`` and ``high`` of a box. Numbers are in the volume's unit.
+the middle), or "cells" with ``expr`` and what is counted: ``where`` (a condition), and ``clip`` (a
+region as a text) or the corners ``low`` and ``high`` of a box. Numbers are in the volume's unit.
 """
 
 from __future__ import annotations
@@ -17,15 +17,19 @@ from ..cameras import Camera
 from ..errors import InputError
 from ..expressions import Expression
 from ..image.lengths import readable, with_unit
-from ..measuring import measure
+from ..measuring import measure, probe
 from ..media import Coefficients, Colormap, Gaussian, Isosurface, Medium, Rectangle, Table
 from ..regions import Box
 from ..units import described, is_quantity, plain, unit_name
 from ..volume import Volume
+from .painter import Shot
 
 _POINTS = {"distance": 2, "angle": 3}
-_CELLS = {"expr": str, "where": str, "low": list, "high": list}
+_CELLS = {"expr": str, "where": str, "clip": str, "low": list, "high": list}
 _MOST = 50
+# A point of which less light comes to the observer cannot be seen.
+_HIDDEN = 0.1
+_RAY_OPTIONS = ("scheme", "precision", "device", "clip")
 # A Gaussian is at half of its maximum this many σ from its centre.
 _HALF = float(np.sqrt(2.0 * np.log(2.0)))
 # Edges of a box, from corner to corner, in one stroke.
@@ -49,6 +53,7 @@ def check_measures(measures: Any) -> None:
             if kind == "cells":
                 good &= all(isinstance(one[key], _CELLS[key]) for key in _CELLS if key in one)
                 good &= "expr" in one and ("low" in one) == ("high" in one)
+                good &= not ("low" in one and "clip" in one)
             good &= kind in (*_POINTS, "cells")
         except (KeyError, TypeError, ValueError, AttributeError):
             good = False
@@ -90,7 +95,7 @@ def statistics(
 
 def _chosen(one: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `measure` that say which cells count."""
-    made: dict[str, Any] = {"where": one["where"]} if one.get("where") else {}
+    made: dict[str, Any] = {key: one[key] for key in ("where", "clip") if one.get(key)}
     return {**made, "clip": Box(one["low"], one["high"])} if "low" in one else made
 
 
@@ -102,36 +107,63 @@ def _number(value: Any) -> tuple[float | None, str]:
 
 def script_of(measures: list[dict[str, Any]], unit: str, memory: Any) -> str:
     """Return the lines of Python that compute the same numbers; `unit` is that of lengths."""
-    lines = (
-        ["", "import numpy as np", ""] if any(one["kind"] in _POINTS for one in measures) else [""]
-    )
+    lines = ["", "import numpy as np", ""]
     for one in measures:
         if one["kind"] == "distance":
-            a, b = one["points"]
-            lines += [f"distance = np.linalg.norm(np.subtract({b}, {a}))"]
-            lines += [f'print("distance", distance, {unit!r})']
+            lines += ["a, b = {}, {}".format(*one["points"])]
+            lines += ["distance = np.linalg.norm(np.subtract(b, a))"]
+            lines += [f"print('distance', distance, {unit!r})"]
         elif one["kind"] == "angle":
-            a, vertex, b = one["points"]
-            lines += [f"a, b = np.subtract([{a}, {b}], {vertex})"]
+            first, vertex, last = one["points"]
+            lines += [f"vertex = {vertex}", f"a, b = np.subtract([{first}, {last}], vertex)"]
             lines += ["angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))"]
-            lines += ['print("angle", angle, "deg")']
+            lines += ["print('angle', angle, 'deg')"]
         else:
-            options = [f"where={one['where']!r}"] if one.get("where") else []
+            options = [repr(one["expr"])]
+            options += [f"{key}={one[key]!r}" for key in ("where", "clip") if one.get(key)]
             if "low" in one:
-                options += [f"clip=vm.regions.Box({one['low']}, {one['high']})"]
-            options += [f"memory={memory!r}"] if memory else []
-            given = "".join(f",\n    {option}" for option in options)
-            lines += [f"cells = vm.measure(\n    volume, {one['expr']!r}{given}\n)"]
+                options.append(f"clip=vm.regions.Box({one['low']}, {one['high']})")
+            options += [f"memory={memory!r}"] * bool(memory)
+            lines += ["cells = vm.measure(", *(f"    {o}," for o in ("volume", *options)), ")"]
             lines += ["print(cells, cells.means, cells.minima, cells.maxima)"]
     return "\n".join([*lines, ""])
 
 
+def hidden_points(shot: Shot, points: Any, memory: Any) -> list[bool]:
+    """Return which points are hidden: less than a tenth of their light comes to the observer."""
+    points = np.asarray(points, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) > 3 * _MOST:
+        raise InputError(f"points must be up to {3 * _MOST} triples of numbers")
+    hidden, grid = [False] * len(points), shot.volume.grid
+    if shot.medium is None:
+        return hidden
+    options = {key: value for key, value in shot.options.items() if key in _RAY_OPTIONS}
+    options |= {"tolerance": None, "memory": memory, "progress": False}
+    u, v, _ = shot.camera.project(points.T, grid)
+    ahead = shot.camera.lines_of_sight(points.T, grid).T
+    for k, cell in enumerate(grid.locate(points)):
+        if cell < 0:
+            continue
+        ray = probe(shot.volume, shot.medium, shot.camera, at=(u[k], v[k]), **options)
+        if len(ray):
+            # Not by the surface on which the point lies.
+            beside = 2.0 * float(grid.cell_sizes(cell, cell + 1).max())
+            place = 0.5 * (ray.begin[0] + ray.end[0]) + (points[k] - ray.position[0]) @ ahead[k]
+            depth = np.append(0.0, ray.depth.min(axis=1))
+            front = np.interp(place - beside, np.append(ray.begin[0], ray.end), depth)
+            hidden[k] = bool(np.exp(-front) < _HIDDEN)
+    return hidden
+
+
 def marks_of(
-    measures: list[dict[str, Any]], counted: list[dict[str, Any]], camera: Camera, volume: Volume
+    measures: list[tuple[dict[str, Any], dict[str, Any]]], camera: Camera, volume: Volume
 ) -> list[tuple[np.ndarray, str]]:
-    """Return lines, (n, 2) on the image plane, and their texts: of those in front of the camera."""
+    """Return lines, (n, 2) on the image plane, and their texts: of those in front of the camera.
+
+    Measures come with their `statistics`, if they are of cells.
+    """
     marks = []
-    for one, numbers in zip(measures, counted, strict=True):
+    for one, numbers in measures:
         points = one["points"] if "points" in one else [numbers["point"]]
         if "low" in one:
             ends = np.array([one["low"], one["high"]])

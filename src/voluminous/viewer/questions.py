@@ -24,7 +24,14 @@ from ..scene.sections import build_medium
 from ..units import is_count, unit_name
 from ..volume import Volume
 from .document import shown
-from .measures import check_measures, marks_of, script_of, shown_where, statistics
+from .measures import (
+    check_measures,
+    hidden_points,
+    marks_of,
+    script_of,
+    shown_where,
+    statistics,
+)
 from .painter import at_hand, caught_warnings
 from .script import IN_MEMORY, keyframes_of
 from .session import scaled
@@ -41,8 +48,6 @@ _MOST_BINS, _MOST_SIDE, _MOST_FRAMES = 4096, 8192, 10_000
 _MOST_CELLS = 1 << 24
 # Pixels of a preset's picture, and of one that shows where values are.
 _SMALL, _COARSE = 96, 300
-# Points of measures, and below what part of light that passes they are hidden.
-_MOST_POINTS, _HIDDEN = 150, 0.1
 _QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
 # Widths of the pictures by which the time of a larger one is estimated.
 _ESTIMATED = (64, 96, 192)
@@ -200,31 +205,9 @@ def ask_measure(page: Client, message: Answer, progress: Progress) -> Answer:
 
 
 def ask_hidden(page: Client, message: Answer, progress: Progress) -> Answer:
-    """Return which points of space are hidden: less than a tenth of their light passes."""
+    """Return which points of space are hidden by what is in front of them."""
     shot = page.explorer.shot(page, page.session.size)
-    points = np.asarray(message["points"], np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) > _MOST_POINTS:
-        raise InputError(f"points must be up to {_MOST_POINTS} triples of numbers")
-    hidden = [False] * len(points)
-    if shot.medium is None:
-        return {"hidden": hidden}
-    grid = shot.volume.grid
-    options = {k: v for k, v in shot.options.items() if k in ("scheme", "precision", "device")}
-    options |= {"tolerance": None, "memory": _memory(page), "progress": False}
-    u, v, _ = shot.camera.project(points.T, grid)
-    ahead = shot.camera.lines_of_sight(points.T, grid).T
-    for k, cell in enumerate(grid.locate(points)):
-        if cell < 0:
-            continue
-        ray = probe(shot.volume, shot.medium, shot.camera, at=(u[k], v[k]), **options)
-        if len(ray):
-            # Not by the surface on which the point lies.
-            beside = 2.0 * float(grid.cell_sizes(cell, cell + 1).max())
-            place = 0.5 * (ray.begin[0] + ray.end[0]) + (points[k] - ray.position[0]) @ ahead[k]
-            depth = np.append(0.0, ray.depth.min(axis=1))
-            front = np.interp(place - beside, np.append(ray.begin[0], ray.end), depth)
-            hidden[k] = bool(np.exp(-front) < _HIDDEN)
-    return {"hidden": hidden}
+    return {"hidden": hidden_points(shot, message["points"], _memory(page))}
 
 
 def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -360,9 +343,12 @@ def _scene(page: Client, message: Answer) -> Scene:
     marks, volume = message.get("marks", ()), scene.volume()
     scene = dressed(scene, marks, message.get("ground", "black"))
     if MEASURES in marks and "path" not in message:  # the camera of a film moves
-        measures = page.explorer.document.settings["measures"]
-        counted = [_counted(page, one, False) if one["kind"] == "cells" else {} for one in measures]
-        drawn = marks_of(measures, counted, scene.camera, volume)
+        shot, measures = page.explorer.shot(page, page.session.size), []
+        for one in page.explorer.document.settings["measures"]:
+            counted = _counted(page, one, False) if one["kind"] == "cells" else {}
+            if counted or not all(hidden_points(shot, one["points"], _memory(page))):
+                measures.append((one, counted))
+        drawn = marks_of(measures, scene.camera, volume)
         scene.image_options["annotate"][MEASURES] = drawn
     return scene
 
