@@ -59,7 +59,6 @@ export function measurePanel(
     if (kind) {
       toFront();
       stage.canvas.focus();
-      notices.announce(says.textContent!);
     }
     stage.redraw();
   }
@@ -77,7 +76,6 @@ export function measurePanel(
     points.push(answer.point.map((v: number) => Number(v.toPrecision(7))) as Vec3);
     const still = NEEDED[wanted] - points.length;
     says.textContent = still ? `${SAYS[still === 1 ? 2 : 1]}. Esc ends it.` : "";
-    notices.announce(says.textContent!);
     stage.redraw();
     if (still) return;
     const measure = { kind: wanted, points };
@@ -189,7 +187,7 @@ export function measurePanel(
     return h(
       "li", {},
       h("div", { class: "vlm-line" }, h("strong", {}, titleOf(measure)), cells ? null : h("span", {}, wordsOf(measure)),
-        button("×", `Remove: ${titleOf(measure)}`, () => put(measures().filter((_, k) => k !== i), "remove a measure"))),
+        button("", `Remove: ${titleOf(measure)}`, () => put(measures().filter((_, k) => k !== i), "remove a measure"), "bin")),
       ...(cells ? [...numbers(measure), editor(measure, i)] : []),
     );
   }
