@@ -8,7 +8,7 @@ import pytest
 import voluminous as vm
 
 GRID = vm.CartesianGrid.uniform(24, (-1, 1))
-NAMES = [n for n in dir(vm.presets) if n != "fluorescence"]
+NAMES = [n for n in dir(vm.presets) if n not in ("fluorescence", "labels")]
 
 
 def phantom():

@@ -93,6 +93,7 @@ export function explore(model: Model, el: HTMLElement): () => void {
       navigation.resume();
     }
     layout.welcomed();
+    if (!again) for (const note of message.notes ?? []) notices.add(note, "warning");
     resized();
     if (!again && model.link?.includes("scene=")) scenes.load(model.link).catch((error) => notices.add(error.message, "error"));
   }

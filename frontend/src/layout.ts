@@ -15,6 +15,7 @@ import type { Panel, Parts } from "./parts";
 import { ARROWS, button, h } from "./ui/dom";
 import { newId } from "./ui/fields";
 import { gridName, pretty } from "./ui/format";
+import { unitChoice } from "./ui/units";
 import type { FrameHead } from "./wire";
 
 export function build(parts: Parts, legend: HTMLElement) {
@@ -23,7 +24,8 @@ export function build(parts: Parts, legend: HTMLElement) {
   const trouble = h("div", { class: "vlm-trouble", role: "status", hidden: true });
   const time = timeBar(server);
   const corner = h("div", { class: "vlm-corner" }, overlay.gizmo);
-  const lower = h("div", { class: "vlm-lower" }, legend, overlay.bar);
+  const units = unitChoice(server, () => (stage.redraw(), tabs.current().update()));
+  const lower = h("div", { class: "vlm-lower" }, legend, h("div", { class: "vlm-scale" }, overlay.bar, units.element));
   const stageBox = h(
     "div",
     { class: "vlm-stage", role: "region", "aria-label": "picture" },
@@ -95,6 +97,8 @@ export function build(parts: Parts, legend: HTMLElement) {
       const info = server.info!;
       name.textContent = info.name || "voluminous";
       facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, gridName(info.grid)].filter(Boolean).join(" · ");
+      name.title = (server.welcome!.notes ?? []).join("\n");
+      units.update();
       time.update();
       for (const [, , panel] of panels) panel.update();
       tabs.current().shown?.();

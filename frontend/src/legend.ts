@@ -6,13 +6,14 @@ import type { Server } from "./server";
 import type { Stage } from "./stage";
 import type { Store } from "./store";
 import { valueAt } from "./tone";
-import { colorOf, gradient } from "./ui/color";
+import { colorOf, gradient, toHex } from "./ui/color";
 import { h, refill } from "./ui/dom";
 import { pretty, prettyUnit } from "./ui/format";
 import type { Table } from "./wire";
 
 const WIDTH = 180;
 const MOST = 3;
+const MOST_NAMES = 8;
 
 export class Legend {
   readonly element = h("div", { class: "vlm-legend", "aria-label": "colour bars" });
@@ -39,7 +40,20 @@ export class Legend {
     }
     const shown = media.map((medium, i) => ({ medium, i })).filter(({ medium }) => !medium.hidden && medium.expr);
     const exprs = [...new Set(shown.map(({ medium }) => medium.expr as string))].slice(0, MOST);
-    refill(this.element, ...exprs.map((expr) => this.bar(expr, shown.filter(({ medium }) => medium.expr === expr))));
+    const tables = shown.filter(({ medium }) => medium.type === "labels").map(({ medium }) => this.names(medium));
+    const bars = exprs.filter((expr) => shown.some(({ medium }) => medium.expr === expr && medium.type !== "labels"));
+    refill(this.element, ...tables, ...bars.map((expr) => this.bar(expr, shown.filter(({ medium }) => medium.expr === expr))));
+  }
+
+  /** Visible labels with their colours, as far as there is room. */
+  private names({ expr, labels, colors, visible }: Table): HTMLElement {
+    const seen = labels.map((_: string, k: number) => k).filter((k: number) => visible[k]);
+    const rows = seen.slice(0, MOST_NAMES).map((k: number) => {
+      const swatch = h("span", { class: "vlm-swatch" });
+      swatch.style.background = toHex(colorOf(colors[k]));
+      return h("li", {}, swatch, labels[k]);
+    });
+    return h("figure", {}, h("figcaption", {}, expr), h("ul", {}, ...rows, seen.length > MOST_NAMES && h("li", {}, `… ${seen.length - MOST_NAMES} more`)));
   }
 
   private bar(expr: string, media: { medium: Table; i: number }[]): HTMLElement {

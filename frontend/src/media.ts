@@ -14,9 +14,11 @@ export const NAMES: Record<string, string> = {
   colormap: "Colormap",
   table: "Table",
   coefficients: "Emission and extinction",
+  labels: "Labels",
 };
 const SHORT: Record<string, string> = {
   gaussian: "shell", rectangle: "shell", isosurface: "surface", colormap: "colormap", table: "table", coefficients: "coefficients",
+  labels: "labels",
 };
 /** Strength of the sliders: log10 of the optical depth. */
 export const WEAKEST = -4;
@@ -36,6 +38,7 @@ export function given(medium: Table, name: string, open: Table, index: number): 
 }
 
 export function titleOf(medium: Table): string {
+  if (medium.type === "labels") return `${medium.expr}: ${medium.visible.filter(Boolean).length} of ${medium.numbers.length}`;
   if (medium.type === "coefficients") return `${medium.emissivity ?? 0}, ${medium.extinction ?? 0}`;
   const at = numberOf(medium.center ?? (Array.isArray(medium.level) ? medium.level[0] : medium.level));
   return at === null ? medium.expr ?? "" : `${medium.expr} = ${pretty(at)}`;
@@ -129,7 +132,7 @@ export function shareAt(medium: Table, x: number, open: Table, index: number, ma
  */
 export function totals(media: Table[], expr: string, xs: number[], open: Table, maps: Map<string, Uint8Array>, channels: number, unit: string) {
   const parts = media.flatMap((medium, i) => {
-    if (medium.hidden || medium.expr !== expr || medium.type === "isosurface") return [];
+    if (medium.hidden || medium.expr !== expr || medium.type === "isosurface" || medium.type === "labels") return [];
     const own = lengthIn(medium.path_length, unit) ?? (numberOf(medium.path_length) === null ? open[`medium.${i}.path_length`] : NaN);
     return [xs.map((x) => shareAt(medium, x, open, i, maps)).map(({ tau, light }) => ({ alpha: tau / own, j: light.map((v) => v / own) }))];
   });

@@ -5,7 +5,7 @@ import { axesOf } from "./camera";
 import { letterOf, lettersOf, NAMES } from "./orientation";
 import type { Stage } from "./stage";
 import { h, refill, svg } from "./ui/dom";
-import { roundLength } from "./ui/format";
+import { lengthsShownIn, roundLength } from "./ui/format";
 import { times } from "./vec";
 import type { Vec3, VolumeInfo } from "./wire";
 
@@ -63,7 +63,7 @@ export class Overlay {
     if (!frameView) return;
     // Lines over the whole picture are dear to draw: not anew for another exposure.
     const size = [canvas.clientWidth, canvas.clientHeight];
-    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown, this.more?.key()]);
+    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown, this.more?.key(), lengthsShownIn(info.unit)]);
     if (key === this.key) return;
     this.key = key;
     this.lines.setAttribute("viewBox", `0 0 ${canvas.clientWidth} ${canvas.clientHeight}`);

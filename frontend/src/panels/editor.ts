@@ -8,6 +8,7 @@ import { Form, labelled, numberField } from "../ui/fields";
 import { likewise, numberOf, pretty, prettyUnit, suited, unitOf } from "../ui/format";
 import type { Table } from "../wire";
 import type { Histogram } from "./histogram";
+import { labelTable } from "./labels";
 
 export function mediumEditor({ stage, store, server }: Pick<Parts, "stage" | "store" | "server">, index: () => number, histogram: Histogram) {
   const element = h("div", { class: "vlm-editor" });
@@ -125,6 +126,9 @@ export function mediumEditor({ stage, store, server }: Pick<Parts, "stage" | "st
     if (type === "coefficients") {
       return [text("Emissivity", "emissivity", "Expression of the fields: intensity per length"), text("Extinction", "extinction", "Expression of the fields: per length")];
     }
+    if (type === "labels") {
+      return [form.add(labelTable({ store }, index), (m) => m), text("Path length", "path_length", "What opacities refer to", "auto"), shading()];
+    }
     const isMap = type === "colormap";
     return [
       text("Expression", "expr", "Of the fields and coordinates, such as log10(density)"),
@@ -137,9 +141,12 @@ export function mediumEditor({ stage, store, server }: Pick<Parts, "stage" | "st
       ...(isMap ? [] : color(type === "table" ? "colors" : "color")),
       ...(type === "isosurface" ? [] : [text("Path length", "path_length", "What strength and glow refer to; empty: the median thickness of the shell", "auto")]),
       text("Only where", "where", "A condition of the fields, such as temperature > 100", "everywhere"),
-      form.slider((m) => numberOf(m.shading) ?? 0, "Shading", [0, 1, 0.05], (v) => pretty(v, 2), (v, moving) => set("shading", v, "shading", moving), "Light from the observer: an illustration, not physics"),
+      shading(),
     ];
   }
+
+  const shading = () =>
+    form.slider((m) => numberOf(m.shading) ?? 0, "Shading", [0, 1, 0.05], (v) => pretty(v, 2), (v, moving) => set("shading", v, "shading", moving), "Light from the observer: an illustration, not physics");
 
   return {
     element,

@@ -2,7 +2,7 @@
 
 import { colorFor, fresh, kindOf, NAMES, strengthOf, titleOf, totals, TYPES } from "../media";
 import type { Panel, Parts } from "../parts";
-import { gradient, SAFE, vivid } from "../ui/color";
+import { gradient, SAFE, stripes, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
 import { toggle } from "../ui/fields";
 import { pretty, prettyUnit } from "../ui/format";
@@ -13,6 +13,9 @@ import { Histogram } from "./histogram";
 
 const BINS = 160;
 const RATIO_FOR_LOG = 100;
+/** How often it is looked whether a preset's picture is there, and for how long. */
+const WAIT_MS = 50;
+const MOST_WAITS = 1200;
 
 export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "highlight">): Panel {
   const { stage, store, server } = parts;
@@ -71,6 +74,7 @@ export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "hi
     histogram.show(reply && { ...reply, expr });
   }
 
+  const plot = h("div", { class: "vlm-plot" }, histogram.element, total.element);
   const list = h("ul", { class: "vlm-media", "aria-label": "Media" });
   const editor = mediumEditor(parts, () => chosen, histogram);
 
@@ -79,7 +83,7 @@ export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "hi
     select(media().length - 1);
   };
   const kind = h("select", { "aria-label": "Kind of a new medium" }, ...TYPES.map((type) => h("option", { value: type }, NAMES[type])));
-  const presets = presetMenu(parts, () => select(0));
+  const presets = presetMenu(parts, () => [plot, list, editor.element], () => select(0));
   const addFresh = () => {
     const expr = exprOf(kind.value === "coefficients" ? undefined : media()[chosen]);
     const [low, high] = histogram.range;
@@ -116,12 +120,12 @@ export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "hi
       rows[i].classList.toggle("vlm-on", i === chosen);
       rows[i].classList.toggle("vlm-off", Boolean(medium.hidden));
       name.setAttribute("aria-pressed", String(i === chosen));
-      const key = JSON.stringify([titleOf(medium), medium.color, medium.type, medium.cmap, medium.hidden, strengthOf(medium)]);
+      const key = JSON.stringify([titleOf(medium), medium.color, medium.colors, medium.type, medium.cmap, medium.hidden, strengthOf(medium)]);
       if (rows[i].dataset.key === key) return;
       rows[i].dataset.key = key;
       const swatch = h("span", { class: "vlm-swatch" });
-      swatch.style.background = medium.type === "colormap" ? gradient(stage.tables.get(medium.cmap)) : vivid(colorFor(medium));
-      const tau = medium.type === "coefficients" ? "" : `τ ${pretty(strengthOf(medium), 2)}`;
+      swatch.style.background = medium.type === "colormap" ? gradient(stage.tables.get(medium.cmap)) : medium.type === "labels" ? stripes(medium.colors) : vivid(colorFor(medium));
+      const tau = medium.type === "coefficients" || medium.type === "labels" ? "" : `τ ${pretty(strengthOf(medium), 2)}`;
       refill(name, swatch, h("span", { class: "vlm-title" }, titleOf(medium)), h("span", { class: "vlm-kind" }, kindOf(medium)), h("span", { class: "vlm-tau" }, tau));
       refill(eye, icon(medium.hidden ? "hidden" : "eye"));
       eye.title = medium.hidden ? "Show" : "Hide";
@@ -145,7 +149,7 @@ export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "hi
     element: h(
       "div",
       {},
-      h("div", { class: "vlm-plot" }, histogram.element, total.element),
+      plot,
       h("div", { class: "vlm-line" }, axis.element, h("span", { class: "vlm-hint" }, "drag the shapes; Shift: one axis")),
       list,
       h(
@@ -161,34 +165,60 @@ export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "hi
   };
 }
 
-/** Presets, each with a small picture of this volume from here; those are asked for when the list opens. */
-function presetMenu({ store, server }: Pick<Parts, "store" | "server">, taken: () => void): HTMLElement {
+/**
+ * Presets, each with a small picture of this volume from here; those are asked for when the list opens. What
+ * suits the data comes first. A click is taken until its picture is there; meanwhile nothing else is edited.
+ */
+function presetMenu({ stage, store, server }: Pick<Parts, "stage" | "store" | "server">, edited: () => HTMLElement[], taken: () => void): HTMLElement {
   const list = h("ul", { class: "vlm-presets" });
   const menu = h("details", { class: "vlm-preset-menu" }, h("summary", { title: "Media made for this volume" }, "Presets ▾"), list);
-  const take = (name: string | null) => {
+  let busy = false;
+  const take = async (name: string | null, one: HTMLElement) => {
+    if (busy) return;
+    busy = true;
+    one.setAttribute("aria-pressed", "true");
+    one.setAttribute("aria-busy", "true");
+    for (const part of edited()) part.inert = true;
+    const done = await server.tried("suggest", { name });
+    for (let k = 0; done && k < MOST_WAITS && (stage.head?.revision ?? 0) < done.revision; k++) await new Promise((again) => setTimeout(again, WAIT_MS));
+    for (const part of edited()) part.inert = false;
+    one.removeAttribute("aria-busy");
+    one.setAttribute("aria-pressed", "false");
+    busy = false;
+    if (!done) return;
     menu.open = false;
-    void server.tried("suggest", { name }).then((done) => done && taken());
+    taken();
   };
+  const worded = (name: string | null) => (name ?? "suggested").replaceAll("_", " ");
+  let others = false;
   let known = "";
-  menu.addEventListener("toggle", async () => {
-    const now = JSON.stringify([store.document.camera, store.document.volume]);
+  async function fill(): Promise<void> {
+    const now = JSON.stringify([store.document.camera, store.document.volume, others]);
     if (!menu.open || now === known) return;
     known = now;
-    requestAnimationFrame(() => list.scrollIntoView({ block: "nearest" }));
-    const names: (string | null)[] = [null, ...(server.welcome?.presets ?? [])];
+    const presets: string[] = server.welcome?.presets ?? [];
+    const suited = server.welcome?.suited ?? 0;
+    const names = [...presets.slice(0, suited), null, ...(others ? presets.slice(suited) : [])];
     const images = names.map(() => h("img", { alt: "" }));
-    refill(list, ...names.map((name, i) => h("li", {}, h("button", { type: "button", onclick: () => take(name) }, images[i], h("span", {}, (name ?? "suggested").replaceAll("_", " "))))));
+    const more = () => ((others = true), void fill());
+    refill(
+      list,
+      ...names.map((name, i) => h("li", {}, h("button", { type: "button", "aria-pressed": "false", onclick: (event: Event) => void take(name, event.currentTarget as HTMLElement) }, images[i], h("span", {}, worded(name))))),
+      !others && suited < presets.length && h("li", {}, button("others …", "Presets for other kinds of data", more)),
+    );
+    requestAnimationFrame(() => list.scrollIntoView({ block: "nearest" }));
     // One after the other, and none after a click: the server answers in order.
-    for (let i = 0; i < names.length && menu.open && known === now; i++) {
+    for (let i = 0; i < names.length && menu.open && !busy && known === now; i++) {
       try {
         const { mime, data } = await server.ask("thumbnail", { name: names[i] });
         images[i].src = `data:${mime};base64,${data}`;
       } catch (error) {
         images[i].closest("button")!.title = (error as Error).message;
       }
-      if (i + 1 < names.length && !menu.open) known = "";
+      if (i + 1 < names.length && (!menu.open || busy)) known = "";
     }
-  });
+  }
+  menu.addEventListener("toggle", () => void fill());
   menu.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;
     menu.open = false;

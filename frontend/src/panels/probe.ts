@@ -5,7 +5,7 @@ import { fresh } from "../media";
 import type { Panel, Parts } from "../parts";
 import { SAFE, vivid } from "../ui/color";
 import { button, h, refill } from "../ui/dom";
-import { pretty, prettyLength, prettyPoint, prettyUnit, withUnit } from "../ui/format";
+import { lengthsShownIn, pretty, prettyLength, prettyPoint, prettyUnit, withUnit } from "../ui/format";
 import { channelCurves, coefficientCurves, Plot } from "../ui/lines";
 import { add, sub, times, unit } from "../vec";
 import type { Message, Table, Vec3 } from "../wire";
@@ -36,6 +36,7 @@ export function probePanel(
   const values = h("div", { class: "vlm-row" }, expr);
   let reply: Message | null = null;
   let shown: Message | null = null;
+  let shownIn = "";
 
   /** The point of space at a distance along the probed ray. */
   function along(distance: number): Vec3 | null {
@@ -103,8 +104,9 @@ export function probePanel(
   }
 
   function update(): void {
-    if (!reply || reply === shown) return;
-    shown = reply;
+    const unit = lengthsShownIn(server.info?.unit ?? "");
+    if (!reply || (reply === shown && unit === shownIn)) return;
+    [shown, shownIn] = [reply, unit];
     empty.hidden = true;
     body.hidden = false;
     const unitOf = reply.unit ?? server.info?.unit ?? "";

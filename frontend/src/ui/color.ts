@@ -38,6 +38,12 @@ export function vivid(color: any): string {
   return toHex(most > 0 ? (rgb.map((v) => v / most) as Rgb) : [0.5, 0.5, 0.5]);
 }
 
+/** Colours side by side, as a background of CSS. */
+export function stripes(colors: any[]): string {
+  const few = colors.slice(0, 4).map((color) => toHex(colorOf(color)));
+  return `linear-gradient(90deg, ${few.map((color, k) => `${color} ${(100 * k) / few.length}% ${(100 * (k + 1)) / few.length}%`).join(",")})`;
+}
+
 /** A colormap as a background of CSS. */
 export function gradient(table: Uint8Array | undefined): string {
   if (!table) return "linear-gradient(90deg, #222, #eee)";

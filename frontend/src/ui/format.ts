@@ -99,11 +99,20 @@ export function roundNumber(value: number): number {
 
 // In centimetres; what is asked for is a length that reads well, not a conversion of a result.
 const LENGTHS: [string, number][] = [
-  ["µm", 1e-4], ["mm", 0.1], ["cm", 1], ["m", 100], ["km", 1e5], ["R☉", 6.957e10], ["au", 1.495978707e13],
+  ["Å", 1e-8], ["nm", 1e-7], ["µm", 1e-4], ["mm", 0.1], ["cm", 1], ["m", 100], ["km", 1e5], ["R☉", 6.957e10], ["au", 1.495978707e13],
   ["pc", 3.0856775814913674e18], ["kpc", 3.0856775814913674e21], ["Mpc", 3.0856775814913674e24],
   ["Gpc", 3.0856775814913674e27],
 ];
-const OTHER: Record<string, string> = { AU: "au", um: "µm", micron: "µm", R_sun: "R☉", solRad: "R☉" };
+const OTHER: Record<string, string> = { AU: "au", um: "µm", micron: "µm", Angstrom: "Å", R_sun: "R☉", solRad: "R☉" };
+
+/** Units of everyday lengths; those above are of astronomy. */
+const EARTHLY = 7;
+/** Above so many centimetres a length is one of astronomy. */
+const FAR = 1e10;
+/** Least length, in centimetres, of a volume whose lengths are shown in a unit: as the field has it, mm for heads. */
+const FROM: Record<string, number> = { nm: 1e-6, µm: 2e-5, mm: 0.2, cm: 100, m: 1e4, km: 1e6 };
+/** The unit in which lengths of volumes in another unit are shown: one on a page. */
+const SHOWN = new Map<string, string>();
 
 const sizeOf = (unit: string): [string, number] | undefined => LENGTHS.find(([name]) => name === (OTHER[unit] ?? unit));
 
@@ -125,22 +134,40 @@ export function roundLength(most: number, unit: string): { length: number; text:
   };
   const own = sizeOf(unit);
   if (!own) return { length: down(most), text: withUnit(down(most), unit) };
-  const [name, size] = unitFor(most * own[1], own[1]);
+  const [name, size] = unitFor(most * own[1], unit, own[1]);
   const value = down((most * own[1]) / size);
   return { length: (value * size) / own[1], text: `${pretty(value)} ${name}` };
 }
 
-/** The unit for a length in centimetres: of its kind the largest of which it is a hundredth. */
-function unitFor(length: number, own: number): [string, number] {
-  const family = own >= 6e10 || length > 1e10 ? LENGTHS.slice(5) : LENGTHS.slice(0, 5);
-  return [...family].reverse().find(([, size]) => length >= 0.01 * size) ?? family[0];
+/** The unit for a length in centimetres: that of the page, else of its kind the largest of which it is a hundredth. */
+function unitFor(length: number, unit: string, own: number): [string, number] {
+  const family = familyOf(length, own);
+  return sizeOf(SHOWN.get(unit) ?? "") ?? [...family].reverse().find(([, size]) => length >= 0.01 * size) ?? family[0];
 }
+
+const familyOf = (length: number, own: number) => (own >= 6e10 || length > FAR ? LENGTHS.slice(EARTHLY) : LENGTHS.slice(0, EARTHLY));
+
+/** Units in which lengths of a volume can be shown, and the one that its field uses for a volume of this size. */
+export function unitsFor(extent: number, unit: string): { names: string[]; usual: string } {
+  const own = sizeOf(unit);
+  if (!own || !(extent > 0)) return { names: [], usual: "" };
+  const [length, family] = [extent * own[1], familyOf(extent * own[1], own[1])];
+  const fits = ([name, size]: [string, number]) => length >= (family[0][0] === "Å" ? (FROM[name] ?? 0) : 0.01 * size);
+  return { names: family.map(([name]) => name), usual: ([...family].reverse().find(fits) ?? family[0])[0] };
+}
+
+/** Show lengths of volumes in a unit in another one, everywhere on the page. */
+export function showLengthsIn(unit: string, name: string): void {
+  SHOWN.set(unit, name);
+}
+
+export const lengthsShownIn = (unit: string): string => SHOWN.get(unit) ?? "";
 
 /** A length in the unit that suits it: the number, and the unit. */
 export function suited(length: number, unit: string): [number, string] {
   const own = sizeOf(unit);
   if (!own || !length) return [length, unit];
-  const [name, size] = unitFor(Math.abs(length) * own[1], own[1]);
+  const [name, size] = unitFor(Math.abs(length) * own[1], unit, own[1]);
   return [(length * own[1]) / size, name];
 }
 

@@ -159,21 +159,21 @@ def labels(volume: Volume, field: Any = None, **overrides: Any) -> Labels:
     check_volume("labels", "first", volume)
     tables = volume.meta.get("labels") or {}
     expr = Expression(field if field is not None else next(iter({**tables, **volume.units}), ""))
-    counted: tuple[Sequence[float], int] | None = None
+    numbered: tuple[Sequence[float], int] | None = None
     if tables.get(expr.text):
         found = np.unique(volume.evaluate(expr))
         found = found[~np.isnan(found)]
-        counted = (found.tolist(), 0) if np.all(found % 1 == 0) else None
+        numbered = (found.tolist(), 0) if np.all(found % 1 == 0) else None
     else:
-        counted = _counted(volume, expr)
-    if counted is None:
+        numbered = counted(volume, expr)
+    if numbered is None:
         raise InputError(
             f"{expr.text} holds no labels: these are up to {_MOST} whole numbers, each of many "
             "cells, or have a table; choose another field"
         )
-    numbers = [int(number) for number in counted[0] if number != counted[1]]
+    numbers = [int(number) for number in numbered[0] if number != numbered[1]]
     if not numbers:
-        raise InputError(f"{expr.text} has no label: it is {counted[1]} everywhere")
+        raise InputError(f"{expr.text} has no label: it is {numbered[1]} everywhere")
     return labelled(volume, expr, numbers, **overrides)
 
 
@@ -189,7 +189,7 @@ def labelled(volume: Volume, expr: Expression, numbers: list[int], **overrides: 
         "colors": [entry["color"] for entry in entries.values()],
         "opacities": [float(entry.get("opacity", 1.0)) for entry in entries.values()],
         "visible": [bool(entry.get("visible", True)) for entry in entries.values()],
-        "path_length": _PART * float(np.ptp(volume.grid.bounds, axis=1).max()),
+        "path_length": float(f"{_PART * np.ptp(volume.grid.bounds, axis=1).max():.4g}"),
     }
     return Labels(expr, numbers, **{**made, **overrides})
 
@@ -202,17 +202,17 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> list[int]
     frequent label of the outermost cells. If the sorted samples `values` may be labels, all cells
     are read, because some labels are rare.
     """
-    counted = _counted(volume, expr) if _whole(values) else None
-    if counted is None or len(counted[0]) < 2:
+    found = counted(volume, expr) if _whole(values) else None
+    if found is None or len(found[0]) < 2:
         return None
-    return [number for number in counted[0] if number != counted[1]]
+    return [number for number in found[0] if number != found[1]]
 
 
 def _whole(values: np.ndarray) -> bool:
     return bool(np.all((values == np.round(values)) & (np.abs(values) < _LARGEST)))
 
 
-def _counted(volume: Volume, expr: Expression) -> tuple[list[int], int] | None:
+def counted(volume: Volume, expr: Expression) -> tuple[list[int], int] | None:
     """Return all numbers and that of the background; None if they are not labels."""
     array = np.asarray(volume.evaluate(expr))
     cells, same, around = Counter[int](), Counter[int](), Counter[int]()

@@ -6,6 +6,8 @@ tables of colour and opacity. Overrides are arguments of `voluminous.Table`, suc
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,8 +15,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
+from ..grids import CartesianGrid
 from ..media import Medium, Sum, Table
 from ..volume import Volume
+from .histogram import sampled_values
 from .labels import labels
 from .open_numbers import check_volume, nothing_to_see
 from .samples import measurable
@@ -39,37 +43,145 @@ _BLOOD, _GREY, _WHITE, _AIR = (0.9, 0.1, 0.1), (0.6, 0.55, 0.55), (1, 1, 1), (0.
 # Colours of channels that have none.
 _CHANNELS = ((0, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0.3, 0.5, 1))
 _HARD = [(350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
+# Presets of CT, the best first; least part of the cells in a peak; more than metal has; bytes that
+# are air.
+_CT = ("skin_and_bone", "bone", "muscle", "vessels", "lung")
+_PEAK, _METAL, _AIR_BYTES = 0.02, 66_000, 20
+# Colours of fluorescent dyes and proteins, by words in the names of channels; light that is not
+# seen, beyond red, is shown as magenta.
+_DYES = (
+    (r"dapi|hoechst|bfp|pacific.?blue|draq5|alexa.?(fluor.?)?(350|405)|\b405", (0.2, 0.4, 1)),
+    (r"cfp|cerulean|turquoise", (0, 1, 1)),
+    (r"yfp|venus|citrine|alexa.?(fluor.?)?(514|532)", (1, 1, 0)),
+    (r"cy5|cy7|far.?red|irfp|sir\b|alexa.?(fluor.?)?(6|7)\d\d|\b6[3-9]\d|atto.?647", (1, 0, 1)),
+    (r"gfp|fitc|cy2|calcein|neon.?green|alexa.?(fluor.?)?488|\b488", (0, 1, 0)),
+    (
+        r"cherry|rfp|texas|tritc|cy3|tomato|dsred|ruby|rhod|propidium|alexa.?(fluor.?)?5[4-9]\d|"
+        r"alexa.?(fluor.?)?610|\b5[4-9]\d",
+        (1, 0, 0),
+    ),
+    (r"bright.?field|\bbf\b|\bdic\b|phase|transmi", (1, 1, 1)),
+)
 # Points (value, opacity, colour).
 Points = Sequence[tuple[float, float, Sequence[float]]]
 
 
+def hounsfield(volume: Volume, field: Any = None) -> tuple[float, float] | None:
+    """Return slope and intercept of a field of CT: its values are slope · HU + intercept.
+
+    (1, 0) are Hounsfield units: by DICOM's rescale type or modality, the word ct in the field's
+    name, or values with two peaks that no other data have, air at -1000 (not lung: there are half
+    as many in -800 … -550) and water within 150 of 0. The same of values that are all positive, as
+    scanners store them, is (1, 1024). Bytes hide the units: the peaks of air and soft tissue stand
+    for -1000 and 40.
+    None if the field is likely no CT.
+    """
+    expr = main_scalar(volume) if field is None else Expression(field)
+    by_header = volume.meta.get("rescale_type") == "HU" or volume.meta.get("modality") == "CT"
+    by_header |= re.search(r"(^|_)ct(_|\d|$)", expr.text, re.IGNORECASE) is not None
+    values = sampled_values(measurable(volume), expr)
+    if not len(values):
+        return None
+
+    def share(low: float, high: float) -> float:
+        return float(np.diff(np.searchsorted(values, [low, high]))[0]) / len(values)
+
+    least, most = float(values[0]), float(values[-1])
+    if by_header and least < 0.0:
+        return 1.0, 0.0
+    for shift in (0.0, 1024.0):
+        water = share(shift - 150, shift + 150)
+        air = share(min(least, 0.0), shift - 850) if shift else share(-np.inf, -850.0)
+        peaks = air > max(_PEAK, 2 * share(shift - 800, shift - 550)) and water > _PEAK
+        if shift:  # nothing else is known of positive values: water must be a peak, too
+            beside = max(share(shift - 450, shift - 150), share(shift + 150, shift + 450))
+            peaks = peaks and water > 2 * beside and least >= 0.0
+        if peaks and shift + 150 < most < _METAL and (least < -850 or shift):
+            return 1.0, shift
+    counts = np.bincount(values.astype(int)) if least >= 0 and most <= 255 else np.zeros(0)
+    if by_header and len(counts) > _AIR_BYTES:
+        return _of_bytes(counts)
+    return None
+
+
+def _of_bytes(counts: np.ndarray) -> tuple[float, float]:
+    smooth = np.convolve(counts, np.ones(3), "same")
+    air = int(smooth[: _AIR_BYTES + 1].argmax())
+    tissue = air + _AIR_BYTES + int(smooth[air + _AIR_BYTES :].argmax())
+    slope = (tissue - air) / 1040.0
+    return slope, air + 1000.0 * slope
+
+
+def suited(volume: Volume) -> list[str]:
+    """Return the names of presets for data such as a volume's, the best first.
+
+    Labels have a table; channels, names in a microscope's file; CT is found by `hounsfield`.
+    """
+    if volume.meta.get("labels"):
+        return ["labels", *(_CT if ct_field(volume) else ())]
+    channels = volume.meta.get("channels") or {}
+    if len(channels) > 1 and all(name in channels for name in volume.fields):
+        return ["fluorescence"]
+    if ct_field(volume):
+        return list(_CT)
+    return ["mr_head", "mr_angiography"] if volume.meta.get("modality") == "MR" else []
+
+
+def ct_field(volume: Volume) -> str | None:
+    """Return the name of a field of CT; None if there is none.
+
+    It is looked for, and read, where there are up to two fields besides labels, without units.
+    """
+    others = [name for name in volume.fields if name not in volume.meta.get("labels", ())]
+    if not isinstance(volume.grid, CartesianGrid) or len(others) > 2:
+        return None
+    if any(volume.field_unit(name) is not None for name in others):
+        return None
+    return next((name for name in others if hounsfield(volume, name) is not None), None)
+
+
+def notes(volume: Volume) -> list[str]:
+    """Return in words what presets do to the values of a volume, if anything."""
+    name = ct_field(volume)
+    scale = None if name is None else hounsfield(volume, name)
+    return [] if scale in (None, (1.0, 0.0)) else [_words(str(name), scale)]
+
+
+def _words(name: str, scale: Any) -> str:
+    air, tissue = (scale[0] * unit + scale[1] for unit in (-1000, 40))
+    return (
+        f"{name} is not in Hounsfield units; presets of CT are rescaled: air at {air:.4g}, soft "
+        f"tissue at {tissue:.4g}"
+    )
+
+
 def bone(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for bone in CT (Hounsfield units)."""
-    return _table(volume, field, [(150, 0, _FLESH), *_HARD], overrides)
+    return _ct(volume, field, [(150, 0, _FLESH), *_HARD], overrides)
 
 
 def skin_and_bone(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for bone under translucent skin in CT (Hounsfield units)."""
     skin = [(-650, 0, _SKIN), (-400, 1.2, _SKIN), (-200, 0.8, _SKIN), (-120, 0, _SKIN)]
-    return _table(volume, field, [*skin, (180, 0, _FLESH), *_HARD], overrides)
+    return _ct(volume, field, [*skin, (180, 0, _FLESH), *_HARD], overrides)
 
 
 def muscle(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for muscle, with bone, in CT (Hounsfield units)."""
     soft = [(-20, 0, _FLESH), (30, 1, _FLESH), (90, 1.5, _FLESH), (180, 1.5, _FLESH)]
-    return _table(volume, field, [*soft, (350, 4, _IVORY), (3000, 8, _WHITE)], overrides)
+    return _ct(volume, field, [*soft, (350, 4, _IVORY), (3000, 8, _WHITE)], overrides)
 
 
 def lung(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for airways and lungs in CT (Hounsfield units)."""
     points = [(-980, 0, _AIR), (-850, 0.15, _AIR), (-600, 0.5, _SKIN), (-450, 0, _SKIN)]
-    return _table(volume, field, points, overrides)
+    return _ct(volume, field, points, overrides)
 
 
 def vessels(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for vessels with contrast agent in CT (Hounsfield units)."""
     points = [(120, 0, _BLOOD), (220, 2, _BLOOD), (400, 4, (1, 0.5, 0.35)), (700, 6, _IVORY)]
-    return _table(volume, field, points, overrides)
+    return _ct(volume, field, points, overrides)
 
 
 def mr_head(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
@@ -89,20 +201,46 @@ def mr_angiography(volume: Volume, field: Any = None, **overrides: Any) -> Mediu
 def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium that shows channels of a microscope in their colours.
 
-    Colours and display windows are those of ``volume.meta["channels"]``; what is not given there is
-    chosen, windows so that the brightest 0.2 % are of full colour.
+    Colours and display windows are those of ``volume.meta["channels"]``, but for several that are
+    all white; else colours follow from the names of dyes and proteins (DAPI blue, GFP green,
+    mCherry red, Cy5, which is not seen, magenta) or are chosen, and windows so that the brightest
+    0.2 % are of full colour.
     """
     check_volume("fluorescence", "first", volume)
     channels = dict(volume.meta.get("channels") or {})
     names = [field] if field is not None else [n for n in volume.fields if n in channels]
     tables = []
+    white = [(channels.get(str(name)) or {}).get("color") == [1.0, 1.0, 1.0] for name in names]
     for number, name in enumerate(names or [main_scalar(volume).text]):
-        entry = channels.get(str(name)) or {}
+        entry = dict(channels.get(str(name)) or {})
+        if len(white) > 1 and all(white):
+            del entry["color"]
+        label = f"{entry.get('label', '')} {name}".replace("_", " ")
+        entry.setdefault("color", _dye(label))
         low, high = entry.get("window") or _levels(volume, name, (50, 99.8))
         color = tuple(entry.get("color") or _CHANNELS[number % len(_CHANNELS)])
         options = {"shading": 0.0, **overrides}
         tables.append(_table(volume, name, [(low, 0, color), (high, 1, color)], options, 1 / 20))
     return Sum(tuple(tables)) if len(tables) > 1 else tables[0]
+
+
+def _ct(volume: Volume, field: Any, points: Points, overrides: dict[str, Any]) -> Medium:
+    check_volume("a preset", "first", volume)
+    field = ct_field(volume) if field is None else field
+    expr = main_scalar(volume) if field is None else Expression(field)
+    values = sampled_values(measurable(volume), expr)
+    scale = hounsfield(volume, expr)
+    if scale is None and len(values) and values[0] >= 0 and _AIR_BYTES < values[-1] <= 255:
+        scale = _of_bytes(np.bincount(values.astype(int)))
+        warnings.warn(_words(expr.text, scale), stacklevel=3)
+    slope, intercept = scale or (1.0, 0.0)
+    rows = [(slope * value + intercept, opacity, color) for value, opacity, color in points]
+    return _table(volume, expr, rows, overrides)
+
+
+def _dye(label: str) -> Sequence[float] | None:
+    found = (color for words, color in _DYES if re.search(words, label, re.IGNORECASE))
+    return next(found, None)
 
 
 def _levels(volume: Volume, field: Any, percentiles: Sequence[float]) -> list[float]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,19 +24,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DataFile:
-    """A data file with its format, if the file does not tell, reading options, and fields."""
+    """A data file with its format, if the file does not tell, reading options, and fields.
+
+    With `more` files it is one volume.
+    """
 
     path: Path
     format: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     fields: FieldChoice = None
+    more: Sequence[Path] = ()
 
     def open(self, fields: FieldChoice = None) -> Volume:
         """Return the volume; its fields are read on first use."""
         from ..io.registry import open_lazily
 
         chosen = self.fields if fields is None else fields
-        return open_lazily(self.path, chosen, format=self.format, **self.typed())
+        path = [self.path, *self.more] if self.more else self.path
+        return open_lazily(path, chosen, format=self.format, **self.typed())
 
     def info(self) -> tuple[Reader, list[FieldInfo]]:
         """Return the reader and what it says of the fields in the file."""
@@ -56,7 +62,9 @@ class DataFile:
         """Return ``[volume]`` of a scene."""
         given = {"format": self.format, "fields": fields or self.fields}
         chosen = {key: value for key, value in given.items() if value}
-        return {"path": path or url_of(self.path) or str(self.path), **chosen, **self.options}
+        first = path or url_of(self.path) or str(self.path)
+        beside = [os.path.relpath(one, self.path.parent) if path else str(one) for one in self.more]
+        return {"path": [first, *beside] if beside else first, **chosen, **self.options}
 
     def call(self) -> str:
         """Return the Python expression that opens the file."""
@@ -97,7 +105,8 @@ def data_file(
             f"--set {key}: the file is the argument of the command, {path}; --format and --fields "
             "are options of their own"
         )
-    return DataFile(path, args.format, given, chosen_fields(vars(args).get("fields", [])))
+    fields = chosen_fields(vars(args).get("fields", []))
+    return DataFile(path, args.format, given, fields, vars(args).get("more", ()))
 
 
 def chosen_fields(given: list[str]) -> Any:
@@ -176,6 +185,8 @@ def opened(data: DataFile, expr: str | None) -> tuple[Volume, dict[str, str] | N
     try:
         return data.open(), None
     except VoluminousError:
+        if data.more:
+            raise
         for places in _alternatives(data, expr) if data.fields is None else ():
             try:
                 return data.open(places), places
@@ -207,6 +218,36 @@ def is_image(path: Path) -> bool:
         return find_reader(path).holds_image(path)
     except VoluminousError:  # no volume format fits, or the file does not exist
         return True
+
+
+def is_series(files: Sequence[Path], format: str | None) -> bool:
+    """Return whether files are steps of a series: with the same names and fields but for numbers.
+
+    Others are parts of one volume.
+    """
+    if len({_unnumbered(file.name) for file in files}) > 1 or len(files) < 2:
+        return False
+    names = []
+    for file in files[:2]:
+        fields = DataFile(file, format).info()[1]
+        names.append([_unnumbered(field.name) for field in fields])
+    return names[0] == names[1]
+
+
+def _unnumbered(name: str) -> str:
+    return re.sub(r"\d+", "#", name)
+
+
+def common_name(files: Sequence[Path], format: str | None) -> dict[str, Any]:
+    """Return the option by which a field that is called as its file is called alike in all."""
+    from ..io.names import field_name
+    from ..io.scanners.voxels import stem
+
+    reader, fields = DataFile(files[0], format).info()
+    own = "name" in reader.options and [field.name for field in fields][:1] == [
+        field_name(stem(files[0]))
+    ]
+    return {"name": re.sub(r"_?\d+$", "", field_name(stem(files[0]))) or "data"} if own else {}
 
 
 def is_volume(path: Path, format: str | None = None) -> bool:

@@ -60,6 +60,8 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="scene file (TOML), an image that was rendered from one, or a file with data, of "
         "which a first picture is made",
     )
+    help = "more files with data, and tables of labels: one volume with the fields of all"
+    parser.add_argument("more", type=Path, nargs="*", metavar="FILE", help=help)
     help = (
         "change a value of the scene, such as camera.incl=40 or medium.2.opacity=0.3; for a "
         "file with data also an option of its format, such as unit=pc"
@@ -134,6 +136,7 @@ def scene_from(
         scene = _scene_of_data(args, of_reader, changes, all_fields)
     else:
         given = [f"--{name}" for name in _OF_DATA if getattr(args, name) is not None]
+        given += [str(path) for path in args.more]
         if given:
             raise InputError(
                 f"{' and '.join(given)}: for data files only; change this scene with --set, such "
@@ -169,7 +172,7 @@ def _scene_of_data(
     """
     from ..calibration import presets, suggest_medium
     from ..rendering import framed
-    from ..rendering.framing import has_channels
+    from ..rendering.framing import first_medium
     from ..scene import Scene
 
     data = data_file(args.scene, args, options)
@@ -177,8 +180,8 @@ def _scene_of_data(
     known = volume.fields
     if args.levels is not None and args.levels < 1:
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
-    if args.field is None and args.levels is None and has_channels(volume):
-        medium = presets.fluorescence(volume)
+    if args.field is None and args.levels is None and presets.suited(volume):
+        medium = first_medium(volume)
     else:
         medium = suggest_medium(volume, args.field or first_field(volume), args.levels or LEVELS)
     fields: Any = places
@@ -209,6 +212,7 @@ def _scene_of_data(
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     parts = {"volume": source, "medium": medium, "camera": {**camera, "resolution": PIXELS}}
+    say(args.quiet, *volume.meta.get("notes", ()), *presets.notes(volume))
     say(args.quiet, _choice(volume, medium, camera))
     if others := [name for name in known if name not in volume]:
         say(args.quiet, f"other fields (--field): {_listed(others)}")
@@ -223,7 +227,8 @@ def _choice(volume: Volume, medium: Medium, camera: dict[str, Any]) -> str:
     elif medium.discrete:
         text = f"{parts[0].expr.text}: {len(parts[0].labels)} labels: {_listed(parts[0].labels)}"
     else:
-        text = f"channels {_listed(p.expr.text for p in parts)}"
+        kind = "channels" if len(parts) > 1 else "CT, skin and bone:"
+        text = f"{kind} {_listed(p.expr.text for p in parts)}"
     units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]
     text += f" ({', '.join(units)})" if units else ""
     if {"incl", "phi"} <= camera.keys():

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import glob
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from ..errors import InputError
+from .common import say
+from .data import common_name, is_series
 from .render import add_scene_arguments, scene_from
+
+if TYPE_CHECKING:
+    from ..volume import Volume
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
     add_scene_arguments(parser)
+    help = (
+        "open the files, or all that fit a PATTERN such as 'ts_*.npz', as steps of a series, each "
+        "as the first one; files whose names and fields differ by a number only are one anyhow"
+    )
+    parser.add_argument("--over", metavar="PATTERN", nargs="?", const="", help=help)
     group = parser.add_argument_group("where it is served")
     help = "serve a unix socket that only you can open, for ssh -L, instead of a port"
     group.add_argument("--socket", action="store_true", help=help)
@@ -21,13 +35,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
+def _series(args: argparse.Namespace) -> list[Path]:
+    """Return the files of a series, the first as the scene; none if there is no series."""
+    files = [args.scene, *args.more]
+    if args.over:
+        files = [Path(name) for name in sorted(glob.glob(args.over))]
+        if not files or args.more:
+            raise InputError(
+                f"there are no files {args.over}"
+                if not files
+                else "give a PATTERN after --over, or several files, not both"
+            )
+        # What is no step of the series says how its files are drawn: a scene.
+        args.scene = args.scene if args.scene.suffix.lower() == ".toml" else files[0]
+    elif args.over is None and not is_series(files, args.format):
+        return []
+    if len(files) > 1 and args.scene in files:
+        names = common_name(files, args.format)
+        args.set += [f"{key}={value}" for key, value in names.items()]
+    say(args.quiet, f"a series of {len(files)} files: {files[0].name} … {files[-1].name}")
+    return files
+
+
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C, or until no page has been open for an hour."""
     from ..viewer.explorer import Explorer
     from ..viewer.page import Server
 
+    files = _series(args)
+    args.more = [] if files else args.more
     scene = scene_from(args, all_fields=True)
-    explorer = Explorer(scene.volume(), scene.medium, scene.camera, scene.to_dict())
+
+    def opened(file: Path) -> Volume:
+        return scene.volume() if file == args.scene else scene.of_file(file)()
+
+    explorer = Explorer(
+        files or scene.volume(), scene.medium, scene.camera, scene.to_dict(), opened
+    )
     proxy = {"hosts": args.allow_host, "base_path": args.base_path}
     server = Server(explorer, port=args.port, unix_socket=args.socket, **proxy)
     try:

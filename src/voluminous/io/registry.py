@@ -8,7 +8,7 @@ import functools
 import importlib.metadata
 import itertools
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -107,15 +107,22 @@ _ENTRIES, _LISTED = 256, 8
 
 
 def open(
-    path: str | Path, fields: FieldChoice = None, *, format: str | None = None, **options: Any
+    path: str | Path | Sequence[str | Path],
+    fields: FieldChoice = None,
+    *,
+    format: str | None = None,
+    **options: Any,
 ) -> Volume:
-    """Return the volume in a file.
+    """Return the volume in a file, or in several.
 
     Parameters
     ----------
-    path : str or Path
-        The file; the format is detected from its content. For Zarr and HDF5 also a URL:
-        ``"https://…/cells.zarr"``, ``"s3://…/cells.zarr"``.
+    path : str, Path or a list of them
+        The file; the fields of several are together on the grid of the first. Where another's grid
+        differs, it is resampled (labels: nearest, other fields: linear), and
+        ``volume.meta["notes"]`` says so. A table of labels (``.ctbl``, ``.lut``, ``.label``) gives
+        those of the file before it their names and colours. The format is detected from the
+        content. For Zarr and HDF5 also a URL: ``"https://…/cells.zarr"``, ``"s3://…/cells.zarr"``.
     fields : None, str, sequence of str or dict, optional
         Fields of the volume: all (None), one, several, or ``{name: place in the file}``, such as
         ``{"density": "/gas/rho"}``. Only these are read; if they take more than 256 MiB, each is
@@ -151,9 +158,13 @@ def open(
 
 
 def open_lazily(
-    path: str | Path, fields: FieldChoice = None, *, format: str | None = None, **options: Any
+    path: Any, fields: FieldChoice = None, *, format: str | None = None, **options: Any
 ) -> Volume:
     """Same as `open`, but each field is read on first use."""
+    if isinstance(path, (list, tuple)):
+        from .together import open_together
+
+        return open_together(path, fields, format=format, **options)
     path = as_path(path)
     if url_of(path):
         forget()

@@ -212,7 +212,8 @@ _FILE: dict[str, Kind] = {
     **dict.fromkeys(("bounds", "spacing"), kinds.QUANTITIES),
 }
 _OWN: dict[str, Kind] = {
-    **dict.fromkeys(("path", "model", "format"), kinds.TEXT),
+    **dict.fromkeys(("model", "format"), kinds.TEXT),
+    "path": kinds.TEXTS,
     "fields": kinds.FIELDS,
     "derived": kinds.EXPRESSION_TABLE,
     "units": kinds.TEXT_TABLE,
@@ -227,7 +228,7 @@ class VolumeSource:
     of the reader, or the arguments of the model.
     """
 
-    path: str | None = None
+    path: str | list[str] | None = None
     model: str | None = None
     format: str | None = None
     fields: FieldChoice = None
@@ -243,8 +244,11 @@ class VolumeSource:
         with placed("[volume]"):
             units, options = self.units, self.options
             if self.path is not None:
-                path = seen_from(directory, self.path)
-                if units and "units" in find_reader(path, self.format).options:
+                several = isinstance(self.path, list)
+                paths = self.path if isinstance(self.path, list) else [self.path]
+                path: Any = [seen_from(directory, one) for one in paths]
+                path = path if several else path[0]
+                if not several and units and "units" in find_reader(path, self.format).options:
                     # Such a reader has units and converts the values itself.
                     units, options = {}, {**options, "units": units}
                 volume = open_volume(path, self.fields, format=self.format, **options)
@@ -278,7 +282,8 @@ def read_source(section: Mapping[str, Any]) -> VolumeSource:
                 check_name("format", source.format, known)
                 asked = [known[source.format]]
             else:  # by name, compressed or not
-                endings = {suffix.lower() for suffix in Path(source.path).suffixes}
+                paths = source.path if isinstance(source.path, list) else [source.path]
+                endings = {suffix.lower() for path in paths for suffix in Path(path).suffixes}
                 asked = [reader for reader in known.values() if endings & set(reader.suffixes)]
             if asked:  # otherwise the file's content determines the reader on opening
                 kinds.check_keys(options, {*_OWN}.union(*(reader.options for reader in asked)))

@@ -101,8 +101,10 @@ def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[s
     """Return settings with `change` applied to all file paths."""
     changed = dict(settings)
     for section, key in _PATHS:
-        if isinstance(path := changed.get(section, {}).get(key), str):
-            changed[section] = {**changed[section], key: change(path)}
+        path = changed.get(section, {}).get(key)
+        if isinstance(path, str) or (path and isinstance(path, list) and key == "path"):
+            new = change(path) if isinstance(path, str) else [change(one) for one in path]
+            changed[section] = {**changed[section], key: new}
     return changed
 
 

@@ -66,6 +66,8 @@ class Explorer:
         By default the visible part is seen from obliquely above.
     settings : dict, optional
         Other sections of a scene file: ``volume``, ``render``, ``image``.
+    opener : callable, optional
+        Returns the volume at a path, by default as `voluminous.open`.
     """
 
     def __init__(
@@ -74,7 +76,9 @@ class Explorer:
         medium: Medium | None = None,
         camera: Camera | None = None,
         settings: dict[str, Any] | None = None,
+        opener: Callable[[Any], Volume] = open_volume,
     ) -> None:
+        self._opener = opener
         self.series = list(volume) if isinstance(volume, (list, tuple)) else [volume]
         self.index = 0
         self.volume = self._opened(0)
@@ -115,7 +119,7 @@ class Explorer:
 
     def _opened(self, index: int) -> Volume:
         one = self.series[index]
-        return one if isinstance(one, Volume) else open_volume(one)
+        return one if isinstance(one, Volume) else self._opener(one)
 
     def _check(self, medium: Medium) -> None:
         for feature in medium.known_features():
@@ -257,7 +261,7 @@ class Explorer:
             fields.append({"name": name, "unit": unit, "min": low, "max": high})
         source = self.document.settings["volume"]
         return {
-            "name": Path(str(source.get("path") or source.get("model"))).name,
+            "name": " + ".join(Path(str(one)).name for one in _listed(source)),
             "unit": unit_name(volume.unit),
             "bounds": volume.grid.bounds.tolist(),
             "shape": list(getattr(volume.grid, "shape", ())),
@@ -313,7 +317,8 @@ class Client:
             if kind == "measure":  # of all cells: beside other questions, and it can be cancelled
                 self.explorer.counter.submit(self.answer, message)
             elif question and kind != "film":
-                self.questions.append(message)
+                # A preset that was clicked does not wait for the pictures of others.
+                (self.questions.appendleft if kind == "suggest" else self.questions.append)(message)
                 self.explorer.desk.submit(self.explorer.answer_next)
             else:
                 getattr(self, f"_{kind}")(message)
@@ -346,6 +351,8 @@ class Client:
         session.visible = True
         explorer.frame_for(session.size)
         session.camera = dict(explorer.document.settings["camera"])
+        volume = explorer.volume
+        suited = presets.suited(volume)
         self.send(
             {
                 "kind": "welcome",
@@ -354,7 +361,9 @@ class Client:
                 "revision": explorer.document.revision,
                 "volume": explorer.describe(),
                 "series": {"count": len(explorer.series), "index": explorer.index},
-                "presets": list(presets.__all__),
+                "presets": [*suited, *(n for n in presets.__all__ if n not in suited)],
+                "suited": len(suited),
+                "notes": [*volume.meta.get("notes", ()), *presets.notes(volume)],
                 "channels": 3 if explorer.medium is None else explorer.medium.channels,
                 "colormaps": _colormaps(),
             }
@@ -440,7 +449,7 @@ class Client:
         volume = explorer._opened(index)
         with explorer._lock:
             explorer.index, explorer.volume, self.session.input = index, volume, message["n"]
-            explorer.document.settings["volume"] = explorer._source()
+            explorer.document.settings["volume"] |= explorer._source()
             explorer.document.revision += 1
             explorer.changed(None)
 
@@ -534,6 +543,11 @@ def _named_views(meta: dict[str, Any]) -> dict[str, dict[str, float]]:
 def _view(camera: Camera) -> dict[str, Any]:
     """Return a camera's table without its pixels: each page has its own."""
     return {key: value for key, value in camera.describe().items() if key != "resolution"}
+
+
+def _listed(source: dict[str, Any]) -> list[Any]:
+    path = source.get("path") or source.get("model")
+    return path if isinstance(path, list) else [path]
 
 
 def _colormaps() -> dict[str, str]:

@@ -6,6 +6,7 @@ threads of their own; ``progress`` tells how far a long one is.
 
 from __future__ import annotations
 
+import functools
 import json
 import time
 from collections.abc import Callable
@@ -215,7 +216,7 @@ def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
     name = message.get("name")
     tables = tables_of(_preset(page.explorer.volume, name))
     page.change([("medium", tables)], name or "suggested media")
-    return {}
+    return {"revision": page.explorer.document.revision}
 
 
 def ask_load(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -276,7 +277,9 @@ def ask_estimate(page: Client, message: Answer, progress: Progress) -> Answer:
 def ask_film(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return a film."""
     explorer = page.explorer
-    volumes = explorer.series if message.get("series") is True else explorer.volume
+    volumes: Any = explorer.volume
+    if message.get("series") is True:
+        volumes = [functools.partial(explorer._opened, k) for k in range(len(explorer.series))]
     return _film(_scene(page, message), volumes, message, progress=progress)
 
 

@@ -14,6 +14,7 @@ from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape
 from ..units import known_unit
+from .label_tables import segments
 from .placement import (
     LPS,
     Placement,
@@ -83,6 +84,9 @@ class NRRDReader(VoxelReader):
         timed = kind == "time"
         step = time_step(0 if time is None else time, others if timed else 1)
         dtype = stored.dtype.newbyteorder("=")
+        labels: list[list[Any]] = [[] for _ in range(others)]
+        for layer, label in segments(header):
+            labels[min(max(layer, 0), others - 1)].append(label)
 
         def load(component: int) -> np.ndarray:
             values = stored.read(0, sizes[::-1]).transpose()
@@ -97,6 +101,7 @@ class NRRDReader(VoxelReader):
             components=("",) if timed else _components(header, kind, others, dtype),
             unit=known_unit(header.get("sample units", "").strip('"')),
             meta={"times": others, "time_step": step} if timed else {},
+            labels=labels,
         )
 
     def write(self, volume: Volume, path: Path) -> None:

@@ -44,6 +44,7 @@ class Voxels:
     unit: str = ""  # of the values
     channels: Sequence[Channel] = ()  # label, colour and window of each component
     meta: Mapping[str, Any] = field(default_factory=dict)  # for the volume's `meta`
+    labels: Sequence[Sequence[Any]] = ()  # tables of each component, if it is of labels
     # Cells of the pieces in the file if `load` also takes slices and a level; else empty.
     chunks: tuple[int, ...] = ()
     coarser: Sequence[tuple[int, ...]] = ()  # shapes of levels 1, 2 …
@@ -71,7 +72,8 @@ class VoxelReader(Reader):
         volume.meta |= dict(voxels.meta) | ({"orientation": LPS} if voxels.placement.space else {})
         if arrangement.direction is not None:
             volume.meta["direction"] = arrangement.direction.tolist()
-        entries = []
+        entries: list[tuple[str, Channel]] = []
+        labels: dict[str, Any] = {}
         for field_, place in chosen_fields({place: place for place in known}, fields).items():
             number, sign, dtype = known[place]
             load = functools.partial(_load, voxels, arrangement, number, sign, dtype)
@@ -82,7 +84,9 @@ class VoxelReader(Reader):
                 pieces = boxes(read, shapes, voxels.chunks, turns.order, turns.backward)
             volume[field_] = Deferred(load, dtype, voxels.unit, pieces=pieces)
             entries.append((field_, voxels.channels[number] if voxels.channels else {}))
-        volume.meta |= channel_meta(entries)
+            if voxels.labels and voxels.labels[number]:
+                labels[field_] = list(voxels.labels[number])
+        volume.meta |= channel_meta(entries) | ({"labels": labels} if labels else {})
         return volume
 
     def info(self, path: Path, *, name: str | None = None, **options: Any) -> tuple[FieldInfo, ...]:
