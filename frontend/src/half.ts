@@ -35,7 +35,8 @@ export function fromHalf(bits: number): number {
 export function limitsOf(halves: Uint16Array): [number, number, number] {
   let [most, least, faintest, lowest] = [0, 0xffff, 0x7fff, 0];
   for (const bits of halves) {
-    if (bits & 0x8000) lowest = Math.max(lowest, bits);
+    // -∞ stands for pixels without a value.
+    if (bits & 0x8000) lowest = bits === 0xfc00 ? lowest : Math.max(lowest, bits);
     else {
       if (bits > most) most = bits;
       if (bits < least) least = bits;
@@ -46,7 +47,8 @@ export function limitsOf(halves: Uint16Array): [number, number, number] {
   return [fromHalf(smallest), fromHalf(faintest), least === 0xffff ? fromHalf(0x8000) : fromHalf(most)];
 }
 
-/** Previews: the intensity that a grey value of a logarithmic JPEG means. */
-export function fromLog(value: number, low: number, high: number): number {
+/** Previews: the intensity that a grey value of a JPEG means, -∞ where there is none. */
+export function fromCode(value: number, { low, high, codec }: { low: number; high: number; codec: string }): number {
+  if (codec === "linear-jpeg") return value === 0 ? -Infinity : low + ((high - low) * (value - 1)) / 254;
   return value === 0 ? 0 : 2 ** (low + ((high - low) * (value - 1)) / 254);
 }

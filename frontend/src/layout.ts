@@ -3,6 +3,8 @@
 import { otherType, type View } from "./camera";
 import { helpDialog, historyMenu, saveDialog } from "./dialogs";
 import { keyTable } from "./keys";
+import { modes } from "./modes";
+import { panesOf } from "./panes";
 import { measurePanel } from "./panels/measure";
 import { mediaPanel } from "./panels/media";
 import { probePanel } from "./panels/probe";
@@ -26,14 +28,16 @@ export function build(parts: Parts, legend: HTMLElement) {
   const corner = h("div", { class: "vlm-corner" }, overlay.gizmo);
   const units = unitChoice(server, () => (stage.redraw(), tabs.current().update()));
   const lower = h("div", { class: "vlm-lower" }, legend, h("div", { class: "vlm-scale" }, overlay.bar, units.element));
+  const mode = modes(parts);
+  const panes = panesOf(parts, (point) => void probe.through(point));
   const stageBox = h(
     "div",
     { class: "vlm-stage", role: "region", "aria-label": "picture" },
-    stage.canvas, highlight.element, overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble), corner, lower, time.element, notices.element,
+    stage.canvas, highlight.element, overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble, mode.element), corner, lower, time.element, notices.element,
   );
 
   const views = viewsPanel(parts);
-  const ray = probePanel(parts, () => tabs.show("probe"));
+  const ray = probePanel(parts, () => tabs.show("probe"), (point) => panes.state().shown && panes.go(point, true));
   const measure = measurePanel(parts, () => tabs.show("measure"));
   const probe = { ...ray, at: async (place: [number, number]) => void (measure.takes(place) || (await ray.at(place))) };
   const panels: [string, string, Panel][] = [
@@ -41,7 +45,7 @@ export function build(parts: Parts, legend: HTMLElement) {
     ["tone", "Tone", tonePanel(parts)],
     ["probe", "Ray", ray],
     ["measure", "Measure", measure],
-    ["slice", "Slice", slicePanel(parts)],
+    ["slice", "Slices", slicePanel(parts, panes)],
     ["views", "Views", views],
     ["scene", "Scene", scenePanel(parts)],
   ];
@@ -52,13 +56,14 @@ export function build(parts: Parts, legend: HTMLElement) {
   const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
   const save = saveDialog(parts);
   const keys = keyTable(parts, {
-    views, time, probe, measure,
+    views, time, probe, measure, panes,
     save: save.open,
     help: () => help.open(),
     togglePanels: () => root.classList.toggle("vlm-bare"),
   });
   const help = helpDialog(keys);
   const history = historyMenu(store);
+  const four = button("", "Three slices beside the picture, or the picture alone  (q)", panes.toggle, "four");
   const type = button("", "Parallel rays or perspective  (o)", () => navigation.change(otherType), "cube");
   const freely = button("", "Turntable or trackball  (t)", () => navigation.switchFreely(), "ball");
   const bar = h(
@@ -73,7 +78,7 @@ export function build(parts: Parts, legend: HTMLElement) {
       { class: "vlm-group" },
       button("", "Back to the first view  (r)", () => navigation.reset(), "home"),
       button("", "Fit the whole volume  (f)", () => navigation.fit(), "fit"),
-      type, freely,
+      type, freely, four,
     ),
     h(
       "div",
@@ -86,7 +91,7 @@ export function build(parts: Parts, legend: HTMLElement) {
     "div",
     // JupyterLab's own keys (a, b, x …) must not edit the notebook from here.
     { class: "vlm", "data-lm-suppress-shortcuts": "true" },
-    h("div", { class: "vlm-frame" }, bar, stageBox, tabs.element),
+    h("div", { class: "vlm-frame" }, bar, panes.around(stageBox), tabs.element),
     help.element, save.element, notices.live,
   );
 
@@ -101,10 +106,14 @@ export function build(parts: Parts, legend: HTMLElement) {
       units.update();
       time.update();
       for (const [, , panel] of panels) panel.update();
+      this.update();
       tabs.current().shown?.();
     },
     update() {
       history.update();
+      mode.update();
+      panes.update();
+      four.setAttribute("aria-pressed", String(Boolean(panes.state().shown)));
       tabs.current().update();
       measure.update();
     },
@@ -112,7 +121,7 @@ export function build(parts: Parts, legend: HTMLElement) {
       const { words, state } = badgeOf(head);
       badge.textContent = words;
       badge.dataset.state = state;
-      badge.title = `drawn in ${pretty(head.ms)} ms, ${head.width} × ${head.height} pixels`;
+      badge.title = `drawn in ${pretty(head.ms)} ms, ${head.width} × ${head.height} pixels${head.how ? "; values of cells on the rays through the middles of pixels, to 11 binary digits" : ""}`;
       if (head.exact && announced !== words) notices.announce(words);
       announced = words;
       this.camera(stage.view);

@@ -11,6 +11,8 @@ import { h, refill } from "./ui/dom";
 import { pretty, prettyUnit } from "./ui/format";
 import type { Table } from "./wire";
 
+/** Projections in words. */
+export const MODES: Record<string, string> = { max: "maximum", mean: "mean", min: "minimum" };
 const WIDTH = 180;
 const MOST = 3;
 const MOST_NAMES = 8;
@@ -29,14 +31,14 @@ export class Legend {
   draw(): void {
     const { tone } = this.stage;
     const media: Table[] = this.store.document.medium ?? [];
-    const key = JSON.stringify([tone?.colormap && tone, tone?.colormap ? 0 : media, this.store.open]);
+    const key = JSON.stringify([tone?.colormap && tone, tone?.colormap ? this.caption() : media, this.store.open]);
     if (key === this.key) return;
     this.key = key;
     if (tone?.colormap) {
       const bar = h("span", { class: "vlm-colorbar" });
       bar.style.background = gradient(this.stage.tables.get(tone.colormap));
       const marks = [0, 0.5, 1].map((w) => h("span", {}, pretty(valueAt(w, tone))));
-      return refill(this.element, h("figure", {}, h("figcaption", {}, "intensity"), bar, h("div", { class: "vlm-marks" }, ...marks)));
+      return refill(this.element, h("figure", {}, h("figcaption", {}, this.caption()), bar, h("div", { class: "vlm-marks" }, ...marks)));
     }
     const shown = media.map((medium, i) => ({ medium, i })).filter(({ medium }) => !medium.hidden && medium.expr);
     const exprs = [...new Set(shown.map(({ medium }) => medium.expr as string))].slice(0, MOST);
@@ -54,6 +56,15 @@ export class Legend {
       return h("li", {}, swatch, labels[k]);
     });
     return h("figure", {}, h("figcaption", {}, expr), h("ul", {}, ...rows, seen.length > MOST_NAMES && h("li", {}, `… ${seen.length - MOST_NAMES} more`)));
+  }
+
+  /** What the numbers are that a colormap shows. */
+  private caption(): string {
+    const { quantity } = this.store.document.project ?? {};
+    const how = this.stage.head?.how;
+    if (!how || !quantity) return "intensity";
+    const unit = how === "integral" ? "" : prettyUnit(this.server.info?.fields.find((f) => f.name === quantity)?.unit);
+    return `${MODES[how] ?? how} of ${quantity}${unit ? ` (${unit})` : ""}`;
   }
 
   private bar(expr: string, media: { medium: Table; i: number }[]): HTMLElement {

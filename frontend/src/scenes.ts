@@ -10,9 +10,11 @@ export type Scenes = ReturnType<typeof exchange>;
 
 /** @param page the address of the page; empty in a notebook */
 export function exchange(store: Store, server: Server, notices: Notices, page: () => string) {
-  /** Take media, camera, render and image of a scene: one step of the history. */
-  const put = (scene: Table, label: string) =>
+  /** Take what a scene has, but for its volume: one step of the history. Without a projection it shows media. */
+  const put = (given: Table, label: string) => {
+    const scene: Table = { project: {}, ...given };
     store.set(SECTIONS.filter((name) => scene[name] !== undefined).map((name) => [name, scene[name]]), label);
+  };
   return {
     put,
     /** Show the scene of a link, or of the text of a scene file. */

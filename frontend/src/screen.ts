@@ -37,7 +37,7 @@ export async function decode(head: FrameHead, bytes: Uint8Array): Promise<Pictur
   }
   // The numbers are logarithms, not colours: no profile may be applied to them.
   const options: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
-  return { head, bitmap: await createImageBitmap(new Blob([bytes as BlobPart], { type: "image/jpeg" }), options) };
+  return { head, limits: head.limits, bitmap: await createImageBitmap(new Blob([bytes as BlobPart], { type: "image/jpeg" }), options) };
 }
 
 // Half floats reach from 2^-14 to 2^15: the brightest is put near the top, 26 stops below it fit.
@@ -66,7 +66,11 @@ uniform vec3 mix_[${MOST_CHANNELS}];
 out vec4 color;
 float bright(float v) {
   float code = round(v * 255.0);
+#if LINEAR
+  return code < 0.5 ? -65000.0 : low + step_ * (code - 1.0);
+#else
   return code < 0.5 ? 0.0 : exp2(low + step_ * (code - 1.0));
+#endif
 }
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
@@ -110,7 +114,7 @@ void main() {
 #else
   float p = bend(clamp((v.r - black) / (white - black), 0.0, 1.0));
 #endif
-  vec3 shown = texelFetch(table, ivec2(clamp(int(p * 256.0), 0, 255), 0), 0).rgb;
+  vec3 shown = v.r < -64000.0 ? vec3(0) : texelFetch(table, ivec2(clamp(int(p * 256.0), 0, 255), 0), 0).rgb;
 #else
   vec3 lit = max((v - black) / (white - black), 0.0);
 #if MODE == 1
@@ -309,18 +313,21 @@ export class Screen implements Surface {
     gl.disable(gl.BLEND);
     const codec = layer.picture.halves ? 2 : channels === 3 ? 0 : 1;
     const shift = TOP - topOf(layer.picture.head);
+    const linear = layer.picture.head.codec === "linear-jpeg";
+    const unit = linear ? 2 ** shift : 1;
     // A texture that is drawn into may not be bound, not even unused.
     const picture = codec === 2 ? this.table : layer.source;
     const planes = codec === 2 ? layer.source : null;
-    this.paint(`#define CODEC ${codec}\n`, MIX, [[gl.TEXTURE_2D, picture], [gl.TEXTURE_2D_ARRAY, planes]], {
+    this.paint(`#define CODEC ${codec}\n#define LINEAR ${Number(linear)}\n`, MIX, [[gl.TEXTURE_2D, picture], [gl.TEXTURE_2D_ARRAY, planes]], {
       picture: 0, planes: 1, place: [1, 1, 0, 0], channels: Math.min(channels, MOST_CHANNELS), rows: height,
-      low: low + shift, step_: (high - low) / 254, scale: 2 ** (low + shift), mix_: tone.mix.slice(0, MOST_CHANNELS).flat(),
+      low: linear ? low * unit : low + shift, step_: ((high - low) / 254) * unit, scale: 2 ** (low + shift), mix_: tone.mix.slice(0, MOST_CHANNELS).flat(),
     });
   }
 }
 
 /** log2 of the largest number that a frame may hold. */
 function topOf(head: FrameHead): number {
+  if (head.codec === "linear-jpeg") return Math.ceil(Math.log2(Math.max(Math.abs(head.low), Math.abs(head.high)) || 1));
   return Math.ceil(head.high ?? head.low + 15);
 }
 

@@ -1,6 +1,6 @@
 // Where there is no WebGL2: the same picture by plain JavaScript, slower.
 
-import { fromHalf, fromLog } from "./half";
+import { fromCode, fromHalf } from "./half";
 import type { Drawn, Picture, Surface } from "./screen";
 import { toneOf } from "./tone";
 
@@ -63,7 +63,7 @@ function exact({ head, halves }: Picture): Float32Array {
 }
 
 function preview({ head, bitmap }: Picture): Float32Array {
-  const { width, height, channels, low, high } = head;
+  const { width, height, channels } = head;
   const canvas = document.createElement("canvas");
   canvas.width = width;
   canvas.height = channels === 3 ? height : height * channels;
@@ -74,7 +74,7 @@ function preview({ head, bitmap }: Picture): Float32Array {
   for (let i = 0; i < width * height; i++) {
     for (let c = 0; c < channels; c++) {
       const code = channels === 3 ? codes[4 * i + c] : codes[4 * (i + c * width * height)];
-      out[i * channels + c] = fromLog(code, low, high);
+      out[i * channels + c] = fromCode(code, head);
     }
   }
   return out;

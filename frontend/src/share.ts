@@ -1,10 +1,10 @@
-// A scene as a link: media, camera, render and image of the document, deflated, behind the # of an
+// A scene as a link: media, projection, camera, render, image and slices of the document, deflated, behind the # of an
 // address, which is sent to nobody. Never the token, and never the volume.
 
 import { inflate } from "./half";
 import { fromBase64, type Table, toBase64 } from "./wire";
 
-export const SECTIONS = ["medium", "camera", "render", "image", "measures"];
+export const SECTIONS = ["medium", "project", "camera", "render", "image", "measures", "slices"];
 
 export async function linkOf(document: Table, page: string): Promise<string> {
   const json = JSON.stringify(Object.fromEntries(SECTIONS.map((name) => [name, document[name]])));

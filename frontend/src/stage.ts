@@ -72,8 +72,9 @@ export class Stage {
     const sharper = !moving && this.frameView !== null && JSON.stringify(view) === JSON.stringify(this.frameView);
     this.before = sharper && this.head ? { head: this.head, view: this.frameView! } : null;
     this.fadeFrom = sharper && !this.still.matches ? performance.now() : -Infinity;
-    // A preview does not know its smallest numbers: those of the last exact frame serve.
-    this.limits = picture.limits ?? (this.limits.length === head.channels ? this.limits : []);
+    // A preview does not know its smallest numbers, or not well: those of the last exact frame serve.
+    const same = this.head?.how === head.how && this.head?.channels === head.channels && this.limits.length;
+    this.limits = (head.exact || !same ? picture.limits : null) ?? (this.limits.length === head.channels ? this.limits : []);
     this.head = head;
     this.frameView = view;
     this.view ??= view;
@@ -151,6 +152,13 @@ export class Stage {
     const { clientWidth: w, clientHeight: h } = this.canvas;
     const longer = Math.max(w, h);
     return { x: w / 2 + (scale * at.x + x) * longer, y: h / 2 - (scale * at.y + y) * longer, depth: at.depth };
+  }
+
+  /** Where a point of space is, in parts of the longer side from the middle: the inverse of a click. */
+  toPlace(point: Vec3): [number, number] {
+    const { x, y } = this.toPixels(point);
+    const { clientWidth: w, clientHeight: h } = this.canvas;
+    return [(x - w / 2) / Math.max(w, h), (h / 2 - y) / Math.max(w, h)];
   }
 
   /** Length in the volume's unit of one CSS pixel, at the distance of the center. */

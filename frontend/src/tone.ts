@@ -24,6 +24,8 @@ export interface Tone {
 export interface Shown {
   channels: number;
   exposure: number;
+  /** Of a projection: which. */
+  how?: string;
   limits?: [number, number, number][];
 }
 
@@ -55,7 +57,7 @@ function completed(image: Table, shown: Shown, chosen: number[]): Table {
   if ((image.stretch ?? "linear") !== "linear" || (image.gamut ?? "hue") !== "hue") return image;
   if (["background", "vmin", "vmax", "softening"].some((name) => image[name] != null)) return image;
   const [least, , most] = shown.limits?.[chosen[0]] ?? [0, 0, 1];
-  if (most <= 0 && least < 0 && image.exposure == null) {
+  if ((most <= 0 || shown.how) && least < 0 && image.exposure == null) {
     return { ...image, colormap: "gray", vmin: least, vmax: most };
   }
   if (most <= 0 || -least < SHARE * most) return image;
@@ -127,6 +129,7 @@ export function toneOf(intensity: ArrayLike<number>, tone: Tone, table?: Uint8Ar
   const span = tone.white - tone.black;
   if (tone.colormap !== null) {
     const value = linear[0];
+    if (value === -Infinity) return [0, 0, 0];
     const place = tone.logarithmic
       ? Math.log(Math.max(value, tone.black) / tone.black) / Math.log(tone.white / tone.black)
       : span > 0 ? bend(Math.min(Math.max((value - tone.black) / span, 0), 1), tone) : 0;

@@ -28,6 +28,8 @@ export interface VolumeInfo {
   orientation?: string;
   direction?: number[][];
   views?: Record<string, { incl: number; phi: number; posang: number }>;
+  /** The picture of a stack has y downwards. */
+  y_down: boolean;
 }
 
 /** The plane on which a frame was drawn, as numbers in the volume's unit (or radians). */
@@ -48,7 +50,10 @@ export interface FrameHead extends Message {
   revision: number;
   camera: Table;
   frame: Plane;
-  codec: "log-jpeg" | "float16";
+  codec: "log-jpeg" | "linear-jpeg" | "float16";
+  /** Of a projection: "max", "min", "mean" …, and in its previews the limits of the values. */
+  how?: string;
+  limits?: [number, number, number][];
   width: number;
   height: number;
   channels: number;

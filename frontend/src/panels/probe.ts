@@ -15,6 +15,8 @@ const FIELDS = ["#e69f00", "#56b4e9", "#cc79a7", "#f0e442", "#009e73", "#b8c4d0"
 export interface Probe extends Panel {
   /** Show what the ray at a place of the picture saw. */
   at(place: [number, number]): Promise<void>;
+  /** Show what the ray through a point saw, and leave the mark there. */
+  through(point: Vec3): Promise<void>;
   /** Let rotations turn about the probed point. */
   turnAbout(): void;
 }
@@ -22,6 +24,7 @@ export interface Probe extends Panel {
 export function probePanel(
   { stage, store, server, notices, overlay, navigation }: Pick<Parts, "stage" | "store" | "server" | "notices" | "overlay" | "navigation">,
   toFront: () => void,
+  pointed: (point: Vec3) => void,
 ): Probe {
   const facts = h("dl", { class: "vlm-facts-list" });
   const empty = h("p", { class: "vlm-empty" }, "Click in the picture, or press p, to see what that ray saw.");
@@ -84,14 +87,24 @@ export function probePanel(
   );
 
   async function at(place: [number, number]): Promise<void> {
-    const spot = stage.fromPlace(place);
-    const answer = spot && (await server.tried("probe", { x: spot[0], y: spot[1] }));
-    if (!answer) return;
-    reply = answer;
-    overlay.probed = answer.point ?? null;
+    if (!(await ask(place))) return;
+    overlay.probed = reply!.point ?? null;
+    if (overlay.probed) pointed(overlay.probed);
     toFront();
     update();
     stage.redraw();
+  }
+
+  async function ask(place: [number, number]): Promise<boolean> {
+    const spot = stage.fromPlace(place);
+    const answer = spot && (await server.tried("probe", { x: spot[0], y: spot[1] }));
+    if (answer) reply = answer;
+    return Boolean(answer);
+  }
+
+  async function through(point: Vec3): Promise<void> {
+    if (!stage.frameView || !stage.isFlat || !(await ask(stage.toPlace(point)))) return;
+    if (body.isConnected && !body.closest("[hidden]:not(div)")) update();
   }
 
   function turnAbout(): void {
@@ -136,7 +149,7 @@ export function probePanel(
     notices.announce(rows.map((row) => row.join(" ")).join("; "));
   }
 
-  return { element: h("div", {}, empty, body), update, at, turnAbout };
+  return { element: h("div", {}, empty, body), update, at, through, turnAbout };
 }
 
 function nearest(list: number[], value: number): number {

@@ -1,117 +1,65 @@
-// A cut through the volume along one of its axes, drawn with a colormap; a click gives the value.
+// What the three slices show: a field or an expression, its window, and labels above it.
 
+import type { Panes } from "../panes";
 import type { Panel, Parts } from "../parts";
-import { ARROWS, h } from "../ui/dom";
-import { Form, toggle } from "../ui/fields";
-import { pretty, prettyLength, prettyPoint, withUnit } from "../ui/format";
-import { fromBase64, type Message, newest, type Vec3 } from "../wire";
+import { h } from "../ui/dom";
+import { Form } from "../ui/fields";
+import { pretty } from "../ui/format";
+import type { Table } from "../wire";
 
-const SIZE = 256;
-const SIDES = ["x", "y", "z"];
+/** Windows of computed tomography: width and level in Hounsfield units. */
+const USUAL: Record<string, [number, number]> = { "Soft tissue": [400, 40], Lung: [1500, -600], Bone: [1800, 400], Brain: [80, 40] };
 
-export function slicePanel({ stage, server, notices, overlay, navigation }: Pick<Parts, "stage" | "server" | "notices" | "overlay" | "navigation">): Panel {
-  const wish = { expr: "", axis: 2, at: 0.5 };
-  const form = new Form<typeof wish>();
-  let log: boolean | null = null;
-  let reply: Message | null = null;
-  let data: Float32Array = new Float32Array();
-  const canvas = h("canvas", { class: "vlm-slice", width: SIZE, height: SIZE, tabindex: "0", role: "application", "aria-label": "Slice. Arrow keys read values, Enter rotates about the point." });
-  const told = h("p", { class: "vlm-hint vlm-readout" }, "Move over the slice to read values.");
+export function slicePanel({ stage, store, server, navigation, notices }: Pick<Parts, "stage" | "store" | "server" | "navigation" | "notices">, panes: Panes): Panel {
+  const form = new Form<Table>();
   const fields = () => server.info?.fields.map((f) => f.name) ?? [];
-  const change = (what: Partial<typeof wish>) => {
-    Object.assign(wish, what);
-    form.update(wish);
-    load(null);
-  };
-  const scale = toggle("logarithm", (on) => {
-    log = on;
-    draw();
-  });
-
-  function where(v: number): string {
-    const bounds = server.info?.bounds[wish.axis];
-    return bounds ? prettyLength(bounds[0] + v * (bounds[1] - bounds[0]), server.info!.unit) : pretty(v);
-  }
-
-  const load = newest(async () => {
-    if (!wish.expr) return;
-    const found = await server.tried("slice", { ...wish, size: SIZE });
-    if (!found) return;
-    reply = found;
-    data = new Float32Array(fromBase64(found.data).buffer, 0, found.width * found.height);
-    draw();
-  });
-
-  function draw(): void {
-    if (!reply) return;
-    const { width, height, low, high } = reply;
-    const logarithmic = (log ?? (low > 0 && high / low > 100)) && high > 0;
-    scale.update(logarithmic);
-    const least = logarithmic ? Math.max(low, high * 1e-8) : low;
-    const f = logarithmic ? (v: number) => Math.log(Math.max(v, least)) : (v: number) => v;
-    const [a, b] = [f(least), f(high)];
-    const table = stage.tables.get("inferno")!;
-    Object.assign(canvas, { width, height });
-    const context = canvas.getContext("2d")!;
-    const image = context.createImageData(width, height);
-    for (let i = 0; i < width * height; i++) {
-      const value = data[(height - 1 - Math.floor(i / width)) * width + (i % width)];
-      const entry = 3 * Math.min(255, Math.max(0, Math.floor(((f(value) - a) / (b - a || 1)) * 256)));
-      image.data.set([...table.subarray(entry, entry + 3), Number.isFinite(value) ? 255 : 0], 4 * i);
-    }
-    context.putImageData(image, 0, 0);
-  }
-
-  /** Part of the sides at which values are read; moved by the pointer, or by the arrow keys. */
-  let spot = [0.5, 0.5];
-  function read(): Vec3 | null {
-    if (!reply || !server.info) return null;
-    const [i, j] = [reply.width, reply.height].map((n, k) => Math.min(n - 1, Math.floor(spot[k] * n)));
-    const parts = [...spot];
-    const point = server.info.bounds.map(([a, b], k) => a + (k === wish.axis ? wish.at : parts.shift()!) * (b - a)) as Vec3;
-    told.textContent = `${wish.expr} = ${withUnit(data[j * reply.width + i], reply.unit)} at ${prettyPoint(point, server.info.unit)}`;
-    overlay.probed = point;
-    stage.redraw();
-    return point;
-  }
-  const move = (u: number, v: number) => {
-    spot = [u, v].map((w) => Math.min(1, Math.max(0, w)));
-    return read();
-  };
-  const take = () => {
-    const pivot = read();
-    if (!pivot) return;
-    navigation.change((view) => ({ ...view, pivot }));
+  const { set } = panes;
+  const show = (expr: string) => set({ expr: expr || fields()[0], window: null }, "what slices show");
+  const spot = h("p", { class: "vlm-hint vlm-readout" });
+  const convention = h("p", { class: "vlm-hint" });
+  const width = () => panes.window()[1] - panes.window()[0];
+  const level = () => 0.5 * (panes.window()[0] + panes.window()[1]);
+  const put = (w: number, l: number, moving = false) => w > 0 && set({ window: [l - w / 2, l + w / 2].map((v) => Number(v.toPrecision(5))) }, "window", moving);
+  const labels = () => [...new Set([...fields(), ...(store.document.medium ?? []).filter((m: Table) => m.type === "labels").map((m: Table) => m.expr as string)])];
+  const turn = () => {
+    navigation.change((view) => ({ ...view, pivot: panes.point() }));
     notices.add("The picture now rotates about that point.", "info");
   };
-  canvas.addEventListener("pointermove", (event) => {
-    const box = canvas.getBoundingClientRect();
-    move((event.clientX - box.left) / box.width, 1 - (event.clientY - box.top) / box.height);
-  });
-  canvas.addEventListener("click", take);
-  canvas.addEventListener("keydown", (event) => {
-    const way = ARROWS[event.key];
-    if (!way && event.key !== "Enter") return;
-    event.preventDefault();
-    if (way) move(spot[0] + 0.02 * way[0], spot[1] + 0.02 * way[1]);
-    else take();
-    notices.announce(told.textContent!);
-  });
-
+  const update = () => {
+    form.update(panes.state());
+    ofCT.hidden = !panes.isCT();
+    spot.textContent = `Point ${panes.point().map((v) => pretty(v, 4)).join(", ")} ${server.info?.unit ?? ""}`;
+    convention.textContent = (server.info as Table | null)?.orientation
+      ? "Radiological: the patient's right is at the left, as seen from the feet; coronal from the front, sagittal from the left."
+      : "How a patient lies is not known: axes as in the file, across z, y and x.";
+  };
+  panes.onDrawn(update);
+  const usual = Object.entries(USUAL).map(([name, [w, l]]) => h("button", { type: "button", title: `Width ${w}, level ${l} HU`, onclick: () => put(w, l) }, name));
+  const ofCT = h("div", { class: "vlm-actions" }, ...usual);
   return {
     element: h(
       "div", {},
-      form.choice((now) => now.expr, "Field", fields, (expr) => change({ expr })),
-      form.text(({ expr }) => (fields().includes(expr) ? "" : expr), "Expression", (expr) => change({ expr: expr || fields()[0] }), "Any expression of the fields", "as the field above"),
-      form.choice((now) => SIDES[now.axis], "Across", () => SIDES, (name) => change({ axis: SIDES.indexOf(name) })),
-      form.slider((now) => now.at, "Place", [0, 1, 0.002], where, (at) => change({ at })),
-      canvas, told, scale.element,
-      h("p", { class: "vlm-hint" }, "A click (Enter) makes that point the one that rotations turn about."),
+      form.toggle((now) => Boolean(now.shown), "three slices beside the picture  (q)", panes.toggle),
+      form.choice(() => panes.expr(), "Field", fields, show),
+      form.text(() => (fields().includes(panes.expr()) ? "" : panes.expr()), "Expression", show, "Any expression of the fields", "as the field above"),
+      h("h2", {}, "Window"),
+      form.number(() => (panes.limits[0] <= panes.limits[1] ? Number(width().toPrecision(5)) : null), "Width", "", (v) => put(v, level()), "From black to white"),
+      form.number(() => (panes.limits[0] <= panes.limits[1] ? Number(level().toPrecision(5)) : null), "Level", "", (v) => put(width(), v), "The value in the middle, grey"),
+      h(
+        "div", { class: "vlm-actions" },
+        h("button", { type: "button", title: "From the least to the greatest value seen so far", onclick: () => set({ window: null }, "window") }, "All values"),
+        h("button", { type: "button", title: "The same window in the picture, of a maximum, mean or minimum", onclick: () => store.set([["image.vmin", panes.window()[0]], ["image.vmax", panes.window()[1]], ["image.exposure", null]], "window") }, "Same in the picture"),
+      ),
+      ofCT,
+      form.toggle(() => panes.tool.on, "a drag changes the window", (on) => (panes.tool.on = on), "As the right button does: to the side the width, up and down the level"),
+      form.choice((now) => now.colormap ?? "gray", "Colormap", () => ["gray", ...[...stage.tables.keys()].sort()], (name) => set({ colormap: name }, "colormap of slices")),
+      form.toggle((now) => Boolean(now.log), "logarithm of the values", (on) => set({ log: on }, "scale of slices")),
+      form.choice((now) => now.labels ?? "none", "Labels", () => ["none", ...labels()], (name) => set({ labels: name === "none" ? null : name }, "labels of slices"), "A field of whole numbers, in the colours of its table"),
+      spot,
+      h("div", { class: "vlm-actions" }, h("button", { type: "button", onclick: turn }, "Rotate about the point")),
+      h("p", { class: "vlm-hint" }, "Click or drag: move the point. Right drag: window and level. Wheel, Page ↑ ↓: next slice. Arrow keys: next cell; with Shift the window. Double click: one alone."),
+      convention,
     ),
-    update() {
-      wish.expr ||= fields()[0] ?? "";
-      form.update(wish);
-    },
-    shown: () => load(null),
+    update,
   };
 }

@@ -49,6 +49,7 @@ const ICONS: Record<string, string> = {
   bin: "M3 4h10M6.500 4V2.500h3V4M4.500 4l.6 9.500h5.800l.6-9.500",
   play: "M5 3l8 5-8 5z",
   pause: "M5 3v10M11 3v10",
+  four: "M2 2h5v5H2zM9 2h5v5H9zM2 9h5v5H2zM9 9h5v5H9z",
   ball: "M8 2a6 6 0 1 0 0 12A6 6 0 1 0 8 2M2 8c3 2.500 9 2.500 12 0M8 2c-3 3-3 9 0 12",
 };
 

@@ -8,13 +8,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import InputError
-from ..media import Medium
-from ..scene.sections import build_camera, build_medium, image_options, render_options
+from ..media import Coefficients, Medium
+from ..scene.sections import (
+    build_camera,
+    build_medium,
+    image_options,
+    projection,
+    render_options,
+)
 from .measures import check_measures
+from .slices import check_slices
 
 Patch = list[tuple[str, Any]]
 # Sections that a page may change. Others name files, which no page may.
-_OPEN = ("medium", "camera", "render", "image", "bookmarks", "measures")
+_OPEN = ("medium", "project", "camera", "render", "image", "bookmarks", "measures", "slices")
 _MOST_UNDONE = 200
 # Parts of a path, and elements of a list.
 _DEEPEST, _LONGEST = 6, 4096
@@ -27,8 +34,8 @@ class Document:
     Attributes
     ----------
     settings : dict
-        Sections ``medium`` (a list of tables), ``camera``, ``render``, ``image``, ``bookmarks``,
-        ``measures``.
+        Sections ``medium`` (a list of tables), ``project``, ``camera``, ``render``, ``image``,
+        ``bookmarks``, ``measures``, ``slices``.
         A medium with ``hidden = true`` stays in the list, and is not drawn.
     revision : int
         Grows with every change.
@@ -50,6 +57,8 @@ class Document:
         medium = check(settings)
         if medium is not None:
             self.check_medium(medium)
+        if given := projection(settings.get("project", {})):
+            self.check_medium(Coefficients(given["quantity"], 0))
 
     def apply(self, patch: Patch, label: str = "", *, moving: bool = False) -> None:
         """Change values; all of them or, after an error, none.
@@ -72,11 +81,12 @@ class Document:
         for path, value in patch:
             set_path(changed, path, copy.deepcopy(value))
         self._check(changed)
-        if self._gesture is None or self._gesture != label:
-            self._past.append((label, self.settings))
-            del self._past[:-_MOST_UNDONE]
-        self._gesture = label if moving else None
-        self._future.clear()
+        if not all(path.startswith("slices") for path, _ in patch):
+            if self._gesture is None or self._gesture != label:
+                self._past.append((label, self.settings))
+                del self._past[:-_MOST_UNDONE]
+            self._gesture = label if moving else None
+            self._future.clear()
         self.settings = changed
         self.revision += 1
 
@@ -98,8 +108,9 @@ class Document:
             return False
         label, settings = source.pop()
         other.append((label, self.settings))
-        # The camera is not a part of what is undone: it moves too often.
-        self.settings = {**settings, "camera": self.settings["camera"]}
+        # Camera and slices are no part of what is undone: they move too often.
+        kept = ("camera", "slices")
+        self.settings = settings | {k: v for k, v in self.settings.items() if k in kept}
         self._gesture = None
         self.revision += 1
         return True
@@ -129,10 +140,13 @@ def check(settings: dict[str, Any]) -> Medium | None:
         medium = build_medium(tables)
     build_camera(settings["camera"])
     check_measures(settings.get("measures", []))
+    check_slices(settings.get("slices", {}))
     if isinstance(settings.get("render", {}).get("background"), str):  # no page names a file
         raise InputError("[render] background: the explorer shows no picture as background")
     render_options(settings.get("render", {}))
-    image_options(settings.get("image", {}), 3 if medium is None else medium.channels)
+    channels = 1 if projection(settings.get("project", {})) else 3
+    channels = medium.channels if medium is not None and channels > 1 else channels
+    image_options(settings.get("image", {}), channels)
     return medium
 
 

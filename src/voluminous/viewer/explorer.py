@@ -26,12 +26,12 @@ from ..media import Medium
 from ..rendering import framed
 from ..rendering.framing import first_medium
 from ..scene import Scene
-from ..scene.sections import build_camera, build_medium, render_options
+from ..scene.sections import build_camera, build_medium, projection, render_options
 from ..scene.settings import SECTIONS, plain_value
 from ..units import unit_name
 from ..volume import Volume
 from .document import Document, Patch, shown
-from .painter import Painter, Shot, at_hand, caught_warnings
+from .painter import Painter, Shot, at_hand, caught_warnings, window_of
 from .questions import QUESTIONS, number
 from .script import IN_MEMORY
 from .session import Session
@@ -47,7 +47,7 @@ _MOST_WARNINGS = 3
 # What a picture may take of a volume that need not be in memory.
 _MEMORY = "1 GiB"
 # Sections that pages show without a new picture.
-_OF_PAGES = ("image.", "bookmarks", "measures")
+_OF_PAGES = ("image.", "bookmarks", "measures", "slices")
 _MAPS = ("viridis", "inferno", "magma", "cividis", "gray", "coolwarm", "turbo")
 
 Send = Callable[[dict[str, Any], bytes], None]
@@ -97,11 +97,13 @@ class Explorer:
             {
                 "volume": others.get("volume") or self._source(),
                 "medium": tables_of(medium),
+                "project": dict(others.get("project", {})),
                 "camera": _view(camera),
                 "render": rest,
                 "image": dict(others.get("image", {})),
                 "bookmarks": list(others.get("bookmarks", [])),
                 "measures": list(others.get("measures", [])),
+                "slices": dict(others.get("slices", {})),
             },
             check_medium=self._check,
         )
@@ -144,6 +146,11 @@ class Explorer:
         tables = shown(self.document.settings)
         made: Medium | None = build_medium(tables) if tables else None
         return made
+
+    @property
+    def channels(self) -> int:
+        """How many numbers a pixel has."""
+        return 1 if self.document.settings.get("project") else getattr(self.medium, "channels", 3)
 
     @property
     def camera(self) -> Camera:
@@ -200,7 +207,9 @@ class Explorer:
         camera = build_camera(table).within(size)
         options = render_options(settings.get("render", {}))
         editing = time.monotonic() - self.edited_at < _EDITED
-        return Shot(volume, medium, camera, options, wish, number, revision, table, editing)
+        how = projection(settings.get("project", {}))
+        how |= {"window": window_of(settings.get("image", {}))} if how else {}
+        return Shot(volume, medium, camera, options, wish, number, revision, table, editing, how)
 
     def changed(self, by: Client | None, *, moving: bool = False) -> None:
         """Tell all pages of the new document, and paint it."""
@@ -224,14 +233,13 @@ class Explorer:
             self._untold.clear()
             settings, revision, volume = self.document.settings, self.document.revision, self.volume
             undo, redo = self.document.labels
-        tables = shown(settings)
         message = {
             "kind": "document",
             "document": settings,
             "revision": revision,
             "undo": undo,
             "redo": redo,
-            "channels": build_medium(tables).channels if tables else 3,
+            "channels": self.channels,
             "open": _open_numbers(settings["medium"], volume),
         }
         for client, newest_input in newest.items():
@@ -271,6 +279,7 @@ class Explorer:
             "coordinates": list(volume.coordinates),
             **oriented(volume.meta),
             "views": _named_views(volume.meta),
+            "y_down": bool(volume.meta.get("y_down")),
         }
 
 
@@ -364,7 +373,7 @@ class Client:
                 "presets": [*suited, *(n for n in presets.__all__ if n not in suited)],
                 "suited": len(suited),
                 "notes": [*volume.meta.get("notes", ()), *presets.notes(volume)],
-                "channels": 3 if explorer.medium is None else explorer.medium.channels,
+                "channels": explorer.channels,
                 "colormaps": _colormaps(),
             }
         )

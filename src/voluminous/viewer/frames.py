@@ -67,6 +67,39 @@ def log_jpeg(intensity: np.ndarray) -> tuple[dict[str, Any], bytes]:
     return {**head, "low": low, "high": high}, file.getvalue()
 
 
+def linear_jpeg(
+    intensity: np.ndarray, window: tuple[float, float] | None
+) -> tuple[dict[str, Any], bytes]:
+    """Return a preview of a projection: 8 bits for values of either sign, as a JPEG.
+
+    Parameters
+    ----------
+    intensity : array, shape (ny, nx, 1)
+        Row 0 at the bottom; NaN becomes code 0.
+    window : (float, float), optional
+        What is shown: three times as much is coded, so that another window is seen at once.
+    """
+    from PIL import Image
+
+    values = intensity[::-1, :, 0].astype(np.float64)
+    valid = values[np.isfinite(values)]
+    least, most = (valid.min(), valid.max()) if valid.size else (0.0, 1.0)
+    positive = valid[valid > 0.0]
+    low, high = float(least), float(most)
+    if window is not None:
+        reach = abs(window[1] - window[0])
+        low, high = max(low, min(window) - reach), min(high, max(window) + reach)
+    if not low < high:
+        low, high = float(least), float(max(most, np.nextafter(np.float32(least), np.inf)))
+    levels = 1.5 + (np.clip(values, low, high) - low) * (254.0 / (high - low))
+    codes = np.where(np.isnan(values), 0.0, np.minimum(levels, 255.0)).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", quality=_QUALITY)
+    head = {"codec": "linear-jpeg", "width": values.shape[1], "height": values.shape[0]}
+    limits = [[float(least), float(positive.min(initial=most)), float(most)]]
+    return {**head, "channels": 1, "low": low, "high": high, "limits": limits}, file.getvalue()
+
+
 def from_log_jpeg(head: dict[str, Any], payload: bytes) -> np.ndarray:
     """Return the intensities of a preview, row 0 at the bottom."""
     from PIL import Image
@@ -79,14 +112,16 @@ def from_log_jpeg(head: dict[str, Any], payload: bytes) -> np.ndarray:
     return np.where(codes > 0, values, 0.0)[::-1]
 
 
-def float16(intensity: np.ndarray) -> tuple[dict[str, Any], bytes]:
+def float16(intensity: np.ndarray, missing: float = 0.0) -> tuple[dict[str, Any], bytes]:
     """Return an exact frame: numbers of 11 binary digits, whatever their range.
 
     Differences between neighbours, and the two bytes of each number apart, compress to half.
     """
     ny, nx, channels = intensity.shape
-    values = np.nan_to_num(intensity, nan=0.0, posinf=np.finfo(np.float32).max)
-    top = float(np.abs(values).max(initial=0.0))
+    values = np.nan_to_num(
+        intensity, nan=missing, posinf=np.finfo(np.float32).max, neginf=-np.finfo(np.float32).max
+    )
+    top = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
     # The brightest is 2^15, so that the faintest of 2^-24 of it and more are normal numbers.
     low = int(np.ceil(np.log2(top))) - 15 if top > 0.0 else 0
     with np.errstate(over="ignore"):

@@ -9,7 +9,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,12 +22,13 @@ from ..errors import VoluminousError
 from ..grids.contract import DualGrid
 from ..image import Image
 from ..large.levels import sufficient_level
+from ..measuring.projections import drawn
 from ..media import Coefficients, Medium
 from ..progress import silent
 from ..rendering.options import RenderOptions
 from ..schemes.pre_integrated import PreIntegrated
 from ..volume import Volume
-from .frames import float16, log_jpeg
+from .frames import float16, linear_jpeg, log_jpeg
 from .session import QUIET, Session
 
 # Seconds of a batch: so long a new input may wait.
@@ -67,6 +68,8 @@ class Shot:
         The camera, as the page gave it.
     editing : bool
         The medium is being changed: what is only computed once per medium does not pay.
+    projection : dict
+        Arguments of `project`, if the picture is no rendering, and the window that is shown.
     """
 
     volume: Volume
@@ -78,6 +81,7 @@ class Shot:
     revision: int
     table: dict[str, Any]
     editing: bool = False
+    projection: dict[str, Any] = field(default_factory=dict)
 
     @property
     def drawn(self) -> Medium:
@@ -88,6 +92,14 @@ class Shot:
     def pixels(self) -> tuple[int, int]:
         """Pixels of the picture: no more than asked for, and fewer where its shape is fixed."""
         return self.camera.frame(self.volume.grid).pixels
+
+    def projected(self, volume: Volume, progress: Any) -> Image:
+        """Return the projection, of the volume or of a level of its file."""
+        how = {key: value for key, value in self.projection.items() if key != "window"}
+        options = {**self.options, "progress": progress}
+        if volume is not self.volume:
+            options |= {"memory": None}
+        return drawn(volume, self.drawn, self.camera, how, **options)
 
 
 class _GivenUp(Exception):
@@ -282,6 +294,8 @@ class Painter:
         def report(done: int, total: int) -> None:
             look_around(done / max(total, 1))
 
+        if shot.projection:
+            return shot.projected(shot.volume, report)
         in_blocks = options.get("memory") is not None
         steps = in_steps(
             shot.volume,
@@ -307,6 +321,9 @@ class Painter:
 
     def _quietly(self, shot: Shot, *, first_order: bool = False) -> np.ndarray:
         """Return a quick picture's intensities; warnings are for the picture at rest."""
+        if shot.projection:
+            with caught_warnings():
+                return shot.projected(at_hand(shot.volume), False).intensity
         scheme, parts = shot.options.get("scheme"), shot.drawn.components()
         # No other scheme draws a surface without a width, or labels without their cells' edges.
         first_order &= not any(part.surface_only or part.discrete for part in parts)
@@ -368,7 +385,7 @@ class Painter:
         level: int = 0,
     ) -> None:
         self._frame += 1
-        head, payload = (float16 if exact else log_jpeg)(intensity)
+        head, payload = _coded(shot, intensity, exact)
         look = _look(shot)
         if look not in self._exposures:
             self._exposures[look] = Image(intensity).exposure
@@ -397,6 +414,8 @@ class Painter:
 def _levels(shot: Shot) -> list[int]:
     """Return the levels that are drawn one after another; of most volumes all cells at once."""
     level = shot.options.get("level")
+    if shot.projection:
+        return [0]
     if level != "auto":
         return [0 if level is None else level]
     last = sufficient_level(shot.volume, shot.drawn, shot.camera)
@@ -410,7 +429,27 @@ _NOTHING = Coefficients(["0", "0", "0"], "0")
 
 def _look(shot: Shot) -> str:
     """Return a key of what is seen, from wherever: its exposure stays while the camera moves."""
-    return json.dumps([repr(shot.medium), id(shot.volume)])
+    return json.dumps([repr(shot.projection or shot.medium), id(shot.volume)])
+
+
+def window_of(image: dict[str, Any]) -> tuple[float, float] | None:
+    """Return the least and the largest value that a linear scale shows, if both are given."""
+    low, high = image.get("vmin"), image.get("vmax")
+    if image.get("norm") == "log" or not isinstance(low, (int, float)):
+        return None
+    return (low, high) if isinstance(high, (int, float)) else None
+
+
+def _coded(shot: Shot, intensity: np.ndarray, exact: bool) -> tuple[dict[str, Any], bytes]:
+    """Return the head and the bytes of a frame; in projections pixels without a value stay so."""
+    if not shot.projection:
+        return (float16 if exact else log_jpeg)(intensity)
+    head: dict[str, Any] = {"how": shot.projection.get("how", "max")}
+    if exact:
+        more, payload = float16(intensity, missing=-np.inf)
+    else:
+        more, payload = linear_jpeg(intensity, shot.projection["window"])
+    return head | more, payload
 
 
 def geometry(camera: Camera, volume: Volume) -> dict[str, Any]:

@@ -18,7 +18,8 @@ from ..calibration import presets, suggest_medium
 from ..drawing import render
 from ..errors import InputError, check_name
 from ..expressions import Expression
-from ..measuring import probe
+from ..measuring import probe, project
+from ..measuring.columns import lines_of_sight
 from ..media import Medium, Rectangle
 from ..scene import Scene, settings
 from ..scene.sections import build_medium
@@ -33,10 +34,11 @@ from .measures import (
     shown_where,
     statistics,
 )
-from .painter import at_hand, caught_warnings
+from .painter import Shot, at_hand, caught_warnings
 from .script import IN_MEMORY, keyframes_of
 from .session import scaled
 from .share import MEASURES, dressed, exported, filmed, tables_of, text_of
+from .slices import coded, of_planes
 
 if TYPE_CHECKING:
     from .explorer import Client
@@ -49,6 +51,8 @@ _MOST_BINS, _MOST_SIDE, _MOST_FRAMES = 4096, 8192, 10_000
 _MOST_CELLS = 1 << 24
 # Pixels of a preset's picture, and of one that shows where values are.
 _SMALL, _COARSE = 96, 300
+# Pixels along a side of a slice.
+_MOST_CUT = 2048
 _QUICK: dict[str, Any] = {"tolerance": None, "progress": False}
 # Widths of the pictures by which the time of a larger one is estimated.
 _ESTIMATED = (64, 96, 192)
@@ -99,7 +103,20 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
         reply["point"] = listed(point + (reply["depth"] - middle) * ahead)
         reply["values"] = {name: number(v[k]) for name, v in ray.scalars.items()}
         reply["contribution"] = listed(np.diff(light, prepend=0.0))
+    if shot.projection and shot.projection.get("how", "max") in ("max", "min"):
+        reply["point"] = _extreme(shot, x, y)
     return reply
+
+
+def _extreme(shot: Shot, x: int, y: int) -> list[float | None] | None:
+    """Return the place of the cell that a pixel of a maximum or minimum shows; None beside all."""
+    how = {key: value for key, value in shot.projection.items() if key != "window"}
+    volume = at_hand(shot.volume)
+    both: Any = project(volume, camera=shot.camera, **how, depth=True, progress=False)
+    _, depth = both
+    away = depth.intensity[y, x, 0]
+    origin, direction = (a[y, x] for a in lines_of_sight(shot.camera, volume.grid))
+    return listed(origin + away * direction) if np.isfinite(away) else None
 
 
 def ask_histogram(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -136,18 +153,23 @@ def ask_histogram(page: Client, message: Answer, progress: Progress) -> Answer:
 
 def ask_slice(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return the values in a plane across an axis."""
-    volume, axis = at_hand(page.explorer.volume), int(message["axis"])
-    size = min(int(message.get("size", 256)), 1024)
+    volume, axis = of_planes(page.explorer.volume), int(message["axis"])
+    if axis not in (0, 1, 2):
+        raise InputError(f"axis must be 0, 1 or 2, got {axis}")
     low, high = volume.grid.bounds[axis]
     place = low + _part(message, "at") * (high - low) * (1.0 - 1e-9)
-    cut = volume.slice(str(message["expr"]), "xyz"[axis], float(place), resolution=max(size, 1))
-    values = np.asarray(cut.values, dtype="<f4")
-    finite = values[np.isfinite(values)]
+    size = message.get("size", 256)
+    if np.max(size) > _MOST_CUT:
+        raise InputError(f"a slice may have {_MOST_CUT} pixels along a side, got {size!r}")
+    cut = volume.slice(str(message["expr"]), "xyz"[axis], float(place), resolution=size)
+    finite = cut.values[np.isfinite(cut.values)]
     ends = (finite.min(), finite.max()) if len(finite) else (0.0, 1.0)
+    kind, data = coded(cut.values)
     return {
-        "width": values.shape[1],
-        "height": values.shape[0],
-        "data": text_of(np.nan_to_num(values, nan=float(ends[0])).tobytes()),
+        "width": cut.values.shape[1],
+        "height": cut.values.shape[0],
+        "type": kind,
+        "data": text_of(data),
         "low": number(ends[0]),
         "high": number(ends[1]),
         "unit": unit_name(volume.expression_unit(Expression(str(message["expr"])))),
@@ -225,7 +247,8 @@ def ask_load(page: Client, message: Answer, progress: Progress) -> Answer:
         {"volume": {"path": IN_MEMORY}, **settings.loads(str(message["text"]))}
     )
     sections["camera"].pop("resolution", None)
-    names = [name for name in ("medium", "camera", "render", "image") if sections[name]]
+    given = [name for name in ("medium", "camera", "render", "image") if sections[name]]
+    names = [*given, "project"]  # without one the media are shown
     page.change([(name, sections[name]) for name in names], "another scene")
     return {}
 
