@@ -399,6 +399,81 @@ def test_the_token_can_be_given_by_the_environment_and_must_be_long(monkeypatch)
         Guard()
 
 
+@pytest.fixture
+def session(tmp_path, monkeypatch):
+    """Return the folder where the tokens of a user's session are."""
+    monkeypatch.delenv("VOLUMINOUS_TOKEN", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / f"voluminous-{os.getuid()}"
+
+
+def test_a_rerun_on_the_same_port_has_the_same_token(session, server):
+    with contextlib.closing(socket.socket()) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    urls = []
+    for _ in range(2):
+        again = Server(server.explorer, port=port)
+        again._socket.close()
+        urls.append(again.url)
+    assert urls[0] == urls[1]
+    file = session / f"port-{port}"
+    assert stat.S_IMODE(session.stat().st_mode) == 0o700
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert urls[0].endswith(f"#token={file.read_text()}")
+    assert Guard(port=port + 1).token != Guard(port=port).token
+    assert Guard().token != Guard().token  # of any free port, and of a socket
+    assert {path.name for path in session.iterdir()} == {f"port-{port}", f"port-{port + 1}"}
+
+
+def _is_readable(file):
+    file.chmod(0o640)
+
+
+def _is_old(file):
+    os.utime(file, (time.time() - 90_000,) * 2)
+
+
+def _is_a_link(file):
+    file.rename(file.with_name("other"))
+    file.symlink_to(file.with_name("other"))
+
+
+def _is_empty(file):
+    file.write_text("")
+
+
+def _is_a_pipe(file):
+    file.unlink()
+    os.mkfifo(file, 0o600)
+
+
+@pytest.mark.parametrize("spoil", [_is_readable, _is_old, _is_a_link, _is_empty, _is_a_pipe])
+def test_a_token_that_others_may_know_is_made_anew(session, spoil):
+    first = Guard(port=8080).token
+    spoil(session / "port-8080")
+    with pytest.warns(UserWarning, match="port-8080.*made anew"):
+        second = Guard(port=8080).token
+    assert second != first
+    assert Guard(port=8080).token == second
+    assert stat.S_IMODE((session / "port-8080").lstat().st_mode) == 0o600
+
+
+def test_a_folder_that_others_can_open_gives_no_token(session, monkeypatch):
+    first = Guard(port=8080).token
+    session.chmod(0o755)
+    with pytest.warns(UserWarning, match="other users can open it"):
+        assert Guard(port=8080).token != first
+    session.chmod(0o700)
+    user = os.getuid()
+    with monkeypatch.context() as other:
+        other.setattr(os, "getuid", lambda: user + 1)
+        (session.parent / f"voluminous-{user + 1}").mkdir(0o700)
+        with pytest.warns(UserWarning, match="not yours"):
+            assert Guard(port=8080).token != first
+    assert Guard(port=8080).token == first
+
+
 def test_a_port_that_is_taken(server):
     with contextlib.closing(socket.socket()) as taken:
         taken.bind(("127.0.0.1", 0))

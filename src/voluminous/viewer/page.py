@@ -109,10 +109,14 @@ class App:
         allowed = self._path(scope) == "/ws" and self.guard.lets_in(
             headers.get("host", ""), headers.get("origin"), scope.get("subprotocols", ())
         )
-        if not allowed or self.explorer.pages >= _MOST_PAGES:
+        if not allowed:
             await send({"type": "websocket.close", "code": 1008})  # before accept: HTTP 403
             return
         await send({"type": "websocket.accept", "subprotocol": SUBPROTOCOL})
+        if self.explorer.pages >= _MOST_PAGES:
+            why = f"{_MOST_PAGES} pages are open: close some"
+            await send({"type": "websocket.close", "code": 1013, "reason": why})
+            return
         outbox: asyncio.Queue[bytes | str] = asyncio.Queue()
         loop = asyncio.get_running_loop()
 
@@ -187,7 +191,7 @@ class Server:
     ) -> None:
         uvicorn = require("uvicorn", "view", "the explorer")
         require("websockets", "view", "the explorer")
-        self.explorer, self.guard, self.idle = explorer, Guard(hosts), idle
+        self.explorer, self.idle = explorer, idle
         base = unquote(base_path).removesuffix("/")
         if not re.fullmatch(r"(/(?!\.\.?(/|$))[\w.~@+-]+)*", base):
             raise InputError(f"a base path is one such as /volume/, got {base_path!r}")
@@ -198,6 +202,7 @@ class Server:
         else:
             self._socket = _loopback(port)
             self.port = self._socket.getsockname()[1]
+        self.guard = Guard(hosts, 0 if unix_socket else port)
         self.url = f"http://127.0.0.1:{self.port}{quote(base)}/#token={self.guard.token}"
         self._server = uvicorn.Server(
             uvicorn.Config(
