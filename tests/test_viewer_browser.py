@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import io
 import json
 import os
+import socket
 import time
 import zlib
 
@@ -303,10 +305,129 @@ def test_a_link_carries_the_scene_and_no_secret(browser):
     scene = panel(tab, "Scene")
     scene.get_by_label("Scene file or link").fill(f"{head}#scene={wrong}")
     scene.get_by_role("button", name="Load").click()
-    tab.page.locator(".vlm-error").get_by_text("dust").wait_for()
+    scene.get_by_role("alert").get_by_text("dust").wait_for()
+    assert tab.page.get_by_text("'dust'").count() == 1  # and not in a corner too
     assert tab.explorer.document.revision == before
     tab.shows(tab.image(), 2.0, exposure=exposure)
     tab.close()
+
+
+def copied(tab, key):
+    tab.page.evaluate("navigator.clipboard.writeText('')")
+    tab.page.locator("canvas").first.focus()
+    tab.page.keyboard.press(key)
+    until(tab, lambda: tab.page.evaluate("navigator.clipboard.readText()"))
+    return tab.page.evaluate("navigator.clipboard.readText()")
+
+
+def scene_of(link):
+    packed = link.partition("#scene=")[2].partition("&")[0]
+    return json.loads(zlib.decompress(base64.urlsafe_b64decode(packed + "=" * (-len(packed) % 4))))
+
+
+def test_each_of_two_tabs_takes_away_what_it_shows(browser):
+    tab = Tab(browser, bypass_csp=True, permissions=["clipboard-read", "clipboard-write"])
+    code = panel(tab, "Scene").get_by_label("Python")
+    other = tab.context.new_page()
+    other.goto(tab.view.url)
+    other.wait_for_selector(REST, state="attached")
+    other.locator("canvas").first.focus()
+    other.keyboard.press("z")  # incl 0
+    until(tab, lambda: tab.explorer.document.settings["camera"]["incl"] == 0)
+    tab.page.bring_to_front()
+    tab.page.locator("canvas").first.focus()
+    tab.page.keyboard.press("ArrowUp")  # incl 65: not the first view, and not drawn yet
+    assert scene_of(copied(tab, "l"))["camera"]["incl"] == 65
+    assert "incl=65.0" in copied(tab, "c")
+    assert "incl = 65.0" in copied(tab, "C")
+    until(tab, lambda: "incl=65.0" in code.inner_text())
+    other.bring_to_front()
+    other.locator("canvas").first.focus()
+    other.keyboard.press("s")
+    dialog = other.get_by_role("dialog", name="Save")
+    dialog.get_by_label("Width").fill("100000")
+    dialog.get_by_role("button", name="Save", exact=True).click()
+    dialog.get_by_role("alert").get_by_text("8192").wait_for()
+    dialog.get_by_label("Width").fill("120")
+    dialog.get_by_label("white ground").check()
+    dialog.get_by_text("About ").wait_for()
+    with other.expect_download() as download:
+        dialog.get_by_role("button", name="Save", exact=True).click()
+    from PIL import Image
+
+    seen = np.asarray(Image.open(download.value.path()).convert("RGB")) / 255
+    ny, nx, _ = seen.shape
+    drawn = vm.render(VOLUME, MEDIUM, CAMERA.replace(incl=0, phi=0, resolution=(nx, ny)))
+    np.testing.assert_allclose(seen, drawn.to_rgb(background="white")[::-1], atol=0.51 / 255)
+    assert tab.errors == []
+    tab.close()
+
+
+@contextlib.contextmanager
+def served(port, monkeypatch, folder):
+    """Serve the scene at a port, in the session of a user that has this folder."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    view = vm.view(VOLUME, MEDIUM, CAMERA, notebook=False, browser=False, port=port)
+    yield view
+    view.close()
+
+
+def test_a_page_says_that_it_is_cut_off_and_goes_on_with_what_was_edited(
+    browser, tmp_path, monkeypatch
+):
+    with contextlib.closing(socket.socket()) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    page = browser.new_page(viewport={"width": 800, "height": 500})
+    page.set_default_timeout(1000 * SECONDS)
+    field = page.get_by_label("Paste the address")
+
+    def goes_on(view):
+        settings, end = view._explorer.document.settings, time.monotonic() + SECONDS
+        while not settings["image"].get("exposure") or view.camera.phi == CAMERA.phi:
+            assert time.monotonic() < end
+            page.wait_for_timeout(50)
+            settings = view._explorer.document.settings
+        assert field.is_hidden()
+        return settings
+
+    sessions = [tmp_path / "first", tmp_path / "second"]
+    for folder in sessions:
+        folder.mkdir()
+    with served(port, monkeypatch, sessions[0]) as view:
+        page.goto(f"{view.url[:-5]}wrong")
+        page.get_by_text("does not take this page's token").wait_for()
+        field.fill("what was it")
+        field.press("Enter")
+        page.get_by_text("neither an address").wait_for()
+        field.fill(view.url.partition("#token=")[2])
+        field.press("Enter")
+        page.wait_for_selector(REST, state="attached")
+        page.locator("canvas").first.focus()
+        for key in ("e", "ArrowRight", "Shift+3"):
+            page.keyboard.press(key)
+        goes_on(view)
+    page.get_by_text("The server does not answer. Trying again").wait_for(timeout=5000)
+    page.keyboard.press("e")
+    with served(port, monkeypatch, sessions[0]) as view:  # with the same token
+        settings = goes_on(view)
+        assert settings["bookmarks"][0]["key"] == 3
+        page.wait_for_selector(REST, state="attached")
+    page.get_by_text("is at another address now").wait_for()
+    with served(port, monkeypatch, sessions[1]) as view:  # with another one
+        page.get_by_text("does not take this page's token").wait_for()
+        assert view._explorer.pages == 0
+        field.fill(view.url)
+        field.press("Enter")
+        goes_on(view)
+    with served(0, monkeypatch, sessions[1]) as view:  # at another address
+        page.get_by_text("is at another address now").wait_for()
+        field.fill(view.url)
+        field.press("Enter")
+        page.wait_for_selector(REST, state="attached")
+        goes_on(view)
+        assert page.url == view.url.partition("#")[0]
+    page.close()
 
 
 def test_a_film_is_made_and_one_given_up(tab):

@@ -2,6 +2,7 @@
 
 import { tableOf } from "./camera";
 import { listen } from "./gestures";
+import { connectionBox } from "./connection";
 import { Highlight } from "./highlight";
 import { listenToKeys } from "./keys";
 import { build } from "./layout";
@@ -10,10 +11,11 @@ import { navigate } from "./navigation";
 import { Notices } from "./notices";
 import { Overlay } from "./overlay";
 import { exchange } from "./scenes";
+import { linkOf } from "./share";
 import { Server } from "./server";
 import { Stage } from "./stage";
 import { Store } from "./store";
-import { fromBase64, type FrameHead, type Message, type Model, type Table } from "./wire";
+import { fromBase64, type FrameHead, type Message, type Model, type Table, type VolumeInfo } from "./wire";
 
 const PROTOCOL = 1;
 
@@ -22,7 +24,7 @@ export function explore(model: Model, el: HTMLElement): () => void {
   const notices = new Notices();
   const server = new Server(model, notices);
   const stage = new Stage((frame) => server.send({ kind: "seen", frame }), decorate);
-  const store = new Store((m) => server.send(m), () => (changedBy = server.number()), (callback) => requestAnimationFrame(callback));
+  const store = new Store((m) => server.send(m), () => notices.remember((changedBy = server.number())), (callback) => requestAnimationFrame(callback));
   const overlay = new Overlay(stage, (axis) => navigation.side(axis));
   const legend = new Legend(stage, store, server);
   const rests = (): boolean => !navigation.moving && !server.isBehind && root.dataset.exact === "true";
@@ -31,8 +33,11 @@ export function explore(model: Model, el: HTMLElement): () => void {
     else root.dataset.highlight = values;
   });
   const navigation = navigate(stage, overlay, highlight, server, notices, Boolean(model.follows), (view) => layout.camera(view));
-  const scenes = exchange(store, server, notices, () => (root.closest(".vlm-page") ? location.origin + location.pathname : ""));
-  const layout = build({ notices, server, stage, store, overlay, highlight, navigation, scenes }, legend.element);
+  /** The document as this page shows it: others may have moved its camera. */
+  const shown = (): Table => ({ ...store.document, ...(stage.view ? { camera: tableOf(stage.view) } : {}), time: store.time || undefined });
+  const scenes = exchange(store, server, notices, shown, () => (root.closest(".vlm-page") ? location.origin + location.pathname : ""));
+  const link = connectionBox(model, async () => (server.welcome ? (await linkOf(shown(), "")).slice(1) : ""));
+  const layout = build({ notices, server, stage, store, overlay, highlight, navigation, scenes }, legend.element, link);
   const { root, probe } = layout;
   let changedBy = 0;
   let lastSize = "";
@@ -48,10 +53,10 @@ export function explore(model: Model, el: HTMLElement): () => void {
     server.send({ kind: "visible", on: !document.hidden });
   }
 
-  function connection(state: string): void {
-    layout.connection(state);
+  function connection(state: string, reason?: string): void {
+    link.show(state, reason);
+    root.dataset.connection = state;
     if (state !== "open") return;
-    navigation.reconnected();
     stage.restart();
     server.reconnected();
     hello();
@@ -72,22 +77,25 @@ export function explore(model: Model, el: HTMLElement): () => void {
         return server.progress(message);
       case "notice":
         if (message.n !== undefined) store.forget(message.n);
-        return notices.add(message.text, message.level);
+        return notices.add(message.text, message.level, notices.about(message.n));
     }
   }
 
   function welcomed(message: Message): void {
     const again = server.welcome !== null;
+    const before = server.info;
     server.welcome = message;
     for (const [name, table] of Object.entries(message.colormaps ?? {})) {
       stage.tables.set(name, fromBase64(table as string));
     }
     const restarted = again && message.revision < store.revision;
-    const mine: Table = { ...store.document, ...(stage.view ? { camera: tableOf(stage.view) } : {}) };
+    const mine = shown();
+    if (restarted && other(before!, message.volume) && root.closest(".vlm-page")) return location.reload();
     store.receive(message);
     // A server that was started anew has the file's scene; what was on the screen goes back to it.
     if (restarted) {
       scenes.put(mine, "restored");
+      notices.add("The server was started anew: what was on this page was sent to it.");
     } else if (again) {
       store.resend();
       navigation.resume();
@@ -148,6 +156,11 @@ export function explore(model: Model, el: HTMLElement): () => void {
   }
 
   el.append(root);
+  notices.follow(root);
+  server.beforeAsking = () => {
+    navigation.flush();
+    store.flush();
+  };
   listen(stage, {
     view: () => stage.view,
     look: navigation.look,
@@ -161,7 +174,7 @@ export function explore(model: Model, el: HTMLElement): () => void {
   model.on("msg:custom", receive);
   model.on("connection", connection);
   document.addEventListener("visibilitychange", visible);
-  const timer = window.setInterval(() => layout.busy(server.isBusy), 250);
+  const timer = window.setInterval(() => link.busy(server.isBusy), 250);
   const deafen = listenToKeys(layout.keys, root, stage.canvas);
   hello();
   return () => {
@@ -173,6 +186,12 @@ export function explore(model: Model, el: HTMLElement): () => void {
     clearInterval(timer);
     root.remove();
   };
+}
+
+/** Whether two volumes have other fields, or are elsewhere: a scene of one is none of the other. */
+function other(a: VolumeInfo, b: VolumeInfo): boolean {
+  const key = ({ bounds, fields }: VolumeInfo) => JSON.stringify([bounds, fields.map(({ name, unit }) => [name, unit])]);
+  return key(a) !== key(b);
 }
 
 function asBytes(buffer: any): Uint8Array {

@@ -1,10 +1,11 @@
 // Windows above everything: the list of keys, saving, and the history of changes.
 
+import { dressFields, dressOf, estimator, PLAIN } from "./dress";
 import type { Row } from "./keys";
 import type { Parts } from "./parts";
 import type { Store } from "./store";
 import { button, h, refill } from "./ui/dom";
-import { Form } from "./ui/fields";
+import { complain, Form } from "./ui/fields";
 import { fromBase64, type Table } from "./wire";
 
 interface Dialog {
@@ -53,6 +54,7 @@ export function fileMaker({ server, notices }: Pick<Parts, "server" | "notices">
     bar,
     async make(kind, what) {
       Object.assign(bar, { hidden: false, value: 0 });
+      complain(bar, "");
       try {
         const answer = server.ask(kind, what, (part) => (bar.value = part));
         id = answer.id;
@@ -61,7 +63,10 @@ export function fileMaker({ server, notices }: Pick<Parts, "server" | "notices">
         return true;
       } catch (error) {
         const { message } = error as Error;
-        notices.add(message, message === "cancelled" ? "info" : "error");
+        // What is wrong begins with the name of what was given: "width must be …".
+        const named = [...bar.parentElement!.querySelectorAll("input")].find((input) => input.labels?.[0]?.textContent?.toLowerCase() === message.split(" ")[0]);
+        if (message === "cancelled") notices.add(message);
+        else complain(named ?? bar, message);
         return false;
       } finally {
         bar.hidden = true;
@@ -80,14 +85,21 @@ const KINDS: Record<string, string> = {
 };
 
 export function saveDialog(parts: Pick<Parts, "stage" | "server" | "notices">): Dialog {
-  const wish = { format: "PNG, as shown", width: 2000 };
+  const wish = { format: "PNG, as shown", width: 2000, ...PLAIN };
+  let ready = false;
   const maker = fileMaker(parts);
   const form = new Form<typeof wish>();
-  const put = (what: Partial<typeof wish>) => form.update(Object.assign(wish, what));
+  const put = (what: Partial<typeof wish>) => {
+    form.update(Object.assign(wish, what));
+    if (ready) tell();
+  };
   const isText = () => /TOML|Python/.test(wish.format);
+  const may = (name: string) => KINDS[wish.format] === "png" && (name !== "letters" || Boolean(parts.server.info?.orientation));
+  const ask = () => ({ what: KINDS[wish.format], ...dressOf(wish, may) });
+  const estimate = estimator(parts.server);
+  const tell = () => void estimate.show(isText() ? null : ask(), wish.width ** 2 / parts.stage.aspect);
   const save = async () => {
-    const what = { what: KINDS[wish.format], ...(isText() ? {} : { width: wish.width }) };
-    if (await maker.make("export", what)) made.element.close();
+    if (await maker.make("export", { ...ask(), ...(isText() ? {} : { width: wish.width }) })) made.element.close();
   };
   const screen = () =>
     parts.stage.canvas.toBlob(async (blob) => {
@@ -95,16 +107,24 @@ export function saveDialog(parts: Pick<Parts, "stage" | "server" | "notices">): 
     });
   const main = button("Save", "Save", () => void save(), "save");
   main.classList.add("vlm-primary");
-  const made = dialog(
+  const made: Dialog = dialog(
     "Save",
     form.choice((now) => now.format, "Format", () => Object.keys(KINDS), (format) => put({ format })),
     form.number((now) => (isText() ? undefined : now.width), "Width", "pixels", (width) => put({ width: Math.max(1, Math.round(width)) })),
-    maker.bar,
+    dressFields(form, put, may), estimate.element, maker.bar,
     h("p", { class: "vlm-hint" }, "Drawn anew by the server at this width, with the scene in the header. What is on the screen is saved at once, as it is."),
     h("div", { class: "vlm-actions" }, button("Screen as PNG", "Save what is seen, without asking the server", screen), main),
   );
   put({});
-  return made;
+  return {
+    element: made.element,
+    open() {
+      ready = true;
+      made.open();
+      estimate.forget();
+      tell();
+    },
+  };
 }
 
 /** Undo, redo, and a list of all changes: a click goes back to before one of them. */

@@ -14,16 +14,14 @@ import { timeBar } from "./panels/time";
 import { tonePanel } from "./panels/tone";
 import { viewsPanel } from "./panels/views";
 import type { Panel, Parts } from "./parts";
-import { ARROWS, button, h } from "./ui/dom";
-import { newId } from "./ui/fields";
+import { ARROWS, button, h, newId } from "./ui/dom";
 import { gridName, pretty } from "./ui/format";
 import { unitChoice } from "./ui/units";
 import type { FrameHead } from "./wire";
 
-export function build(parts: Parts, legend: HTMLElement) {
+export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLElement; form: HTMLElement }) {
   const { stage, store, server, notices, overlay, highlight, navigation } = parts;
   const badge = h("div", { class: "vlm-badge" }, "waiting for the first picture");
-  const trouble = h("div", { class: "vlm-trouble", role: "status", hidden: true });
   const time = timeBar(server);
   const corner = h("div", { class: "vlm-corner" }, overlay.gizmo);
   const units = unitChoice(server, () => (stage.redraw(), tabs.current().update()));
@@ -33,10 +31,11 @@ export function build(parts: Parts, legend: HTMLElement) {
   const stageBox = h(
     "div",
     { class: "vlm-stage", role: "region", "aria-label": "picture" },
-    stage.canvas, highlight.element, overlay.lines, h("div", { class: "vlm-upper" }, badge, trouble, mode.element), corner, lower, time.element, notices.element,
+    stage.canvas, highlight.element, overlay.lines, h("div", { class: "vlm-upper" }, badge, link.trouble, mode.element), corner, lower, time.element, notices.element, link.form,
   );
 
   const views = viewsPanel(parts);
+  const scene = scenePanel(parts);
   const ray = probePanel(parts, () => tabs.show("probe"), (point) => panes.state().shown && panes.go(point, true));
   const measure = measurePanel(parts, () => tabs.show("measure"));
   const probe = { ...ray, at: async (place: [number, number]) => void (measure.takes(place) || (await ray.at(place))) };
@@ -47,7 +46,7 @@ export function build(parts: Parts, legend: HTMLElement) {
     ["measure", "Measure", measure],
     ["slice", "Slices", slicePanel(parts, panes)],
     ["views", "Views", views],
-    ["scene", "Scene", scenePanel(parts)],
+    ["scene", "Scene", scene],
   ];
   const tabs = tabList(panels);
 
@@ -133,18 +132,7 @@ export function build(parts: Parts, legend: HTMLElement) {
       angles.textContent = `incl ${degrees(view.incl)}  phi ${degrees(view.phi)}${view.posang ? `  posang ${degrees(view.posang)}` : ""}`;
       type.setAttribute("aria-pressed", String(view.type === "perspective"));
       freely.setAttribute("aria-pressed", String(navigation.freely));
-    },
-    busy(on: boolean) {
-      if (trouble.dataset.state === "lost") return;
-      trouble.hidden = !on;
-      trouble.textContent = "kernel busy";
-    },
-    connection(state: string) {
-      const lost = state !== "open";
-      trouble.dataset.state = lost ? "lost" : "";
-      trouble.hidden = !lost;
-      trouble.textContent = "connection lost – trying again; what you change is kept";
-      root.dataset.connection = state;
+      if (tabs.current() === scene) scene.update();
     },
   };
 }

@@ -20,7 +20,6 @@ export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, s
   let home: View | null = null;
   let wanted: { view: View; moving: boolean } | null = null;
   let looked = 0;
-  let lost = false;
 
   function send(): void {
     if (!wanted) return;
@@ -31,6 +30,8 @@ export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, s
   }
 
   const self = {
+    /** Send a view that waits for the next frame of the screen. */
+    flush: send,
     /** A trackball, or else a turntable. */
     freely: false,
     moving: false,
@@ -76,13 +77,9 @@ export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, s
       // Others may have moved the camera; what was asked for here is not overruled by older frames.
       if (!self.moving && !wanted && head.n >= looked && frameView) stage.view = { ...frameView, pivot: view?.pivot ?? null };
     },
-    /** The connection is back: whether it took a view along, before the server forgets what it owes. */
-    reconnected(): void {
-      lost = server.owes(looked);
-    },
-    /** Ask for that view once more. */
+    /** The connection is back, and the server shows what another page may have looked at last. */
     resume(): void {
-      if (lost && stage.view) self.look(stage.view, false);
+      if (stage.view) self.look(stage.view, false);
     },
   };
   return self;

@@ -16,6 +16,9 @@ if (link) history.replaceState(null, "", location.pathname + location.search);
 // Another link, pasted into the address of this page.
 addEventListener("hashchange", () => location.reload());
 
+const NO_TOKEN = "This page has no token: its address was not whole.";
+const OTHER_TOKEN = "The server does not take this page's token: it was started anew, or the address was not whole.";
+
 class Socket implements Model {
   readonly follows = new URLSearchParams(location.search).has("follow");
   readonly link = link;
@@ -23,6 +26,8 @@ class Socket implements Model {
   private listeners = new Map<string, ((...args: any[]) => void)[]>();
   private wait = SHORTEST_MS;
   private retry = 0;
+  /** Another page of the server, if this one's does not take the token that was pasted. */
+  private elsewhere = "";
 
   constructor(
     private url: string,
@@ -38,7 +43,10 @@ class Socket implements Model {
     const socket = new WebSocket(this.url, ["voluminous.v1", `token.${this.token}`]);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    let opened = false;
     socket.onopen = () => {
+      opened = true;
+      this.elsewhere = "";
       this.wait = SHORTEST_MS;
       this.emit("connection", "open");
     };
@@ -47,13 +55,36 @@ class Socket implements Model {
       const { message, bytes } = unpack(new Uint8Array(event.data));
       this.emit("msg:custom", message, [bytes]);
     };
-    socket.onclose = () => {
+    socket.onclose = ({ reason }) => {
       if (socket !== this.socket) return;
       this.socket = null;
-      this.emit("connection", "lost");
       this.again(this.wait);
       this.wait = Math.min(2 * this.wait, LONGEST_MS);
+      if (opened) this.emit("connection", "lost", reason);
+      else void this.explain();
     };
+  }
+
+  /** A browser does not say why a socket was not opened: whether the server is there is asked apart. */
+  private async explain(): Promise<void> {
+    const there = await fetch("icon.svg", { cache: "no-store" }).then((r) => r.ok && /svg/.test(r.headers.get("content-type") ?? ""), () => false);
+    if (this.socket?.readyState === WebSocket.OPEN) return;
+    if (this.elsewhere) return location.assign(this.elsewhere);
+    if (there) this.emit("connection", "refused", this.token ? OTHER_TOKEN : NO_TOKEN);
+    else this.emit("connection", "lost");
+  }
+
+  renew(given: string, scene: string): boolean {
+    const token = /[#&]token=([^&\s]+)/.exec(given)?.[1] ?? /^[\w-]{20,}$/.exec(given)?.[0];
+    if (!token) return false;
+    sessionStorage.setItem(TOKEN, (this.token = token));
+    // Here first: behind a tunnel the address that was printed is another one.
+    const there = given.split("#")[0];
+    const other = /^https?:/.test(there) && there !== location.href.split(/[#?]/)[0];
+    this.elsewhere = other ? `${there}#token=${token}${scene && `&${scene}`}` : "";
+    this.socket = null;
+    this.connect();
+    return true;
   }
 
   private again(after: number): void {

@@ -8,12 +8,17 @@ import type { Table } from "./wire";
 
 export type Scenes = ReturnType<typeof exchange>;
 
-/** @param page the address of the page; empty in a notebook */
-export function exchange(store: Store, server: Server, notices: Notices, page: () => string) {
+/**
+ * @param shown the document as this page shows it
+ * @param page the address of the page; empty in a notebook
+ */
+export function exchange(store: Store, server: Server, notices: Notices, shown: () => Table, page: () => string) {
   /** Take what a scene has, but for its volume: one step of the history. Without a projection it shows media. */
-  const put = (given: Table, label: string) => {
+  const put = ({ time, ...given }: Table, label: string) => {
     const scene: Table = { project: {}, ...given };
-    store.set(SECTIONS.filter((name) => scene[name] !== undefined).map((name) => [name, scene[name]]), label);
+    const names = [...SECTIONS, "bookmarks"].filter((name) => scene[name] !== undefined);
+    store.set(names.map((name) => [name, scene[name]]), label);
+    if (time !== undefined) server.input("time", { index: time });
   };
   return {
     put,
@@ -24,7 +29,7 @@ export function exchange(store: Store, server: Server, notices: Notices, page: (
       else await server.ask("load", { text });
     },
     async copyLink(): Promise<void> {
-      await notices.copy(await linkOf(store.document, page()), "Link");
+      await notices.copy(await linkOf(shown(), page()), "Link");
     },
     async copy(what: "python" | "toml"): Promise<void> {
       const reply = await server.tried("export", { what }, "error");

@@ -8,6 +8,8 @@ const BUSY_MS = 500;
 export class Server {
   /** The greeting: the volume, presets, the series. */
   welcome: Message | null = null;
+  /** Sends what waits: answers are on what the page shows. */
+  beforeAsking = (): void => {};
   private inputs = 0;
   private unanswered: { n: number; at: number }[] = [];
   private asked = 0;
@@ -45,11 +47,6 @@ export class Server {
     if (n !== undefined) this.unanswered = this.unanswered.filter((input) => input.n > n);
   }
 
-  /** Whether an input is not shown yet. */
-  owes(n: number): boolean {
-    return this.unanswered.some((input) => input.n === n);
-  }
-
   /** Whether the newest input is not shown yet. */
   get isBehind(): boolean {
     return this.unanswered.length > 0;
@@ -61,6 +58,7 @@ export class Server {
 
   /** Ask for something; the promise keeps the answer, and the number by which it can be cancelled. */
   ask(kind: string, what: Table, progress?: (part: number) => void): Promise<Message> & { id: number } {
+    this.beforeAsking();
     const id = ++this.asked;
     const answer = new Promise<Message>((done, failed) => {
       this.waiting.set(id, { done, failed, progress });
@@ -71,8 +69,9 @@ export class Server {
 
   /** Ask for something; what went wrong is shown, and the answer is null. */
   tried(kind: string, what: Table, level = "warning"): Promise<Message | null> {
+    const { field } = this.notices;
     return this.ask(kind, what).catch((error) => {
-      this.notices.add(error.message, level);
+      this.notices.add(error.message, level, field);
       return null;
     });
   }

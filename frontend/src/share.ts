@@ -4,7 +4,7 @@
 import { inflate } from "./half";
 import { fromBase64, type Table, toBase64 } from "./wire";
 
-export const SECTIONS = ["medium", "project", "camera", "render", "image", "measures", "slices"];
+export const SECTIONS = ["medium", "project", "camera", "render", "image", "measures", "slices", "time"];
 
 export async function linkOf(document: Table, page: string): Promise<string> {
   const json = JSON.stringify(Object.fromEntries(SECTIONS.map((name) => [name, document[name]])));

@@ -40,6 +40,8 @@ export class Store {
   redo: string[] = [];
   open: Table = {};
   channels = 3;
+  /** The file of a series that is shown. */
+  time = 0;
   private confirmed: Table = {};
   private pending: Change[] = [];
   private unsent: Change | null = null;
@@ -108,6 +110,7 @@ export class Store {
     this.redo = message.redo ?? this.redo;
     this.open = message.open ?? this.open;
     this.channels = message.channels ?? this.channels;
+    this.time = message.time ?? this.time;
     // A change is also confirmed by a document that has what it wanted.
     const open = (change: Change) => change.n > (message.n ?? -1) && !holds(this.confirmed, change.patch);
     this.pending = this.pending.filter(open);

@@ -122,4 +122,6 @@ export interface Model {
   on(event: string, callback: (...args: any[]) => void): void;
   off?(event: string, callback?: (...args: any[]) => void): void;
   send(content: any): void;
+  /** Go on with an address or a token that was pasted, at another address with this scene; false if it is neither. */
+  renew?(given: string, scene: string): boolean;
 }

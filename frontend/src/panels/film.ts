@@ -2,6 +2,7 @@
 // makes it, and this page gets the file.
 
 import { fileMaker } from "../dialogs";
+import { dressFields, dressOf, estimator, PLAIN } from "../dress";
 import type { Parts } from "../parts";
 import { button, h } from "../ui/dom";
 import { Form } from "../ui/fields";
@@ -10,9 +11,9 @@ import type { Table } from "../wire";
 const KINDS: Record<string, string> = { MP4: "mp4", GIF: "gif", WebP: "webp", "PNG pictures (zip)": "png" };
 const DOES = "The server draws it, and this page downloads it";
 
-export function filmMaker(parts: Pick<Parts, "server" | "notices">, cameras: () => Table[]) {
+export function filmMaker(parts: Pick<Parts, "stage" | "server" | "notices">, cameras: () => Table[]) {
   const maker = fileMaker(parts);
-  const wish = { of: "orbit", frames: 120, fps: 24, width: 800, turns: 1, factor: 4, ease: "smooth", file: "MP4", series: false };
+  const wish = { of: "orbit", frames: 120, fps: 24, width: 800, turns: 1, factor: 4, ease: "smooth", file: "MP4", series: false, ...PLAIN };
   type Wish = typeof wish;
   const paths: Record<string, () => Table> = {
     orbit: () => ({ kind: "orbit", turns: wish.turns }),
@@ -29,11 +30,17 @@ export function filmMaker(parts: Pick<Parts, "server" | "notices">, cameras: () 
   const whole = (name: "frames" | "fps" | "width") => (value: number) => put(name)(Math.max(1, Math.round(value)));
   const only = (path: string, value: any) => (wish.of === path ? value : undefined);
 
+  // Films have no alpha.
+  const may = (name: string) => (name === "transparent" ? KINDS[wish.file] === "png" : name !== "letters" || Boolean(parts.server.info?.orientation));
+  const ask = () => ({ path: paths[wish.of](), frames: wish.frames, fps: wish.fps, what: KINDS[wish.file], ...dressOf(wish, may) });
+  const estimate = estimator(parts.server);
+  let touched = false;
+
   const make = async () => {
-    const { of, frames, fps, width, file, series } = wish;
+    const { of, width, series } = wish;
     stop.hidden = false;
     update();
-    await maker.make("film", { path: paths[of](), frames, fps, width, what: KINDS[file], series: isSeries() && (series || of === "time series") });
+    await maker.make("film", { ...ask(), width, series: isSeries() && (series || of === "time series") });
     stop.hidden = true;
     update();
   };
@@ -46,10 +53,11 @@ export function filmMaker(parts: Pick<Parts, "server" | "notices">, cameras: () 
     const lacks = wish.of === "kept views" && cameras().length < 2;
     start.disabled = lacks || !stop.hidden;
     start.title = lacks ? "Keep two views first" : DOES;
+    if (touched && stop.hidden) void estimate.show(lacks ? null : ask(), (wish.width ** 2 / parts.stage.aspect) * wish.frames);
   }
 
   const element = h(
-    "div", { class: "vlm-film" },
+    "div", { class: "vlm-film", onfocusin: () => touched || ((touched = true), update()) },
     form.choice((now) => now.of, "Of", () => Object.keys(paths).filter((name) => name !== "time series" || isSeries()), put("of")),
     form.choice(() => only("kept views", wish.ease), "Ease", () => ["smooth", "linear", "through"], put("ease"), "smooth: rests at each view; linear: equal steps; through: does not stop between"),
     form.number(() => only("orbit", wish.turns), "Turns", "", put("turns"), "Once around is 1; the other way is -1"),
@@ -59,7 +67,8 @@ export function filmMaker(parts: Pick<Parts, "server" | "notices">, cameras: () 
     form.number((now) => now.width, "Width", "pixels", whole("width")),
     form.choice((now) => now.file, "File", () => Object.keys(KINDS), put("file")),
     form.toggle((now) => (isSeries() && now.of !== "time series" ? now.series : undefined), "time passes", put("series"), "The files of the series are spread over the film"),
-    maker.bar, h("div", { class: "vlm-actions" }, start, stop),
+    dressFields(form, (what) => (Object.assign(wish, what), update()), may),
+    estimate.element, maker.bar, h("div", { class: "vlm-actions" }, start, stop),
   );
   return { element, update, wish };
 }

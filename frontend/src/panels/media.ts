@@ -193,7 +193,7 @@ function presetMenu({ stage, store, server }: Pick<Parts, "stage" | "store" | "s
   let others = false;
   let known = "";
   async function fill(): Promise<void> {
-    const now = JSON.stringify([store.document.camera, store.document.volume, others]);
+    const now = JSON.stringify([stage.view, store.document.volume, others]);
     if (!menu.open || now === known) return;
     known = now;
     const presets: string[] = server.welcome?.presets ?? [];

@@ -2,10 +2,11 @@
 
 import type { Panel, Parts } from "../parts";
 import { button, h } from "../ui/dom";
+import { complain } from "../ui/fields";
 
 const QUIET_MS = 300;
 
-export function scenePanel({ store, server, scenes }: Pick<Parts, "store" | "server" | "scenes">): Panel {
+export function scenePanel({ stage, store, server, scenes, notices }: Pick<Parts, "stage" | "store" | "server" | "scenes" | "notices">): Panel {
   const box = (what: "python" | "toml", label: string, key: string) => {
     const text = h("pre", { tabindex: "0", "aria-label": label });
     const element = h(
@@ -18,10 +19,10 @@ export function scenePanel({ store, server, scenes }: Pick<Parts, "store" | "ser
   const boxes = [box("python", "Python", "c"), box("toml", "Scene file (TOML)", "C")];
 
   const given = h("textarea", { rows: 3, spellcheck: "false", "aria-label": "Scene file or link", placeholder: "Paste a scene file (TOML) or a link here, or drop a file" });
-  const wrong = h("p", { class: "vlm-wrong", role: "alert" });
   const take = (text: string) => {
-    wrong.textContent = "";
-    scenes.load(text.trim()).then(() => (given.value = ""), (error) => (wrong.textContent = error.message));
+    notices.field = given;
+    complain(given, "");
+    scenes.load(text.trim()).then(() => (given.value = ""), (error) => complain(given, error.message));
   };
   const takeFile = (list?: FileList | null) => void list?.[0]?.text().then(take);
   const file = h("input", { type: "file", accept: ".toml", hidden: true, onchange: () => takeFile(file.files) });
@@ -35,7 +36,7 @@ export function scenePanel({ store, server, scenes }: Pick<Parts, "store" | "ser
         takeFile(event.dataTransfer.files);
       },
     },
-    h("h2", {}, "Load a scene"), given, wrong,
+    h("h2", {}, "Load a scene"), h("div", {}, given),
     h(
       "div", { class: "vlm-actions" },
       button("Load", "Take media, camera and picture of this scene; the volume stays", () => take(given.value)),
@@ -55,7 +56,7 @@ export function scenePanel({ store, server, scenes }: Pick<Parts, "store" | "ser
   }
 
   function update(): void {
-    const now = JSON.stringify(store.document);
+    const now = JSON.stringify([store.document, stage.view]);
     if (now === revision || !server.welcome) return;
     revision = now;
     clearTimeout(timer);

@@ -27,7 +27,7 @@ export function viewsPanel({ stage, store, server, notices, navigation }: Pick<P
   const pictures = new Map<string, string>();
   let shown = "";
   const list = h("ol", { class: "vlm-views" });
-  const film = filmMaker({ server, notices }, () => kept().map((one) => one.camera));
+  const film = filmMaker({ stage, server, notices }, () => kept().map((one) => one.camera));
 
   const kept = (): Kept[] => store.document.bookmarks ?? [];
   const put = (list: Kept[], label: string) => store.set([["bookmarks", list]], label);
@@ -68,14 +68,9 @@ export function viewsPanel({ stage, store, server, notices, navigation }: Pick<P
     step();
   }
 
-  /** What `voluminous.keyframes` takes: (frame, camera) pairs. */
-  function python(): string {
-    const between = Math.max(1, Math.round((film.wish.frames - 1) / Math.max(1, kept().length - 1)));
-    const cameras = kept().map(({ camera: { type, ...table } }, i) => {
-      const named = Object.entries(table).map(([name, value]) => `${name}=${JSON.stringify(value)}`);
-      return `    (${i * between}, vm.${type[0].toUpperCase()}${type.slice(1)}(${named.join(", ")})),`;
-    });
-    return `cameras = vm.keyframes([\n${cameras.join("\n")}\n])\n`;
+  async function copy(): Promise<void> {
+    const reply = await server.tried("export", { what: "keyframes", cameras: kept().map((one) => one.camera), frames: film.wish.frames }, "error");
+    if (reply) await notices.copy(reply.text, "Keyframes");
   }
 
   function row(one: Kept): HTMLElement {
@@ -117,7 +112,7 @@ export function viewsPanel({ stage, store, server, notices, navigation }: Pick<P
       h("h2", {}, "Kept views"), list,
       h("div", { class: "vlm-actions" }, button("Keep this view", "Under the next free digit", () => keep(next()), "plus")),
       h("h2", {}, "Film"), film.element,
-      h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void notices.copy(python(), "Keyframes"), "copy")),
+      h("div", { class: "vlm-actions" }, button("Copy as Python", "The kept views as keyframes of voluminous.movie", () => void copy(), "copy")),
     ),
     update: draw,
     shown: drawSides,

@@ -64,6 +64,13 @@ export function button(label: string, title: string, onclick: (event: Event) => 
   return made;
 }
 
+let serial = 0;
+// Several explorers may be in one notebook, each with its own copy of this module.
+const copy = Math.random().toString(36).slice(2, 8);
+
+/** An id that no other element has. */
+export const newId = (): string => `vlm-${copy}-${++serial}`;
+
 /** Replace the children of an element. */
 export function refill(element: Element, ...children: Child[]): void {
   element.replaceChildren(...(children.filter(Boolean) as (Node | string)[]));

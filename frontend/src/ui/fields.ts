@@ -1,7 +1,7 @@
 // Fields of the panels: numbers, sliders, texts, choices. Each has `update`, which shows another
 // value without telling anybody, and leaves alone what is being typed.
 
-import { ARROWS, h } from "./dom";
+import { ARROWS, h, newId } from "./dom";
 import { typed } from "./format";
 
 export interface Field<T> {
@@ -10,12 +10,21 @@ export interface Field<T> {
 }
 
 type Changed<T> = (value: T, moving: boolean) => void;
-let serial = 0;
-// Several explorers may be in one notebook, each with its own copy of this module.
-const own = Math.random().toString(36).slice(2, 8);
 
-/** An id that no other element has. */
-export const newId = (): string => `vlm-${own}-${++serial}`;
+/** Say below a field what is wrong with it; an empty text takes that back. */
+export function complain(input: HTMLElement, text: string): void {
+  const row = input.closest(".vlm-row") ?? input;
+  let box = row.nextElementSibling;
+  if (!box?.classList.contains("vlm-wrong")) {
+    if (!text) return;
+    row.after((box = h("p", { class: "vlm-wrong", role: "alert", id: newId() })));
+  }
+  box.textContent = text;
+  if (text) {
+    input.setAttribute("aria-invalid", "true");
+    input.setAttribute("aria-describedby", box.id);
+  } else for (const name of ["aria-invalid", "aria-describedby"]) input.removeAttribute(name);
+}
 
 export function labelled(label: string, input: HTMLElement, after?: HTMLElement | string, hint?: string): HTMLElement {
   input.id ||= newId();
@@ -37,7 +46,7 @@ export function numberField(label: string, unit: string, changed: (value: number
   const read = () => {
     const number = Number(input.value.replace(",", ".").replace("−", "-"));
     const wrong = input.value.trim() === "" || !Number.isFinite(number);
-    input.toggleAttribute("aria-invalid", wrong);
+    complain(input, wrong ? `a number is expected, not “${input.value.trim()}”` : "");
     if (!wrong) changed((value = number));
   };
   const input = h("input", { type: "text", inputmode: "decimal", class: "vlm-number", spellcheck: "false", onkeydown: step, onchange: read });
@@ -49,7 +58,6 @@ export function numberField(label: string, unit: string, changed: (value: number
       value = next;
       if (input.matches(":focus")) return;
       input.value = next === null ? "" : typed(next);
-      input.removeAttribute("aria-invalid");
     },
   };
 }

@@ -28,6 +28,14 @@ export function typed(value: number, digits = 5): string {
   return String(Number(Number(value).toPrecision(digits)));
 }
 
+/** A duration that is roughly known. */
+export function duration(seconds: number): string {
+  if (seconds < 1) return "a second";
+  return seconds < 100 ? `${pretty(seconds, seconds < 10 ? 1 : 2)} s` : seconds < 6000 ? `${Math.round(seconds / 60)} min` : `${pretty(seconds / 3600, 2)} h`;
+}
+
+export const fileSize = (bytes: number): string => (bytes < 1e6 ? `${Math.max(1, Math.round(bytes / 1e3))} kB` : bytes < 1e9 ? `${pretty(bytes / 1e6, 2)} MB` : `${pretty(bytes / 1e9, 2)} GB`);
+
 /** A kind of grid in plain words: "RefinedSphericalGrid" is refined spherical. */
 export function gridName(type: string): string {
   const words = type.replace(/Grid$/, "").split(/(?=[A-Z])/).map((word) => word.toLowerCase()).join(" ");

@@ -232,11 +232,13 @@ class Explorer:
             newest = {client: client.session.input for client in self._untold}
             self._untold.clear()
             settings, revision, volume = self.document.settings, self.document.revision, self.volume
+            index = self.index
             undo, redo = self.document.labels
         message = {
             "kind": "document",
             "document": settings,
             "revision": revision,
+            "time": index,
             "undo": undo,
             "redo": redo,
             "channels": self.channels,
@@ -370,6 +372,7 @@ class Client:
                 "revision": explorer.document.revision,
                 "volume": explorer.describe(),
                 "series": {"count": len(explorer.series), "index": explorer.index},
+                "time": explorer.index,
                 "presets": [*suited, *(n for n in presets.__all__ if n not in suited)],
                 "suited": len(suited),
                 "notes": [*volume.meta.get("notes", ()), *presets.notes(volume)],
