@@ -86,6 +86,9 @@ class Segment:
         The ray it is a part of, its walk and track, the cursor where it begins, whether it runs
         towards the camera, and where it is not solved because the cell has no value; for schemes,
         sources and media. Set by the ray loop.
+    unsolved : array of Bool
+        Where a scheme has solved only a part of it, or nothing yet; set by the scheme. The ray loop
+        asks it again, with what is carried, until all is solved.
     """
 
     cell: Int
@@ -100,6 +103,7 @@ class Segment:
     entry: Any = field(default=None, kw_only=True)
     backward: bool = field(default=False, kw_only=True)
     hidden: Mask = field(default=False, kw_only=True)
+    unsolved: Mask = field(default=False, kw_only=True)
 
     @property
     def own_cell(self) -> Int:

@@ -34,6 +34,7 @@ from ..schemes.base import (
     Skipping,
     interpolated_at,
     is_controlled,
+    solve_whole,
 )
 from ..schemes.channels import Channels
 from ..schemes.channels import before as before_background
@@ -223,7 +224,7 @@ class _Recorder(Around[Any], Scanner[Any]):
         self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         (row, *before), inner = carried[: self.own], carried[self.own :]
-        solution, inner = self.scheme.solve(segment, source, inner)
+        solution, inner = solve_whole(self.scheme, segment, source, inner)
         (j, alpha), fields, after = self._coefficients(source, segment, before)
         Wide, walk = source.backend.Wide, segment.walk
         begin, end = (

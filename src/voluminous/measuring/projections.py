@@ -20,7 +20,16 @@ from ..rendering.options import RenderOptions, refuse_unusable
 from ..rendering.run import make_tracer
 from ..rendering.tracer import exhausted
 from ..schemes import get_scheme
-from ..schemes.base import Around, CellSource, Position, Scanner, Scheme, Source, Steps
+from ..schemes.base import (
+    Around,
+    CellSource,
+    Position,
+    Scanner,
+    Scheme,
+    Source,
+    Steps,
+    solve_whole,
+)
 from ..schemes.path import Path
 from .cells import CellQuantity, check_volume, converted, undefined_as_missing
 from .columns import Slab, as_map, column, distance, lines_of_sight
@@ -350,7 +359,7 @@ class _Surface(Around[Source], Scanner[Source]):
     ) -> tuple[Path, list[Float]]:
         count = self.own // 2
         places, depths, inner = carried[:count], carried[count : self.own], carried[self.own :]
-        solution, inner = self.scheme.solve(segment, source, inner)
+        solution, inner = solve_whole(self.scheme, segment, source, inner)
         after = [d + more for d, more in zip(depths, solution.depth, strict=True)]
 
         def reached(place: Float, before: Float, after: Float, more: Float) -> Float:

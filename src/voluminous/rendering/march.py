@@ -131,6 +131,8 @@ def _march(
             segment.active &= ~segment.hidden
             segment.length = dr.select(segment.hidden, 0.0, segment.length)
         solution, carried = scheme.solve(segment, source, state.carried)
+        if segment.unsolved is not False:
+            cursor = dr.select(segment.unsolved, state.cursor, cursor)
         if hidden is not None:
             carried = scheme.after_skip(
                 Position(walk, track, cursor), source, carried, segment.hidden

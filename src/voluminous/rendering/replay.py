@@ -91,13 +91,13 @@ class Replay(Around[Source]):
                 _, state = self.scheme.solve(previous, source, before.state)
                 state = self.scheme.after_skip(place, source, state, before.fresh)
                 solution, _ = self.scheme.solve(segment, source, state)
-            self._add(before, segment.active, self._nothing(source), solution, segment.active)
+            self._add(before, segment.active, solution, segment.active)
         solution, state = dr.detach(solution), dr.detach(state)
         return solution, [_Before(over(before.path, solution), state, never, _parts(segment))]
 
-    def _add(self, before: _Before, shown: Mask, between: Path, piece: Path, where: Mask) -> None:
+    def _add(self, before: _Before, shown: Mask, piece: Path, where: Mask) -> None:
         with dr.resume_grad():  # type: ignore[no-untyped-call]
-            front = over(before.path, between)
+            front = before.path
             seen = over(front, dr.detach(piece)).emission
             loss: Float = 0.0
             for c, (weight, b) in enumerate(zip(self.weights, piece.emission, strict=True)):

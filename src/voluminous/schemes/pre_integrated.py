@@ -76,21 +76,23 @@ class PreIntegrated(FieldScheme):
         ]
 
 
-def begin_values(segment: Segment, fields: Fields, carried: list[Float]) -> list[Float]:
-    """Return the scalars where a segment begins: as carried, or evaluated.
+def begin_values(
+    segment: Segment, fields: Fields, carried: list[Float], begin: Float = 0.0
+) -> list[Float]:
+    """Return the scalars where a segment, or a panel of it, begins: as carried, or evaluated.
 
     They are evaluated where the carried ones are NaN, and where fields jump from cell to cell.
     """
     if not carried:
         return []
     if not segment.walk.continuous:
-        return fields.scalars(0.0)
+        return fields.scalars(begin)
     unknown = dr.isnan(carried[0])
     for value in carried[1:]:
         unknown |= dr.isnan(value)
 
     def fresh(before: list[Float]) -> list[Float]:
-        return fields.scalars(0.0)
+        return fields.scalars(begin)
 
     return list(branch((carried,), unknown, fresh, last_argument))
 

@@ -38,7 +38,7 @@ _ROUNDING = {"single": 4e-6, "double": 1e-14}
 class Limits:
     """The errors of emission and transparency that are allowed in a panel.
 
-    `through` is the transparency of what lies in front of its segment, per extinction.
+    `through` is the transparency of what lies in front of it, per extinction.
     """
 
     emission: Float
@@ -48,18 +48,17 @@ class Limits:
     def times(self, factor: Float) -> Limits:
         return Limits(self.emission * factor, self.transparency * factor, self.through)
 
-    def seen(self, front: Path) -> list[Float]:
-        """Return how much less of each channel is seen behind `front` than of the clearest one.
+    def seen(self) -> list[Float]:
+        """Return how much less is seen of each channel than of the clearest one.
 
         One channel of a spectrum may be opaque where another is clear: errors are those of what is
         seen. (A real disc in an opaque line took 500 times as long without.)
         """
         if len(self.through) == 1:
             return []
-        whole = most(self.through) * most(front.transparency)
+        whole = most(self.through)
         per_whole = 1.0 / dr.select(whole > _INVISIBLE, whole, 1.0)
-        rows = zip(self.through, front.transparency, strict=True)
-        return [dr.detach(a * b * per_whole) for a, b in rows]
+        return [dr.detach(a * per_whole) for a in self.through]
 
     def accept(self, path: Path) -> Mask:
         """Return where the error of a solved panel is accepted.
