@@ -3,6 +3,7 @@
 // document; numbers of cells are the server's, which counts beside everything else.
 
 import { angleOf, boxOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
+import { titleOf as mediumTitle } from "../media";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
 import { Form } from "../ui/fields";
@@ -48,7 +49,7 @@ export function measurePanel(
   const put = (list: Table[], label: string) => store.set([["measures", list]], label);
   const fields = () => server.info?.fields.map((f) => f.name) ?? [];
   const media = (): Table[] => store.document.medium ?? [];
-  const nameOf = (medium: Table, i: number) => `${i + 1}  ${medium.expr ?? medium.type}`;
+  const nameOf = (medium: Table, i: number) => `${i + 1}  ${mediumTitle(medium)}`;
   const unit = () => server.info?.unit ?? "";
 
   function begin(next: string | null): void {
@@ -129,7 +130,7 @@ export function measurePanel(
 
   function titleOf(measure: Table): string {
     if (measure.kind !== "cells") return measure.kind === "angle" ? "Angle" : "Distance";
-    return [measure.expr, measure.where ? `where ${measure.where}` : "", measure.low ? "in a box" : measure.clip ? "inside the clip" : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
+    return [measure.expr, measure.where ? `where ${measure.where.replace(/<=/g, "≤").replace(/>=/g, "≥")}` : "", measure.low ? "in a box" : measure.clip ? "inside the clip" : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
   }
 
   function wordsOf(measure: Table): string {

@@ -116,8 +116,8 @@ class Explorer:
         self.counter = ThreadPoolExecutor(1, thread_name_prefix="counter")
         self._untold: set[Client] = set()
         self.filming = threading.Lock()
-        # Statistics of cells, by the volume's place in the series and the measure.
-        self.counted: dict[tuple[int, str], dict[str, Any]] = {}
+        # Statistics of cells, by the volume's place in the series, the measure and the fields.
+        self.counted: dict[tuple[Any, ...], dict[str, Any]] = {}
 
     def _opened(self, index: int) -> Volume:
         one = self.series[index]

@@ -7,6 +7,7 @@ region as a text) or the corners ``low`` and ``high`` of a box. Numbers are in t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -217,7 +218,7 @@ def shown_where(medium: Medium, volume: Volume) -> str:
             "such as 'density > 1'"
         )
     x, unit = medium.expr.text, volume.expression_unit(medium.expr)
-    x = x if x.isidentifier() else f"({x})"
+    x = x if re.fullmatch(r"\w+(\([^()]*\))?", x) else f"({x})"
     numbers = [[e if e is None else f"{plain(e, unit, x):.6g}" for e in pair] for pair in ends]
     sides = [
         f"{low} <= {x} <= {high}" if low and high else f"{x} >= {low}" if low else f"{x} <= {high}"

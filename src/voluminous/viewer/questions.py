@@ -349,9 +349,11 @@ def _memory(page: Client) -> Any:
 def _counted(page: Client, one: dict[str, Any], progress: Progress | bool) -> Answer:
     """Return the statistics of a measure: what was counted before is not counted again."""
     explorer = page.explorer
-    key = explorer.index, json.dumps(one, sort_keys=True)
+    volume = explorer.volume
+    there = [volume.digest(name) for name in volume.fields if name not in volume.waiting]
+    key = explorer.index, json.dumps(one, sort_keys=True), *there
     if key not in explorer.counted:
-        explorer.counted[key] = statistics(explorer.volume, one, _memory(page), progress)
+        explorer.counted[key] = statistics(volume, one, _memory(page), progress)
     return explorer.counted[key]
 
 
