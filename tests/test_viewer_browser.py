@@ -37,8 +37,8 @@ def browser():
 class Tab:
     """A page with an explorer of its own."""
 
-    def __init__(self, browser, **context):
-        self.view = vm.view(VOLUME, MEDIUM, CAMERA, notebook=False, browser=False)
+    def __init__(self, browser, volume=VOLUME, medium=MEDIUM, camera=CAMERA, **context):
+        self.view = vm.view(volume, medium, camera, notebook=False, browser=False)
         self.context = browser.new_context(viewport={"width": 800, "height": 500}, **context)
         self.page = self.context.new_page()
         self.page.set_default_timeout(1000 * SECONDS)
@@ -467,10 +467,47 @@ def test_presets_have_pictures(tab):
     first = media.get_by_role("button", name="suggested")
     pictures = media.locator(".vlm-presets img")
     until(tab, lambda: pictures.first.evaluate("image => image.naturalWidth") == 96)
-    assert pictures.count() == 1 + len(vm.presets.__all__)
+    assert pictures.count() == 1  # none is made for simulations
+    media.get_by_role("button", name="others").click()
+    until(tab, lambda: pictures.count() == 1 + len(vm.presets.__all__))
     first.click()
+    # It is pressed, and nothing else can be edited, until its picture is there.
+    assert first.get_attribute("aria-busy") == "true" or undo_list(tab) == ["suggested media"]
     until(tab, lambda: undo_list(tab) == ["suggested media"])
-    assert not first.is_visible()
+    until(tab, lambda: not first.is_visible())
+
+
+def test_labels_are_a_table_and_lengths_have_one_unit(browser):
+    grid = vm.CartesianGrid.uniform(16, (0, 160), unit="mm")
+    values = np.zeros(grid.shape, np.uint8)
+    values[2:8, 4:12, 2:14], values[8:14, 4:12, 2:14] = 1, 9
+    volume = vm.Volume(grid, organ=values)
+    volume.meta["labels"] = {"organ": [{"number": 1, "name": "lung", "color": [1.0, 0.0, 0.0]}]}
+    volume.meta["notes"] = ["resampled"]
+    tab = Tab(browser, volume=volume, medium=None, camera=None, bypass_csp=True)
+    tab.page.get_by_text("resampled").wait_for()
+    labels = panel(tab, "Media").locator(".vlm-labels")
+    assert labels.locator("li").count() == 2
+    before = tab.pixels()
+    labels.get_by_role("button", name="Hide lung").click()
+    until(tab, lambda: tab.explorer.document.settings["medium"][0]["visible"] == [False, True])
+    tab.rest()
+    after = tab.pixels()
+    assert (before - after).max() > 0.5
+    labels.get_by_label("name of 9").fill("liver")
+    labels.get_by_label("name of 9").press("Enter")
+    until(tab, lambda: tab.view.medium.labels == ["lung", "liver"])
+    # The scale bar, and what a ray says, in the unit of the page.
+    bar, unit = tab.page.locator(".vlm-scalebar"), tab.page.get_by_label("Unit of lengths")
+    assert unit.input_value() == "mm"
+    assert bar.inner_text().endswith(" mm")
+    tab.page.locator("canvas").first.click()
+    point = tab.page.locator(".vlm-facts-list dd").nth(3)
+    until(tab, lambda: point.count() and point.inner_text().endswith(" mm"))
+    unit.select_option("cm")
+    until(tab, lambda: bar.inner_text().endswith(" cm") and point.inner_text().endswith(" cm"))
+    assert tab.errors == []
+    tab.close()
 
 
 def test_values_under_the_pointer_are_shown_in_the_picture(tab):

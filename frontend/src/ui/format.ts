@@ -117,8 +117,8 @@ const OTHER: Record<string, string> = { AU: "au", um: "µm", micron: "µm", Angs
 const EARTHLY = 7;
 /** Above so many centimetres a length is one of astronomy. */
 const FAR = 1e10;
-/** Least length, in centimetres, of a volume whose lengths are shown in a unit: as the field has it, mm for heads. */
-const FROM: Record<string, number> = { nm: 1e-6, µm: 2e-5, mm: 0.2, cm: 100, m: 1e4, km: 1e6 };
+/** Least size, in centimetres, of a volume whose lengths are shown in a unit: as its field has them, mm for heads. */
+const FROM: Record<string, number> = { nm: 1e-6, µm: 2e-5, mm: 0.2, cm: 100, m: 1e4, km: 1e6, au: 7e11, pc: 1.5e17, kpc: 1.5e21, Mpc: 1.5e24, Gpc: 1.5e27 };
 /** The unit in which lengths of volumes in another unit are shown: one on a page. */
 const SHOWN = new Map<string, string>();
 
@@ -160,7 +160,7 @@ export function unitsFor(extent: number, unit: string): { names: string[]; usual
   const own = sizeOf(unit);
   if (!own || !(extent > 0)) return { names: [], usual: "" };
   const [length, family] = [extent * own[1], familyOf(extent * own[1], own[1])];
-  const fits = ([name, size]: [string, number]) => length >= (family[0][0] === "Å" ? (FROM[name] ?? 0) : 0.01 * size);
+  const fits = ([name]: [string, number]) => length >= (FROM[name] ?? 0);
   return { names: family.map(([name]) => name), usual: ([...family].reverse().find(fits) ?? family[0])[0] };
 }
 
