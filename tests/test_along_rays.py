@@ -37,6 +37,54 @@ def test_extremes_of_columns_of_cells(kind, best, precision):
     assert found[1].intensity_unit == "pc"
 
 
+# Layers of cells are 0.25 pc deep; the observer is above.
+SLABS = {
+    "of cells": ((-0.5, 0.5), slice(5, 7), [1, 1]),
+    "of parts of cells": (("-0.55 pc", 0.5), slice(5, 8), [0.8, 1, 0.2]),
+    "in a cell": ((0.1 * u.pc, 0.02), slice(3, 4), [0.08]),
+}
+
+
+@pytest.mark.parametrize("name", SLABS)
+@pytest.mark.parametrize("how", ["max", "min", "mean", "integral"])
+def test_a_slab_is_a_layer_across_the_view(name, how):
+    slab, cells, parts = SLABS[name]
+    a = VOLUME.array("a")[:, :, cells]
+    found = vm.project(VOLUME, "a", DOWN, how, slab=slab, precision="double")
+    total = (a * parts).sum(axis=2)
+    expected = {
+        "max": a.max(axis=2),
+        "min": a.min(axis=2),
+        "mean": total / np.sum(parts),
+        "integral": 0.25 * total,
+    }
+    np.testing.assert_allclose(found.intensity[..., 0], expected[how].T, rtol=1e-12, atol=1e-14)
+
+
+def test_a_slab_counts_from_the_observer_and_finds_places_inside_it():
+    eye = vm.Perspective(position=(0, 0, 1e4), target=(0, 0, 0), width=2e-4, resolution=8)
+    found, depth = vm.project(
+        VOLUME, "a", eye, slab=(1e4 - 0.5, 0.4), depth=True, precision="double"
+    )
+    a = VOLUME.array("a")[:, :, 5:7]
+    np.testing.assert_allclose(found.intensity[..., 0], a.max(axis=2).T, rtol=1e-12)
+    wanted = 1e4 - np.where(np.argmax(a, axis=2) == 1, 0.6, 0.4).T  # chords are cut
+    np.testing.assert_allclose(depth.intensity[..., 0], wanted, atol=1e-4)
+    beyond = vm.project(VOLUME, "a", DOWN, slab=(3, 0.5))
+    assert np.isnan(beyond.intensity).all()
+
+
+@pytest.mark.parametrize(
+    ("slab", "message"),
+    [(3, "distance and a thickness"), ((0, 0), "thickness > 0"), ((0, "1 g"), "pc")],
+)
+def test_what_is_no_slab_is_refused(slab, message):
+    with pytest.raises(vm.VoluminousError, match=message):
+        vm.project(VOLUME, "a", DOWN, slab=slab)
+    with pytest.raises(vm.VoluminousError, match="rays"):
+        vm.measuring.column(VOLUME, "a", DOWN, slab=(0, 1), method="exact")
+
+
 def test_the_smallest_value_may_be_nothing():
     values = np.ones((64, 8, 8))
     values[:32] = 0.0  # blocks that pictures leap over

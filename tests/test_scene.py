@@ -63,6 +63,50 @@ def test_a_scene_is_the_same_picture_as_python():
     np.testing.assert_array_equal(vm.Scene(CORE).render().intensity, expected)
 
 
+PROJECTION = """
+[volume]
+model = "prestellar_core"
+resolution = 8
+
+[project]
+quantity = "x * density"
+how = "min"
+slab = ["0.02 pc", "0.05 pc"]
+
+[camera]
+resolution = [12, 8]
+"""
+
+
+def test_a_scene_of_a_projection(tmp_path):
+    scene = vm.Scene(loads(PROJECTION), tmp_path)
+    image = scene.render(precision="double", progress=False)
+    camera = vm.Orthographic(resolution=(12, 8))
+    how = {"slab": (0.02 * u.pc, 0.05 * u.pc), "precision": "double"}
+    wanted = vm.project(scene.volume(), "x * density", camera, "min", **how)
+    np.testing.assert_array_equal(image.intensity, wanted.intensity)
+    image.save(tmp_path / "a.png")
+    again = vm.Scene.load(tmp_path / "a.png")
+    assert again.to_dict()["project"] == scene.to_dict()["project"]
+    (tmp_path / "a.toml").write_text(again.dumps())
+    loaded = vm.Scene.load(tmp_path / "a.toml").render(progress=False, precision="double")
+    np.testing.assert_array_equal(loaded.intensity, wanted.intensity)
+    # A film of it is grey, with one range for all frames.
+    path = [camera, camera.replace(phi=90)]
+    frames = vm.movie(scene.volume(), None, path, tmp_path / "f.png", project=scene.projection)
+    pictures = [vm.Image.load(frame) for frame in frames]
+    assert pictures[0].provenance["how"] == "min"
+    for name, message in (("how", "unknown how"), ("quantity", "quantity is missing")):
+        sections = loads(PROJECTION)
+        sections["project"] = (
+            {**sections["project"], "how": "most"} if name == "how" else {"how": "max"}
+        )
+        with pytest.raises(vm.VoluminousError, match=message):
+            vm.Scene(sections)
+    with pytest.raises(vm.InputError, match="no objects"):
+        vm.Scene({**loads(PROJECTION), "object": [vm.Axes(length=1)]})
+
+
 def test_objects_in_place_of_tables():
     medium = vm.Gaussian("x", 0.0, 1.0 * u.cm, (1.0, 0.5), 0.1, 1 * u.pc)
     camera = vm.Perspective([2, 0, 0] * u.pc, [0, 0, 0] * u.pc, 30, up=(0, 1, 0), resolution=(3, 2))

@@ -11,6 +11,7 @@ import threading
 import time
 import warnings
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -37,6 +38,7 @@ VALUES = np.exp(-sum(np.meshgrid(AXIS**2, AXIS**2, AXIS**2, indexing="ij")))
 SHELL = vm.Gaussian("a", 0.6, 0.05, (1.0, 0.5, 0.2), 0.3, path_length=0.2)
 CORE = vm.Gaussian("a", 0.9, 0.05, (0.2, 0.5, 1.0), 0.3, path_length=0.2)
 CAMERA = vm.Orthographic(60, 30, width=2.5, resolution=64)
+SHELL_OF_N = vm.Gaussian("n", 1.0, 0.5, (1.0, 0.5, 0.2), 0.3, path_length=0.2)
 
 
 @pytest.fixture
@@ -135,6 +137,10 @@ def test_a_gesture_is_one_entry():
         ("camera.incl", "north", "incl"),
         ("render.tolerance", -1, "tolerance"),
         ("image.stretch", "wide", "wide"),
+        ("project", {"quantity": "a", "how": "most"}, "most"),
+        ("project.slab", [0, 1], "quantity is missing"),
+        ("slices.at", [1, 2], "3 numbers"),
+        ("slices.window", [0, "much"], "number"),
         ("medium", [3], "table"),
     ],
 )
@@ -472,6 +478,83 @@ def test_a_clicked_pixel_tells_what_probe_tells(explorer, volume):
     assert light[max(inside - 1, 0)] <= 0.5 * light[-1] * 1.0001 <= light[inside] * 1.0002
 
 
+def cut_values(cut):
+    """Return the values of a slice as a page decodes them."""
+    data = zlib.decompress(base64.b64decode(cut["data"]))
+    return np.frombuffer(data, cut["type"]).reshape(cut["height"], cut["width"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"), [("u1", [0, 255]), ("<i2", [-1024, 3071]), ("<u2", [0, 65535])]
+)
+def test_whole_numbers_of_slices_are_sent_as_such(kind, values):
+    grid = vm.CartesianGrid.uniform((2, 3, 4), (0, 1))
+    cells = np.random.default_rng(0).choice(values, (2, 3, 4))
+    cells[:, 0, 1:3] = values
+    explorer = Explorer(vm.Volume(grid, n=cells.astype(np.int32)), SHELL_OF_N, CAMERA)
+    cut = Page(explorer).ask("slice", expr="n", axis=0, at=0.75, size=[3, 4])
+    assert cut["type"] == kind
+    np.testing.assert_array_equal(cut_values(cut), cells[1].T)
+    explorer.close()
+
+
+def decoded(head, payload):
+    """Return the numbers of a frame of a projection."""
+    if head["codec"] == "float16":
+        return frames.from_float16(head, payload)[..., 0]
+    codes = np.asarray(Pillow.open(io.BytesIO(payload)))[::-1].astype(float)
+    return np.where(
+        codes > 0, head["low"] + (head["high"] - head["low"]) * (codes - 1) / 254, -np.inf
+    )
+
+
+def test_a_projection_is_shown_exported_and_left(explorer, volume, tmp_path):
+    page = Page(explorer)
+    page.exact(0)
+    number = page.put("set", patch=[["project", {"quantity": "-1000 * a", "how": "min"}]])
+    preview, quick = page.wait(
+        lambda m: m["kind"] == "frame" and not m["exact"] and m.get("how") == "min"
+    )
+    head, payload = page.exact(number)
+    image = explorer.scene((48, 40)).render(progress=False)
+    wanted = vm.project(volume, "-1000 * a", explorer.camera.within((48, 40)), "min")
+    np.testing.assert_array_equal(image.intensity, wanted.intensity)
+    truth = wanted.intensity[..., 0]
+    np.testing.assert_allclose(
+        decoded(head, payload), np.where(np.isnan(truth), -np.inf, truth), rtol=2.0**-11
+    )
+    assert preview["codec"] == "linear-jpeg"
+    # A step of 8 bits, and what JPEG does to edges.
+    seen = decoded(preview, quick)
+    assert abs(seen[np.isfinite(seen)].min() - np.nanmin(truth)) < 30
+    text = page.ask("export", what="python", width=48)["text"]
+    volume.save(tmp_path / "volume.npz")
+    scope: dict = {}
+    code = text.replace("volume.npz", str(tmp_path / "volume.npz"))
+    exec(code.replace("picture.png", str(tmp_path / "picture.png")), scope)
+    np.testing.assert_array_equal(scope["image"].intensity, wanted.intensity)
+    toml = page.ask("export", what="toml")["text"]
+    assert "[project]" in toml
+    # The deepest cell of the middle ray is in the middle of the volume.
+    assert np.linalg.norm(page.ask("probe", x=0.5, y=0.5)["point"]) < 0.2
+    page.put("undo")
+    assert not explorer.document.settings["project"]
+    assert "error" not in page.ask("load", text=toml)
+    assert explorer.document.settings["project"]["how"] == "min"
+
+
+def test_slices_are_no_part_of_what_is_undone(explorer):
+    page = Page(explorer)
+    page.put("set", patch=[["image.exposure", 2.0]])
+    page.put("set", patch=[["slices", {"expr": "a", "at": [0, 0, 0.5], "window": [0, 1]}]])
+    page.put("set", patch=[["slices.at", [0, 0.5, 0.5]]])
+    page.put("undo")
+    settings = explorer.document.settings
+    assert "exposure" not in settings["image"]
+    assert settings["slices"]["at"] == [0, 0.5, 0.5]
+    assert "slices" not in page.ask("export", what="toml")["text"]
+
+
 def test_histograms_slices_and_suggestions(explorer, volume):
     page = Page(explorer)
     reply = page.ask("histogram", expr="a", bins=64, log=False)
@@ -481,9 +564,10 @@ def test_histograms_slices_and_suggestions(explorer, volume):
     assert page.ask("histogram", expr="a - 1", log=True)["error"].startswith(
         "a - 1 has no positive"
     )
-    cut = page.ask("slice", expr="2*a", axis=2, at=0.5, size=32)
-    assert (cut["width"], cut["height"]) == (32, 32)
-    assert cut["high"] == pytest.approx(2 * VALUES[:, :, 8].max())
+    for axis, cells in ((0, VALUES[5].T), (1, VALUES[:, 5]), (2, VALUES[:, :, 5].T)):
+        cut = page.ask("slice", expr="2*a", axis=axis, at=5.5 / 16, size=[16, 16])
+        np.testing.assert_array_equal(cut_values(cut), 2 * cells)
+    assert "pixels along a side" in page.ask("slice", expr="a", axis=0, at=0.5, size=9999)["error"]
     assert "error" not in page.ask("suggest", name=None)
     assert repr(explorer.medium) == repr(vm.suggest_medium(volume))
     assert "'gold'" in page.ask("suggest", name="gold")["error"]
@@ -1046,8 +1130,9 @@ def test_quick_answers_about_a_large_file_are_those_of_a_level(large, reads):
     reply = page.ask("histogram", expr="a", bins=8)
     assert reply["counts"] == np.histogram(coarse.array("a"), 8)[0].tolist()
     assert reply["level"] == 2
-    cut = page.ask("slice", expr="a", axis=0, at=0.5, size=16)
-    assert cut["level"] == 2
+    # A plane is read from the file, and nothing else.
+    cut = page.ask("slice", expr="a", axis=0, at=0.5, size=[64, 64])
+    assert (cut["level"], cut["width"]) == (0, 64)
     for question in (
         {"kind": "thumbnail", "name": "bone"},
         {"kind": "highlight", "expr": "a", "low": 0.5, "high": 0.6},
