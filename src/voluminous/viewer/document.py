@@ -109,8 +109,8 @@ class Document:
         label, settings = source.pop()
         other.append((label, self.settings))
         # Camera and slices are no part of what is undone: they move too often.
-        kept = ("camera", "slices")
-        self.settings = settings | {k: v for k, v in self.settings.items() if k in kept}
+        kept = {name: self.settings.get(name, {}) for name in ("camera", "slices")}
+        self.settings = {**settings, **kept}
         self._gesture = None
         self.revision += 1
         return True
