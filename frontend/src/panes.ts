@@ -2,6 +2,7 @@
 // picture, and moved from any. Values come as they are in the cells; the window is the page's.
 
 import { mainExpr } from "./modes";
+import { letterOf } from "./orientation";
 import type { Parts } from "./parts";
 import { ARROWS, button, h, refill, svg } from "./ui/dom";
 import { pretty, ticks, withUnit } from "./ui/format";
@@ -70,6 +71,8 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
   const state = (): Table => store.document.slices ?? {};
   const expr = (): string => state().expr ?? mainExpr(store.document.medium ?? [], server.info?.fields ?? []);
   const bounds = () => server.info?.bounds ?? [[0, 1], [0, 1], [0, 1]];
+  /** Where the axes point in a patient; empty if that is unknown. */
+  const patient = () => (server.info ? ["x", "y", "z"].map((name) => letterOf(server.info!, name)).join("") : "");
   /** Pixels of slices along an axis: one for each cell, of grids with axes x, y and z. */
   function count(j: number): number {
     const { shape = [], grid, bounds: sides = [] } = server.info ?? {};
@@ -132,7 +135,7 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
     let marked: Cut | null = null;
     let asked = "";
     let drawn = "";
-    const lie = () => lieOf(axis, (server.info as Table | null)?.orientation ?? "", server.info?.y_down ?? false);
+    const lie = () => lieOf(axis, patient(), server.info?.y_down ?? false);
 
     const load = newest(async (wish: { expr: string; labels: string; at: number }) => {
       const how = { axis, at: wish.at, size: [count((axis + 1) % 3), count((axis + 2) % 3)] };
@@ -356,7 +359,7 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
       refill(element, axial, picture, coronal, sagittal);
       return element;
     },
-    tool, set, go, state, expr, isCT,
+    tool, set, go, state, expr, isCT, patient,
     window: window_,
     get unit() { return unit; },
     get limits() { return limits; },

@@ -29,7 +29,7 @@ export function slicePanel({ stage, store, server, navigation, notices }: Pick<P
     form.update(panes.state());
     ofCT.hidden = !panes.isCT();
     spot.textContent = `Point ${panes.point().map((v) => pretty(v, 4)).join(", ")} ${server.info?.unit ?? ""}`;
-    convention.textContent = (server.info as Table | null)?.orientation
+    convention.textContent = panes.patient()
       ? "Radiological: the patient's right is at the left, as seen from the feet; coronal from the front, sagittal from the left."
       : "How a patient lies is not known: axes as in the file, across z, y and x.";
   };

@@ -109,8 +109,10 @@ class Document:
         label, settings = source.pop()
         other.append((label, self.settings))
         # Camera and slices are no part of what is undone: they move too often.
-        kept = {name: self.settings.get(name, {}) for name in ("camera", "slices")}
-        self.settings = {**settings, **kept}
+        here = self.settings
+        self.settings = {**settings, "camera": here["camera"]}
+        if "slices" in here:
+            self.settings["slices"] = here["slices"]
         self._gesture = None
         self.revision += 1
         return True
