@@ -12,6 +12,7 @@ interface Actions {
   measure: { begin(kind: string | null): void; addBox(): void; addShown(): void };
   probe: { at(place: [number, number]): Promise<void>; turnAbout(): void };
   panes: { toggle(): void };
+  clip: { switch(): void };
   save(): void;
   help(): void;
   togglePanels(): void;
@@ -24,7 +25,7 @@ const STEP = 5;
 const FAST = 1.15;
 const DIGITS = [..."123456789"];
 
-export function keyTable({ stage, store, notices, overlay, navigation, scenes }: Parts, { views, time, probe, measure, panes, ...actions }: Actions): Record<string, Row[]> {
+export function keyTable({ stage, store, notices, overlay, navigation, scenes }: Parts, { views, time, probe, measure, panes, clip, ...actions }: Actions): Record<string, Row[]> {
   const names = Object.keys(ARROWS);
   const go = ({ key, shiftKey }: KeyboardEvent) => {
     const [x, y] = ARROWS[key];
@@ -62,6 +63,7 @@ export function keyTable({ stage, store, notices, overlay, navigation, scenes }:
       [["a"], "a", "rotate about the probed point", () => probe.turnAbout()],
       [["b"], "b", "box of the volume on or off", box],
       [["q"], "q", "three slices beside the picture", () => panes.toggle()],
+      [["k"], "k", "cut the volume, or show all", () => clip.switch()],
       [["[", "]"], "[ ]", "time step back, forward", ({ key }) => time.step(key === "]" ? 1 : -1)],
     ],
     Measure: [

@@ -5,6 +5,7 @@ import { helpDialog, historyMenu, saveDialog } from "./dialogs";
 import { keyTable } from "./keys";
 import { modes } from "./modes";
 import { panesOf } from "./panes";
+import { clipPanel } from "./panels/clip";
 import { measurePanel } from "./panels/measure";
 import { mediaPanel } from "./panels/media";
 import { probePanel } from "./panels/probe";
@@ -34,6 +35,7 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
     stage.canvas, highlight.element, overlay.lines, h("div", { class: "vlm-upper" }, badge, link.trouble, mode.element), corner, lower, time.element, notices.element, link.form,
   );
 
+  const clip = clipPanel(parts);
   const views = viewsPanel(parts);
   const scene = scenePanel(parts);
   const ray = probePanel(parts, () => tabs.show("probe"), (point) => panes.state().shown && panes.go(point, true));
@@ -45,6 +47,7 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
     ["probe", "Ray", ray],
     ["measure", "Measure", measure],
     ["slice", "Slices", slicePanel(parts, panes)],
+    ["clip", "Clip", clip],
     ["views", "Views", views],
     ["scene", "Scene", scene],
   ];
@@ -55,7 +58,7 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
   const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
   const save = saveDialog(parts);
   const keys = keyTable(parts, {
-    views, time, probe, measure, panes,
+    views, time, probe, measure, panes, clip,
     save: save.open,
     help: () => help.open(),
     togglePanels: () => root.classList.toggle("vlm-bare"),

@@ -54,9 +54,3 @@ export function middleBox(info: VolumeInfo): { low: Vec3; high: Vec3 } {
   const part = (w: number) => info.bounds.map(([a, b]) => Number((a + w * (b - a)).toPrecision(6))) as Vec3;
   return { low: part(0.25), high: part(0.75) };
 }
-
-/** The corners of a clip that is a box in the volume's unit; null of any other. */
-export function boxOf(clip: unknown): { low: Vec3; high: Vec3 } | null {
-  const [low, high] = [...String(clip).matchAll(/\(\s*([-\d.e+]+), ([-\d.e+]+), ([-\d.e+]+)\s*\)/g)].map(([, ...numbers]) => numbers.map(Number) as Vec3);
-  return /^box\(/.test(String(clip)) && high && !/[&|~]/.test(String(clip)) ? { low, high } : null;
-}

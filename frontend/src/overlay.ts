@@ -24,8 +24,8 @@ export class Overlay {
   pivot: Vec3 | null = null;
   probed: Vec3 | null = null;
   shown = true;
-  /** More that is drawn above the picture; what it shows is a part of the key. */
-  more: { key(): unknown; draw(): SVGElement[] } | null = null;
+  /** What panels draw above the picture, and what it depends on besides the view. */
+  readonly layers: { key(): unknown; draw(): SVGElement[] }[] = [];
   private named = "";
   private ends = new Map<string, SVGGElement>();
   private stalks = new Map<string, SVGLineElement>();
@@ -63,7 +63,7 @@ export class Overlay {
     if (!frameView) return;
     // Lines over the whole picture are dear to draw: not anew for another exposure.
     const size = [canvas.clientWidth, canvas.clientHeight];
-    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown, this.more?.key(), lengthsShownIn(info.unit)]);
+    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown, this.layers.map((one) => one.key()), lengthsShownIn(info.unit)]);
     if (key === this.key) return;
     this.key = key;
     this.lines.setAttribute("viewBox", `0 0 ${canvas.clientWidth} ${canvas.clientHeight}`);
@@ -73,9 +73,9 @@ export class Overlay {
     this.gizmo.classList.toggle("vlm-none", !isFlat);
     if (!isFlat) return refill(this.lines);
     if (this.shown) parts.push(...this.box(info));
+    parts.push(...this.layers.flatMap((one) => one.draw()));
     if (this.pivot) parts.push(this.mark(this.pivot, "vlm-pivot"));
     if (this.probed) parts.push(this.mark(this.probed, "vlm-probed"));
-    if (this.more) parts.push(...this.more.draw());
     parts.push(...this.letters(info));
     refill(this.lines, ...parts);
     this.nameEnds(info);

@@ -2,6 +2,7 @@
 // the cells that a medium shows, that fulfil a condition, or that are in a box. They are in the
 // document; numbers of cells are the server's, which counts beside everything else.
 
+import { clipOf } from "../clip";
 import { angleOf, boxOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
 import { titleOf as mediumTitle } from "../media";
 import type { Panel, Parts } from "../parts";
@@ -91,8 +92,9 @@ export function measurePanel(
 
   const addBox = () => {
     toFront();
-    const clip = boxOf(store.document.render?.clip);
-    if (server.info) add({ kind: "cells", expr: wish.expr, ...(clip ?? middleBox(server.info)) }, "measure a box");
+    const { info } = server;
+    const box = info && clipOf(store.document.render?.clip ?? "", info.bounds)?.box;
+    if (info) add({ kind: "cells", expr: wish.expr, ...(box ? { low: box[0], high: box[1] } : middleBox(info)) }, "measure a box");
   };
 
   /** The server says where this medium shows: the condition becomes the measure's own. */
@@ -215,7 +217,7 @@ export function measurePanel(
     stage.redraw();
   });
 
-  overlay.more = {
+  overlay.layers.push({
     key: () => [measures().map((one) => [one, wordsOf(one)]), points, [...behind]],
     draw: () => {
       const marks: Mark[] = measures().map((measure) => ({
@@ -225,7 +227,7 @@ export function measurePanel(
       if (points.length) marks.push({ measure: { points }, words: "", place: null, seen: [] });
       return marks.map((mark) => drawMark(stage, mark)).filter((one) => one !== null);
     },
-  };
+  });
 
   return {
     element: h(
