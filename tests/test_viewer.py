@@ -469,9 +469,10 @@ def test_a_clicked_pixel_tells_what_probe_tells(explorer, volume):
     assert reply["pixel"] == [19, 22]
     ray = vm.probe(volume, SHELL + CORE, CAMERA.replace(resolution=(48, 40)), (19, 22))
     np.testing.assert_array_equal(reply["intensity"], ray.intensity)
-    np.testing.assert_array_equal(reply["fields"]["a"], ray.fields["a"])
-    np.testing.assert_array_equal(np.transpose(reply["accumulated"]), ray.gathered)
-    np.testing.assert_array_equal(np.transpose(reply["extinction"]), ray.alpha)
+    np.testing.assert_array_equal(reply["fields"]["a"], ray.points.fields["a"])
+    np.testing.assert_array_equal(reply["walls"][2:-1], ray.end)
+    np.testing.assert_array_equal(np.transpose(reply["accumulated"])[2:-1], ray.gathered)
+    np.testing.assert_array_equal(np.transpose(reply["extinction"]), ray.points.alpha)
     light = ray.gathered.sum(axis=1)
     assert ray.begin[0] <= reply["depth"] <= ray.end[-1]
     inside = np.searchsorted(ray.end, reply["depth"])

@@ -255,7 +255,7 @@ class Fake:
             "distance": (0.5 * (ray.begin + ray.end)).tolist(), "intensity": ray.intensity.tolist(),
             "tau": ray.optical_depth.tolist(), "unit": "", "fields": {"density": ray.fields["density"].tolist()},
             "units": ray.units, "emissivity": rows(ray.j), "extinction": rows(ray.alpha),
-            "optical_depth": rows(ray.depth), "accumulated": rows(ray.gathered), "contribution": [],
+            "optical_depth": rows(ray.depth), "accumulated": rows(ray.gathered), "walls": ray.end.tolist(),
             "values": {name: float(line[k]) for name, line in ray.scalars.items()},
         }  # fmt: skip
 

@@ -3,7 +3,7 @@
 // document; numbers of cells are the server's, which counts beside everything else.
 
 import { clipOf } from "../clip";
-import { angleOf, boxOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
+import { angleOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
 import { titleOf as mediumTitle } from "../media";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";

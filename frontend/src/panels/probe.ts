@@ -129,9 +129,9 @@ export function probePanel(
     const fields = Object.entries((reply.fields ?? {}) as Record<string, number[]>);
     plots[0].show(x, fields.map(([name, line], i) => ({ name, values: line, color: FIELDS[i % FIELDS.length] })), fields.length === 1 ? prettyUnit(reply.units?.[fields[0][0]]) : "");
     plots[1].show(x, coefficientCurves(reply.emissivity ?? [], reply.extinction ?? []), light ? `j ${light} ${per}, α ${per}` : per);
-    plots[2].show(x, channelCurves(reply.optical_depth ?? [], "τ"), "", false);
-    plots[3].show(x, channelCurves(reply.accumulated ?? [], "I"), light, false);
-    refill(axis, h("span", {}, prettyLength(x[0] ?? 0, unitOf)), h("span", {}, "distance along the ray"), h("span", {}, prettyLength(x[x.length - 1] ?? 0, unitOf)));
+    plots[2].show(reply.walls ?? [], channelCurves(reply.optical_depth ?? [], "τ"), "", false);
+    plots[3].show(reply.walls ?? [], channelCurves(reply.accumulated ?? [], "I"), light, false);
+    refill(axis, h("span", {}, pretty(x[0] ?? 0)), h("span", {}, unitOf ? `distance along the ray in ${prettyUnit(unitOf)}` : "distance along the ray"), h("span", {}, pretty(x[x.length - 1] ?? 0)));
     const rows: [string, string][] = [
       ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + ` ${prettyUnit(reply.units?.intensity)}`],
       ["Optical depth", [...new Set((reply.tau ?? []).map((v: number) => pretty(v)))].join("  ")],

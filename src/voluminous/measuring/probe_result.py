@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -28,6 +28,74 @@ Column: TypeAlias = tuple[np.ndarray, Unit]
 _TABLES = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 _PLOTS = (".png", ".pdf", ".svg")
 _DPI = 150
+
+
+@dataclass(frozen=True)
+class Points:
+    """Values at m points of a ray, dense enough to draw lines through them; NaN in hidden cells.
+
+    Attributes
+    ----------
+    distance : float64 array (m,)
+        As those of a `Probe`.
+    fields, scalars : dict of str to array (m,)
+        The medium's fields and expressions.
+    j, alpha : float64 arrays (m, c), (m, e)
+        Emissivity and extinction per length.
+    """
+
+    distance: np.ndarray
+    fields: dict[str, np.ndarray]
+    scalars: dict[str, np.ndarray]
+    j: np.ndarray
+    alpha: np.ndarray
+
+    def without(self, hidden: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Points:
+        """Return the points with NaN in hidden segments, and between those that do not meet."""
+        per = len(self.distance) // len(begin)
+        dark = np.repeat(hidden, per)
+        gaps = np.flatnonzero(begin[1:] - end[:-1] > 1e-3 * (end - begin)[:-1])
+
+        def broken(values: np.ndarray) -> np.ndarray:
+            values = np.where(dark[:, None] if values.ndim > 1 else dark, np.nan, values)
+            return np.insert(values, (gaps + 1) * per, np.nan, axis=0)
+
+        return replace(
+            self._each(broken), distance=np.insert(self.distance, (gaps + 1) * per, end[gaps])
+        )
+
+    def thinned(self, part: float) -> Points:
+        """Leave out points near to straight lines between others: to this part of a range."""
+        curves = [*self.fields.values(), *self.scalars.values(), *self.j.T, *self.alpha.T]
+        y = np.array([_flattened(values) for values in curves])
+        kept, dropped = np.arange(len(self.distance)), True
+        while dropped:
+            dropped = False
+            for first in (1, 2):
+                x = self.distance[kept]
+                w = (x[1:-1] - x[:-2]) / np.maximum(x[2:] - x[:-2], 1e-300)
+                rows = y[:, kept]
+                off = np.abs(rows[:, 1:-1] - (1 - w) * rows[:, :-2] - w * rows[:, 2:]).max(axis=0)
+                near = np.zeros(len(kept), bool)
+                near[first:-1:2] = off[first - 1 :: 2] < part
+                kept, dropped = kept[~near], dropped or bool(near.any())
+        return replace(self._each(lambda v: v[kept]), distance=self.distance[kept])
+
+    def _each(self, change: Callable[[np.ndarray], np.ndarray]) -> Points:
+        fields, scalars = (
+            {name: change(v) for name, v in values.items()}
+            for values in (self.fields, self.scalars)
+        )
+        return Points(self.distance, fields, scalars, change(self.j), change(self.alpha))
+
+
+def _flattened(values: np.ndarray) -> np.ndarray:
+    """Return values, or logarithms of those that vary by much, from 0 to 1."""
+    low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+    if low > 0.0 and high > _WIDE * low:
+        return _flattened(np.log10(values))
+    flat: np.ndarray = (values - low) / (high - low if high > low else 1.0)
+    return flat
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,6 +145,9 @@ class Probe:
         Units of "length", "intensity", and of all fields and scalars.
     provenance : dict
         The settings.
+    points : Points
+        Fields, expressions and coefficients at points of the ray, also where rays of the picture
+        leap over what is empty: what is plotted.
     """
 
     begin: np.ndarray
@@ -106,6 +177,7 @@ class Probe:
     axes: tuple[str, ...]
     units: dict[str, str]
     provenance: dict[str, Any]
+    points: Points | None = None
 
     def __len__(self) -> int:
         """Return the number of segments."""
@@ -373,14 +445,16 @@ def _chosen(probe: Probe, show: Sequence[str] | None) -> dict[str, np.ndarray]:
     By default the medium's expressions; else its fields, without coordinates if there are others.
     """
     known = {**probe.fields, **probe.scalars}
+    if probe.points is not None:  # what was asked for besides is known in cells alone
+        known |= {**probe.points.fields, **probe.points.scalars}
     if show is not None:
         for name in show:
             if name not in known:
                 raise unknown_name("field", name, known)
         return {name: known[name] for name in show}
     places = ("x", "y", "z", "r", *probe.axes)
-    fields = {name: v for name, v in probe.fields.items() if name not in places}
-    return probe.scalars or fields or probe.fields
+    fields = [name for name in probe.fields if name not in places]
+    return {name: known[name] for name in probe.scalars or fields or probe.fields}
 
 
 def _draw_fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
@@ -388,14 +462,14 @@ def _draw_fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> No
     if len(chosen) > 2:
         for name, values in chosen.items():
             largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
-            panel.plot(*_steps(probe, values / largest), label=f"{name}  (max {largest:.3g})")
+            panel.plot(*_line(probe, values / largest), label=f"{name}  (max {largest:.3g})")
         panel.set_ylabel("part of the largest")
         panel.legend(fontsize="small")
         return
     axes = [panel, panel.twinx()] if len(chosen) > 1 else [panel]
     for axis, (name, values), color in zip(axes, chosen.items(), (_FIRST, _SECOND), strict=False):
         _label(axis, _named(name, probe.units[name]), color)
-        axis.plot(*_steps(probe, values), color=color)
+        axis.plot(*_line(probe, values), color=color)
         finite = values[np.isfinite(values)]
         if finite.size and finite.min() > 0 and finite.max() > _WIDE * finite.min():
             axis.set_yscale("log")
@@ -407,13 +481,14 @@ def _draw_coefficients(panel: Axes, probe: Probe) -> None:
     _label(panel, _named("emissivity j", _per(light, length)))
     how = "grey" if grey else "dashed"
     _label(other, _named(f"extinction α ({how})", f"1 / {length}" if length else ""))
-    for values, color in _lines(probe.j):
-        panel.plot(*_steps(probe, values), color=color)
-    for values, color in _lines(probe.alpha):
+    points = probe.points or probe
+    for values, color in _lines(points.j):
+        panel.plot(*_line(probe, values), color=color)
+    for values, color in _lines(points.alpha):
         if grey:
-            other.fill_between(*_steps(probe, values), color="0.5", alpha=0.25, linewidth=0)
+            other.fill_between(*_line(probe, values), color="0.5", alpha=0.25, linewidth=0)
         else:
-            other.plot(*_steps(probe, values), color=color, linestyle="--")
+            other.plot(*_line(probe, values), color=color, linestyle="--")
     for axis in (panel, other):
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
 
@@ -423,9 +498,9 @@ def _draw_depth(panel: Axes, probe: Probe) -> None:
     _label(panel, "optical depth τ", _FIRST if grey else None)
     _label(other, "transparency (dashed)", _SECOND if grey else None)
     for values, color in _lines(probe.depth, _FIRST):
-        panel.plot(x, np.append(0.0, values), color=color)
+        panel.plot(x, np.r_[0.0, 0.0, values, values[-1]], color=color)
     for values, color in _lines(np.cumprod(probe.theta, axis=0), _SECOND):
-        other.plot(x, np.append(1.0, values), color=color, linestyle="--")
+        other.plot(x, np.r_[1.0, 1.0, values, values[-1]], color=color, linestyle="--")
     panel.set_ylim(bottom=0.0)
     other.set_ylim(-0.03, 1.05)
     if probe.depth[-1].max() > 1.0:
@@ -437,8 +512,8 @@ def _draw_light(panel: Axes, probe: Probe) -> None:
     x = _walls(probe)
     lines = zip(_lines(probe.gathered), probe.arriving.T, probe.background, strict=True)
     for (gathered, color), arriving, behind in lines:
-        panel.plot(x, np.append(0.0, gathered), color=color)
-        panel.plot(x, np.append(arriving, behind), color=color, linestyle="--")
+        panel.plot(x, np.r_[0.0, 0.0, gathered, gathered[-1]], color=color)
+        panel.plot(x, np.r_[arriving[0], arriving, behind, behind], color=color, linestyle="--")
         panel.plot(x[:1], arriving[:1], "o", color=color, clip_on=False, zorder=5)
     low, high = panel.get_ylim()
     panel.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
@@ -452,7 +527,10 @@ def _draw_light(panel: Axes, probe: Probe) -> None:
     _label(panel, _named("intensity", probe.units["intensity"]))
 
 
-def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _line(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x and y of values at points; of values in cells as steps."""
+    if probe.points is not None and len(values) == len(probe.points.distance):
+        return probe.points.distance, values
     x = np.stack([probe.begin, probe.end, probe.end], axis=1)
     y = np.repeat(values[:, None], 3, axis=1).astype(float)
     gap = probe.begin[1:] - probe.end[:-1] > 1e-3 * (probe.end[:-1] - probe.begin[:-1])
@@ -461,7 +539,9 @@ def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _walls(probe: Probe) -> np.ndarray:
-    return np.append(probe.begin[0], probe.end)
+    """Return the walls of segments, between the ends of the ray: pictures begin where they see."""
+    ends = probe.points.distance[[0, -1]] if probe.points else (probe.begin[0], probe.end[-1])
+    return np.concatenate([ends[:1], probe.begin[:1], probe.end, ends[1:]])
 
 
 def _lines(columns: np.ndarray, alone: str = "0.15") -> list[tuple[np.ndarray, str]]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
 from ..grids.arguments import on_grid
@@ -20,6 +21,7 @@ from ..large.partition import partition_of
 from ..media.context import completed
 from ..media.details import intensity_unit
 from ..media.panel import PLACES
+from ..media.sum import BoundSum
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.job import RenderJob
@@ -41,7 +43,7 @@ from ..schemes.channels import before as before_background
 from ..schemes.path import Path
 from ..units import Unit, parse_unit, plain, unit_name
 from .cells import CellQuantity
-from .probe_result import Probe
+from .probe_result import Points, Probe
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
@@ -56,6 +58,9 @@ if TYPE_CHECKING:
 Rows: TypeAlias = dict[str, np.ndarray]
 """Recorded numbers by name, of shape (segment, numbers), ordered from the observer on."""
 
+# Points of a ray, of a cell at least and at most, and the part of the range of a curve to which it
+# is straight between those that stay.
+_POINTS, _PER_CELL, _STRAIGHT = 4000, (4, 64), 1e-3
 # Recorded rows, in multiples of the cells that a straight line through the middle crosses.
 _ROOM = 2
 
@@ -139,9 +144,14 @@ def probe(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     (ix, iy), brightest = place.pixel, float(np.max(np.abs(behind)))
     flat = iy * job.frame.pixels[0] + ix
-    ray = _follow_all(_tracer_of(job, flat, brightest), flat, place.offset)
+    tracer = _tracer_of(job, flat, brightest)
+    ray = _follow_all(tracer, flat, place.offset)
+    cells = ray
+    if tracer.source.skipping.coarse:
+        cells = _follow_all(_tracer_of(job, flat, brightest, by_cell=True), flat, place.offset)
     full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
-    return _assembled(job, seen, place, ray, more, full[iy, ix])
+    made = _assembled(job, seen, place, ray, more, full[iy, ix])
+    return replace(made, points=_points(job, tracer, made, cells))
 
 
 class _Place(NamedTuple):
@@ -206,7 +216,10 @@ class _Recorder(Around[Any], Scanner[Any]):
         counts = {"begin": 1, "end": 1, "cell": 1, "hidden": 1, "j": channels.emissions}
         counts |= dict.fromkeys(("alpha", "transparency", "tau"), channels.extinctions)
         counts["emission"] = channels.emissions
-        for name, count in (counts | {f"field {name}": 1 for name in self.names}).items():
+        if self.coefficients_at == "vertex":
+            counts |= {"j ends": 2 * channels.emissions, "alpha ends": 2 * channels.extinctions}
+        counts |= {f"field {name}": len(PLACES) for name in self.names}
+        for name, count in counts.items():
             kind = backend.UInt if name == "cell" else backend.Wide
             self.columns[name] = [dr.zeros(kind, self.capacity) for _ in range(count)]
         dr.eval(self.columns)
@@ -237,7 +250,10 @@ class _Recorder(Around[Any], Scanner[Any]):
         j, alpha = ([dr.select(segment.hidden, 0.0, v) for v in own] for own in (j, alpha))
         values |= {"j": j, "alpha": alpha, "tau": solution.depth}
         values |= {"emission": solution.emission, "transparency": solution.transparency}
-        values |= {f"field {name}": [fields[name]] for name in self.names}
+        values |= {f"field {name}": [places[name] for places in fields] for name in self.names}
+        if self.coefficients_at == "vertex":
+            ends = zip(*(source.channels.split(one) for one in (before, after)), strict=True)
+            values |= dict(zip(("j ends", "alpha ends"), (a + b for a, b in ends), strict=True))
         # Not two walls in one place.
         recorded = segment.active & (segment.length > 0.0)
         recorded |= segment.hidden & (segment.end > segment.begin)
@@ -248,14 +264,14 @@ class _Recorder(Around[Any], Scanner[Any]):
 
     def _coefficients(
         self, source: Any, segment: Segment, before: list[Float]
-    ) -> tuple[Any, dict[str, Float], list[Float]]:
+    ) -> tuple[Any, list[dict[str, Float]], list[Float]]:
         if self.coefficients_at == "cell":
-            return source.at(segment), {}, []
+            return source.at(segment), [], []
         if self.coefficients_at == "vertex":
             corners = segment.walk.exit_corners(segment.track, segment)
             after = list(source.interpolate(corners, segment.active))
             mean = [0.5 * (a + b) for a, b in zip(before, after, strict=True)]
-            return source.channels.split(mean), {}, after
+            return source.channels.split(mean), [], after
         fields = source.along(segment)
         nodes, channels = [fields.node(s) for s in PLACES], source.channels
         if is_controlled(self.scheme):
@@ -264,7 +280,8 @@ class _Recorder(Around[Any], Scanner[Any]):
             j, alpha = ([0.5 * (a + b) for a, b in zip(*own, strict=True)] for own in pairs)
         else:
             j, alpha = channels.means(fields.panel(nodes[::2], straight=True))
-        return (j, alpha), completed(source.context.ops, fields.at(0.5), source.context), []
+        context = source.context
+        return (j, alpha), [completed(context.ops, fields.at(s), context) for s in PLACES], []
 
     def read(self, count: int) -> Rows:
         """Return the first ``count`` rows."""
@@ -274,8 +291,10 @@ class _Recorder(Around[Any], Scanner[Any]):
         }
 
 
-def _tracer_of(job: RenderJob, pixel: int, brightest_background: float) -> RayTracer:
-    """Return the tracer with which a pixel is finally drawn.
+def _tracer_of(
+    job: RenderJob, pixel: int, brightest_background: float, *, by_cell: bool = False
+) -> RayTracer:
+    """Return the tracer with which a pixel is finally drawn, or one that leaves out no cell.
 
     With error control its limits depend on the whole picture, so that is drawn, unless the volume
     remembers them.
@@ -288,7 +307,7 @@ def _tracer_of(job: RenderJob, pixel: int, brightest_background: float) -> RayTr
         else:
             job.progress(1, 1)
     source = copy.copy(job.source(rounds is not None and rounds.faintest))
-    if not source.skipping.coarse:  # steps are single cells: rays also visit empty ones
+    if by_cell or not source.skipping.coarse:  # steps are single cells: rays also visit empty ones
         source.skipping = Skipping()
     tracer = job.partition.tracer(job, source, brightest_background, False)
     if rounds is not None:
@@ -361,6 +380,11 @@ def _follow(tracer: RayTracer, pixel: int, offset: tuple[float, float], capacity
     if job.backward:
         rows = {name: values[::-1] for name, values in rows.items()}
         rows |= {"begin": -rows["end"], "end": -rows["begin"]}
+        for name in rows:
+            if name.startswith("field "):
+                rows[name] = rows[name][:, ::-1]
+            elif name.endswith(" ends"):
+                rows[name] = np.roll(rows[name], rows[name].shape[1] // 2, axis=1)
         direction = -direction
     parts = (found.emission, found.transparency, found.depth)
     path = Path(*([np.asarray(v)[0] for v in numbers] for numbers in parts))
@@ -398,7 +422,7 @@ def _assembled(
     def on_the_ray(expr: Expression) -> np.ndarray:
         if scheme.coefficients_at != "field":
             return in_cells(expr)
-        recorded = {name: rows[f"field {name}"][:, 0] for name in expr.names}
+        recorded = {name: rows[f"field {name}"][:, len(PLACES) // 2] for name in expr.names}
         with np.errstate(all="ignore"):
             values = np.asarray(expr.evaluate(NumpyOps(), recorded), dtype=np.float64)
         return np.where(hidden, np.nan, values)
@@ -448,6 +472,60 @@ def _assembled(
         units=units,
         provenance={**job.provenance(), "camera": job.camera.describe()},
     )
+
+
+def _points(job: RenderJob, tracer: RayTracer, probe: Probe, ray: _Ray) -> Points:
+    """Return values at points of a ray through all cells.
+
+    Between the corners of a cell fields are cubics along the ray, which five places determine.
+    """
+    rows = ray.rows
+    begin, end = rows["begin"][:, 0], rows["end"][:, 0]
+    if not len(begin) or job.scheme.coefficients_at != "field":
+        return _ends(job, probe, ray)
+    t = np.linspace(0.0, 1.0, int(np.clip(_POINTS // len(begin), *_PER_CELL)))
+    order = np.arange(len(PLACES))
+    weights = np.power.outer(t, order) @ np.linalg.inv(np.power.outer(PLACES, order))
+    distance = (begin[:, None] + (end - begin)[:, None] * t).ravel()
+    fields = {name: (rows[f"field {name}"] @ weights.T).ravel() for name in job.medium.names}
+    scalars = {}
+    with np.errstate(all="ignore"):
+        for expr in (Expression(name) for name in probe.scalars):
+            scalars[expr.text] = np.asarray(expr.evaluate(NumpyOps(), fields), dtype=np.float64)
+    channels, context, real = tracer.source.channels, tracer.source.context, tracer.backend.Wide
+    places = {name: from_host(real, values) for name, values in fields.items()}
+    parts = channels.bound.parts if isinstance(channels.bound, BoundSum) else [channels.bound]
+    j, alpha = (np.zeros((len(distance), n.shape[1])) for n in (probe.j, probe.alpha))
+    for part, surface in zip(parts, channels.surfaces, strict=True):
+        if not surface:
+            sample = part.coefficients(places, context)
+            for total, columns in ((j, sample.emissivity), (alpha, sample.extinction)):
+                total += np.stack([np.zeros(len(distance)) + np.asarray(c) for c in columns], -1)
+    j *= np.asarray(channels.binding.radiance) / job.volume.grid.scale
+    alpha /= job.volume.grid.scale
+    for k in np.flatnonzero(probe.tau.max(axis=1) > 0.0) if any(channels.surfaces) else ():
+        # A surface without width is a peak in its segment.
+        nearest = np.argmin(np.abs(distance - 0.5 * (probe.begin[k] + probe.end[k])))
+        j[nearest] = np.maximum(j[nearest], probe.j[k])
+        alpha[nearest] = np.maximum(alpha[nearest], probe.alpha[k])
+    made = Points(distance, fields, scalars, j, alpha)
+    return made.without(rows["hidden"][:, 0] > 0.0, begin, end).thinned(_STRAIGHT)
+
+
+def _ends(job: RenderJob, probe: Probe, ray: _Ray) -> Points:
+    """Return values at both ends of each segment: those of its cell, or between vertices."""
+    distance = np.stack([probe.begin, probe.end], axis=1).ravel()
+    fields, scalars = (
+        {name: np.repeat(v, 2) for name, v in values.items()}
+        for values in (probe.fields, probe.scalars)
+    )
+    j, alpha = np.repeat(probe.j, 2, axis=0), np.repeat(probe.alpha, 2, axis=0)
+    if ray.rows.get("j ends", j).shape[-1] == 2 * j.shape[1]:
+        ends = ray.rows["j ends"].reshape(-1, j.shape[1])
+        j = np.asarray(ray.channels.intensity(list(ends.T))) / job.volume.grid.scale
+        alpha = ray.rows["alpha ends"].reshape(-1, alpha.shape[1]) / job.volume.grid.scale
+    made = Points(distance, fields, scalars, j, alpha)
+    return made.without(probe.hidden, probe.begin, probe.end) if len(probe) else made
 
 
 def _in_cells(

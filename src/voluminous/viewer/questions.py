@@ -73,6 +73,8 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
         # All chunks would be drawn, to know the tolerance of one pixel.
         options |= {"tolerance": None, "memory": shot.options.get("memory")}
     ray = probe(shot.volume, shot.medium, shot.camera, (x, y), progress=False, **options)
+    points = ray.points
+    assert points is not None
     reply: Answer = {
         "x": message["x"],
         "y": message["y"],
@@ -81,13 +83,14 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
         "tau": listed(ray.optical_depth),
         "unit": ray.units.get("length", ""),
         "units": {k: str(v) for k, v in ray.units.items()},
-        "distance": listed(0.5 * (ray.begin + ray.end)),
-        "fields": {name: listed(values) for name, values in ray.fields.items()},
-        "scalars": {name: listed(values) for name, values in ray.scalars.items()},
-        "emissivity": [listed(row) for row in ray.j.T],
-        "extinction": [listed(row) for row in ray.alpha.T],
-        "optical_depth": [listed(row) for row in ray.depth.T],
-        "accumulated": [listed(row) for row in ray.gathered.T],
+        "distance": listed(points.distance),
+        "fields": {name: listed(values) for name, values in points.fields.items()},
+        "scalars": {name: listed(values) for name, values in points.scalars.items()},
+        "emissivity": [listed(row) for row in points.j.T],
+        "extinction": [listed(row) for row in points.alpha.T],
+        "walls": listed([*points.distance[:1], *ray.begin[:1], *ray.end, *points.distance[-1:]]),
+        "optical_depth": [listed([0.0, 0.0, *row, *row[-1:]]) for row in ray.depth.T],
+        "accumulated": [listed([0.0, 0.0, *row, *row[-1:]]) for row in ray.gathered.T],
         "depth": None,
         "point": None,
         "values": {},
@@ -101,8 +104,10 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
         point, middle = ray.position[k], 0.5 * (ray.begin[k] + ray.end[k])
         ahead = shot.camera.lines_of_sight(point[:, None], shot.volume.grid)[:, 0]
         reply["point"] = listed(point + (reply["depth"] - middle) * ahead)
-        reply["values"] = {name: number(v[k]) for name, v in ray.scalars.items()}
-        reply["contribution"] = listed(np.diff(light, prepend=0.0))
+        reply["values"] = {
+            name: number(np.interp(reply["depth"], points.distance, values))
+            for name, values in points.scalars.items()
+        }
     if shot.projection and shot.projection.get("how", "max") in ("max", "min"):
         reply["point"] = _extreme(shot, x, y)
     return reply
