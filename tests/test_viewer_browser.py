@@ -198,6 +198,52 @@ def test_a_click_asks_the_probe(tab):
     assert f"{float(ray.optical_depth[0]):.2g}"[:3] in panel.inner_text()
 
 
+def test_a_clip_cuts_the_picture(tab):
+    """By a face that is dragged, by sliders and by a key, and undone."""
+    page = tab.page
+    tab.press("f")  # all of the box
+    tab.rest()
+    page.get_by_role("tab", name="Clip").click()
+    face = page.locator("circle.vlm-face.vlm-x").nth(1)  # x to
+    box = face.bounding_box()
+    page.mouse.move(x := box["x"] + 7, y := box["y"] + 7)
+    page.mouse.down()
+    page.mouse.move(x - 60, y + 10, steps=4)
+    page.mouse.up()
+    page.get_by_role("button", name="Across this view").press("Enter")
+    page.get_by_role("slider", name="Depth").press("ArrowLeft")
+    page.get_by_role("slider", name="z from").press("PageUp")
+
+    def clip():
+        return tab.explorer.document.settings["render"].get("clip")
+
+    def becomes(wanted):
+        end = time.monotonic() + SECONDS
+        while not wanted(clip()):
+            assert time.monotonic() < end, clip()
+            page.wait_for_timeout(20)
+
+    becomes(lambda text: text and "halfspace" in text and text.count("-3.85715e+17") == 2)
+    region = vm.regions.region_of(clip())
+    low, high = (end.tolist() for end in (region.parts[0].low, region.parts[0].high))
+    edge = VOLUME.grid.bounds[0, 1]
+    assert low[:2] == [-edge, -edge]
+    assert -edge < low[2] < 0
+    assert 0 < high[0] < edge
+    assert high[1:] == [edge, edge]
+    normal = CAMERA.lines_of_sight(np.zeros((3, 1)), VOLUME.grid)[:, 0]
+    np.testing.assert_allclose(region.parts[1].normal, normal, atol=1e-5)
+    text = clip()
+    tab.page.locator("canvas").first.focus()
+    page.keyboard.press("k")
+    becomes(lambda now: now is None)
+    page.keyboard.press("k")
+    becomes(lambda now: now == text)
+    tab.rest()
+    assert tab.image().provenance["clip"] == str(region)
+    tab.shows(tab.image(), 2.0)
+
+
 def test_a_cut_connection_comes_back_with_what_was_changed(tab):
     client = tab.explorer._clients[-1]
     tab.page.locator("canvas").first.focus()
