@@ -140,6 +140,26 @@ def stretches(target: Path, pixels: int) -> None:
     saved(figure, target)
 
 
+def clip(target: Path, pixels: int) -> None:
+    """Shells of a core: all of them, behind a plane, and without a corner."""
+    volume = vm.models.prestellar_core(max(16, pixels // 4))
+    medium = vm.suggest_medium(volume)
+    camera = vm.Orthographic(60, 30, width=4e17, resolution=pixels)
+    away = camera.lines_of_sight(np.zeros((3, 1)), volume.grid)[:, 0]
+    regions = {
+        "all of it": None,
+        "HalfSpace((0, 0, 0), away)": vm.regions.HalfSpace((0, 0, 0), away),
+        "~Box((0, -1e18, 0), (1e18, 0, 1e18))": ~vm.regions.Box((0, -1e18, 0), (1e18, 0, 1e18)),
+    }
+    images = [vm.render(volume, medium, camera, clip=one, samples=2) for one in regions.values()]
+    figure = Figure(figsize=(9.6, 3.4), layout="constrained")
+    for place, name, image in zip(figure.subplots(1, 3), regions, images, strict=True):
+        image.plot(place, exposure=images[1].exposure, colorbar=False)
+        place.set_title(name, fontsize=9)
+        place.set_axis_off()
+    saved(figure, target)
+
+
 def perspectives(target: Path, pixels: int) -> None:
     """The cube with its axes from near, on a flat screen and on a dome."""
     volume = axes_volume(max(16, pixels // 2))
@@ -194,6 +214,7 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     "axes": axes,
     "moving": moving,
     "stretches": stretches,
+    "clip": clip,
     "perspectives": perspectives,
     "convergence": errors,
     "thin_shell": thin_shell,
