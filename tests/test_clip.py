@@ -53,7 +53,7 @@ regions = st.recursive(
 )
 
 
-@settings(max_examples=20)  # each is a kernel
+@settings(max_examples=20, deadline=None)  # each is a kernel
 @given(regions, st.integers(0, 99))
 def test_stretches_of_rays_are_where_their_points_are_inside(region, seed):
     rng = np.random.default_rng(seed)
@@ -306,6 +306,7 @@ def test_a_region_beside_the_volume_leaves_nothing_and_says_so():
         ("spere((0, 0, 0), 1)", "did you mean 'sphere'"),
         (Sphere((0, 0, 0), "1 s"), "radius is in s"),
         (vm.regions.Region(), "does not tell where rays are inside"),
+        (" | ".join(f"sphere(({x / 10}, 0, 0), 0.01)" for x in range(9)), "8 stretches at most"),
     ],
 )
 def test_what_is_no_region_is_refused(given, message):

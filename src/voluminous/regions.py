@@ -40,9 +40,12 @@ _LENGTHS = ("low", "high", "center", "radius", "start", "end", "apex", "height",
 class Region(Value):
     """A part of space. Regions combine with ``&`` (both), ``|`` (either) and ``~`` (outside)."""
 
+    # Of which it is made.
+    parts: tuple[Region, ...] = ()
+
     def numbers(self, unit: Unit) -> list[Any]:
         """Return the vectors of numbers, in a unit, that `stretches` takes."""
-        return []
+        return [vector for part in self.parts for vector in part.numbers(unit)]
 
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
         """Return the stretches of rays inside, in order along the ray (traced).
@@ -60,7 +63,9 @@ class Region(Value):
 
     def lengths(self) -> Iterator[tuple[str, Any]]:
         """Yield the names and values of its lengths and places."""
-        return ((n, v) for n, v in vars(self).items() if n in _LENGTHS and v is not None)
+        yield from ((n, v) for n, v in vars(self).items() if n in _LENGTHS and v is not None)
+        for part in self.parts:
+            yield from part.lengths()
 
     def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         """Return which points are inside.
@@ -97,7 +102,7 @@ class Region(Value):
     @property
     def bounded(self) -> bool:
         """Whether `beyond` is such a bound everywhere."""
-        return False
+        return bool(self.parts) and all(part.bounded for part in self.parts)
 
     def __and__(self, other: Region) -> Region:
         return _Combined("&", self, other)
@@ -128,9 +133,6 @@ class _Combined(Region):
         pairs = {"&": (np.logical_and, np.maximum), "|": (np.logical_or, np.minimum)}
         self.both, self.farther = pairs[sign]
 
-    def numbers(self, unit: Unit) -> list[Any]:
-        return [vector for part in self.parts for vector in part.numbers(unit)]
-
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
         first, second = (part.stretches(ray, numbers) for part in self.parts)
         if self.sign == "|":
@@ -140,18 +142,11 @@ class _Combined(Region):
         most = len(first) + len(second) - 1
         return every if len(every) == most else _joined(every, most)
 
-    def lengths(self) -> Iterator[tuple[str, Any]]:
-        return (pair for part in self.parts for pair in part.lengths())
-
     def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return np.asarray(self.both(*(part.inside(points, unit) for part in self.parts)))
 
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return np.asarray(self.farther(*(part.beyond(points, unit) for part in self.parts)))
-
-    @property
-    def bounded(self) -> bool:
-        return all(part.bounded for part in self.parts)
 
     def __str__(self) -> str:
         return f"({f' {self.sign} '.join(map(str, self.parts))})"
@@ -161,10 +156,10 @@ class Outside(Region):
     """What is not in a region."""
 
     def __init__(self, region: Region) -> None:
-        self.region = region
+        self.region, self.parts = region, (region,)
 
-    def numbers(self, unit: Unit) -> list[Any]:
-        return self.region.numbers(unit)
+    def __invert__(self) -> Region:
+        return self.region
 
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
         between, end = [], type(ray.direction[0])(-dr.inf)
@@ -174,18 +169,11 @@ class Outside(Region):
             end = dr.select(some, last, end)
         return [*between, (end, type(end)(dr.inf))]
 
-    def lengths(self) -> Iterator[tuple[str, Any]]:
-        return self.region.lengths()
-
     def inside(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return ~self.region.inside(points, unit)
 
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         return -self.region.beyond(points, unit)
-
-    @property
-    def bounded(self) -> bool:
-        return self.region.bounded
 
     def __str__(self) -> str:
         return f"~{self.region}"
@@ -249,8 +237,8 @@ class Sphere(_Solid):
         return [plain(self.center, unit, "center"), [plain(self.radius, unit, "radius")]]
 
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
-        away, (radius,) = _less(ray.origin, next(numbers)), next(numbers)
-        return [_within(away, list(ray.direction), radius)]
+        away = [o - c for o, c in zip(ray.origin, next(numbers), strict=True)]
+        return [_within(away, ray.direction, *next(numbers))]
 
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         away = points - plain(self.center, unit, "center")[:, None]
@@ -275,8 +263,8 @@ class HalfSpace(_Solid):
         return [plain(self.point, unit, "point"), _unit(self.normal)]
 
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
-        away, normal = _less(ray.origin, next(numbers)), next(numbers)
-        return [_between(_dot(away, normal), _dot(ray.direction, normal), 0.0, dr.inf)]
+        height, rate, *_ = _beside(ray, next(numbers), next(numbers))
+        return [_between(height, rate, 0.0, dr.inf)]
 
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
         height, _ = _along(points, plain(self.point, unit, "point"), self.normal)
@@ -311,10 +299,8 @@ class Cylinder(_Solid):
         return [start, (end - start) / size, [size, plain(self.radius, unit, "radius")]]
 
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
-        away, axis, (size, radius) = _less(ray.origin, next(numbers)), next(numbers), next(numbers)
-        height, rate = _dot(away, axis), _dot(ray.direction, axis)
-        across = [a - height * n for a, n in zip(away, axis, strict=True)]
-        pace = [d - rate * n for d, n in zip(ray.direction, axis, strict=True)]
+        height, rate, across, pace = _beside(ray, next(numbers), next(numbers))
+        size, radius = next(numbers)
         return [_both(_between(height, rate, 0.0, size), _within(across, pace, radius))]
 
     def beyond(self, points: np.ndarray, unit: Unit) -> np.ndarray:
@@ -359,18 +345,17 @@ class DoubleCone(_Solid):
         return [plain(self.apex, unit, "apex"), _unit(self.axis), sizes]
 
     def stretches(self, ray: Ray, numbers: Numbers) -> list[Stretch]:
-        away, axis, (cos, sin, most) = (
-            _less(ray.origin, next(numbers)),
-            next(numbers),
-            next(numbers),
-        )
-        height, rate = _dot(away, axis), _dot(ray.direction, axis)
-        across = [cos * (a - height * n) for a, n in zip(away, axis, strict=True)]
-        pace = [cos * (d - rate * n) for d, n in zip(ray.direction, axis, strict=True)]
+        height, rate, across, pace = _beside(ray, next(numbers), next(numbers))
+        cos, sin, most = next(numbers)
         # Where a t² + 2 b t + c <= 0, in both lobes, with roots that do not cancel.
-        a = _dot(pace, pace) - dr.square(sin * rate)
-        b = _dot(across, pace) - dr.square(sin) * height * rate
-        c = _dot(across, across) - dr.square(sin * height)
+        a, b, c = (
+            cos * cos * _dot(v, w) - sin * sin * x * y
+            for v, w, x, y in (
+                (pace, pace, rate, rate),
+                (across, pace, height, rate),
+                (across, across, height, height),
+            )
+        )
         root = dr.square(b) - a * c
         s = dr.sqrt(dr.maximum(root, 0.0)) + dr.abs(b)
         s = dr.select(b > 0.0, -s, s)
@@ -400,16 +385,23 @@ class DoubleCone(_Solid):
         return np.asarray(beyond)
 
 
-# Traced: where rays are inside.
-_TINY = 1e-37
+# Traced: where rays are inside. Each stretch is a loop of its own in the kernel.
+_TINY, _MOST = 1e-37, 8
 
 
 def _dot(a: list[Float], b: list[Float]) -> Float:
     return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
 
 
-def _less(a: list[Float], b: list[Float]) -> list[Float]:
-    return [one - other for one, other in zip(a, b, strict=True)]
+def _beside(ray: Ray, point: list[Float], axis: list[Float]) -> tuple[Any, ...]:
+    """Return origins and directions seen from a point: along an axis, and across it."""
+    away = [o - p for o, p in zip(ray.origin, point, strict=True)]
+    height, rate = _dot(away, axis), _dot(ray.direction, axis)
+    across, pace = (
+        [v - part * n for v, n in zip(vector, axis, strict=True)]
+        for vector, part in ((away, height), (ray.direction, rate))
+    )
+    return height, rate, across, pace
 
 
 def _both(first: Stretch, second: Stretch) -> Stretch:
@@ -444,6 +436,11 @@ def _within(away: list[Float], pace: list[Float], radius: Float) -> Stretch:
 
 def _joined(every: list[Stretch], most: int) -> list[Stretch]:
     """Return at most so many stretches, in order, that cover those of a list."""
+    if most > _MOST:
+        raise InputError(
+            f"a ray may be inside a clip in {_MOST} stretches at most, and here in {most}: combine "
+            "fewer regions, or have a field that is zero outside, volume['inside'] = …"
+        )
     end, joined = type(every[0][0])(-dr.inf), []
     for _ in range(most):
         begin = type(end)(dr.inf)
