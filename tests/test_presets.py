@@ -88,17 +88,17 @@ def test_hounsfield_units_are_recognised(changes, scale):
     found = vm.presets.hounsfield(volume, name)
     if scale is None:
         assert found is None
-        assert vm.presets.suited(volume) == []
+        assert vm.presets.recognised(volume) == ([], [])
         return
     # Bytes are 12 HU wide, and peaks are found to one of them.
     np.testing.assert_allclose(found, scale, atol=1.5 if scale[1] == 84.0 else 0.0)
-    assert vm.presets.suited(volume)[0] == "skin_and_bone"
+    assert vm.presets.recognised(volume)[0][0] == "skin_and_bone"
     # Where a cell is bone does not depend on how the scanner stores it.
     nodes = vm.presets.bone(volume).values
     shown = np.interp(volume[name], nodes, vm.presets.bone(volume).opacities[:, 0]) > 0.5
     truth = np.interp(head()["a"], vm.presets.bone(head()).values, [0, 3, 8, 8]) > 0.5
     assert np.mean(shown == truth) > 0.999
-    assert bool(vm.presets.notes(volume)) == (scale != (1.0, 0.0))
+    assert bool(vm.presets.recognised(volume)[1]) == (scale != (1.0, 0.0))
 
 
 def test_bytes_that_may_be_ct_are_rescaled_with_a_warning():

@@ -5,7 +5,7 @@ import { mainExpr } from "./modes";
 import { letterOf } from "./orientation";
 import type { Parts } from "./parts";
 import { ARROWS, button, h, refill, svg } from "./ui/dom";
-import { pretty, ticks, withUnit } from "./ui/format";
+import { pretty, suited, ticks, withUnit } from "./ui/format";
 import { fromBase64, type Message, newest, type Table, type Vec3 } from "./wire";
 import { colorOf } from "./ui/color";
 import { inflate } from "./half";
@@ -247,7 +247,7 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
         ...marks,
         ...letters.map((letter, i) => svg("text", { class: "vlm-letter", x: sides[i][0], y: sides[i][1], "text-anchor": "middle" }, letter)),
       );
-      title.textContent = `${name ? `${name}  ` : ""}${"xyz"[axis]} = ${withUnit(at()[axis], info.unit, 4)}`;
+      title.textContent = `${name ? `${name}  ` : ""}${"xyz"[axis]} = ${withUnit(...suited(at()[axis], info.unit), 4)}`;
       levels.textContent = windowWords().replace(/indow|evel/g, "");
       const value = shown ? shown.data[placeIn(axis, shown.reply.width, cell)] : NaN;
       const label = marked ? marked.data[placeIn(axis, marked.reply.width, cell)] : null;

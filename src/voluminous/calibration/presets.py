@@ -39,14 +39,13 @@ __all__ = [
 # Opacities are optical depths along this part of the longest side of the volume.
 _PART = 1 / 100
 _IVORY, _SKIN, _FLESH = (1, 0.95, 0.85), (0.9, 0.6, 0.45), (0.75, 0.25, 0.2)
-_BLOOD, _GREY, _WHITE, _AIR = (0.9, 0.1, 0.1), (0.6, 0.55, 0.55), (1, 1, 1), (0.35, 0.55, 0.75)
+_BLOOD, _GREY, _WHITE, _SKY = (0.9, 0.1, 0.1), (0.6, 0.55, 0.55), (1, 1, 1), (0.35, 0.55, 0.75)
 # Colours of channels that have none.
 _CHANNELS = ((0, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0.3, 0.5, 1))
 _HARD = [(350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
-# Presets of CT, the best first; least part of the cells in a peak; more than metal has; bytes that
-# are air.
-_CT = ("skin_and_bone", "bone", "muscle", "vessels", "lung")
-_PEAK, _METAL, _AIR_BYTES = 0.02, 66_000, 20
+# Least part of the cells in a peak of CT; more than metal has, in HU; bytes that are air; fields in
+# which CT is looked for.
+_PEAK, _METAL, _AIR, _FIELDS = 0.02, 66_000, 20, 2
 # Colours of fluorescent dyes and proteins, by words in the names of channels; light that is not
 # seen, beyond red, is shown as magenta.
 _DYES = (
@@ -66,89 +65,77 @@ _DYES = (
 Points = Sequence[tuple[float, float, Sequence[float]]]
 
 
+def recognised(volume: Volume) -> tuple[list[str], list[str]]:
+    """Return the names of presets for data such as a volume's, the best first, and notes.
+
+    Labels have a table; channels, names in a microscope's file; CT is found by `hounsfield` among
+    up to two other fields, if none has a unit. The notes say what presets do to the values.
+    """
+    tables, channels = (volume.meta.get(key) or {} for key in ("labels", "channels"))
+    fields = [name for name in volume.fields if name not in tables]
+    if len(channels) > 1 and all(name in channels for name in fields):
+        return ["fluorescence"], []
+    scale = ct_scale(volume, fields)
+    names = [] if scale is None else ["skin_and_bone", "bone", "muscle", "vessels", "lung"]
+    if volume.meta.get("modality") == "MR":
+        names = ["mr_head", "mr_angiography"]
+    words = [] if scale is None or scale[1:] == (1.0, 0.0) else [_words(*scale)]
+    return [*(["labels"] if "labels" in volume.meta else []), *names], words
+
+
+def ct_scale(volume: Volume, fields: Sequence[str]) -> tuple[str, float, float] | None:
+    """Return the first field of CT among a few, and its `hounsfield`."""
+    units = [volume.field_unit(name) for name in fields]
+    if isinstance(volume.grid, CartesianGrid) and len(fields) <= _FIELDS and not any(units):
+        for name in fields:
+            if (scale := hounsfield(volume, name)) is not None:
+                return (name, *scale)
+    return None
+
+
 def hounsfield(volume: Volume, field: Any = None) -> tuple[float, float] | None:
     """Return slope and intercept of a field of CT: its values are slope · HU + intercept.
 
     (1, 0) are Hounsfield units: by DICOM's rescale type or modality, the word ct in the field's
-    name, or values with two peaks that no other data have, air at -1000 (not lung: there are half
-    as many in -800 … -550) and water within 150 of 0. The same of values that are all positive, as
-    scanners store them, is (1, 1024). Bytes hide the units: the peaks of air and soft tissue stand
-    for -1000 and 40.
+    name, or two peaks that no other data have, air at -1000 (twice as much as is in the range of
+    lung) and water at 0. The same in values without a sign, as scanners store them, is (1, 1024).
+    Bytes of such a file hide the units: peaks of air and soft tissue stand for -1000 and 40.
     None if the field is likely no CT.
     """
     expr = main_scalar(volume) if field is None else Expression(field)
-    by_header = volume.meta.get("rescale_type") == "HU" or volume.meta.get("modality") == "CT"
-    by_header |= re.search(r"(^|_)ct(_|\d|$)", expr.text, re.IGNORECASE) is not None
+    named = volume.meta.get("rescale_type") == "HU" or volume.meta.get("modality") == "CT"
+    named |= re.search(r"(^|_)ct(_|\d|$)", expr.text, re.IGNORECASE) is not None
     values = sampled_values(measurable(volume), expr)
-    if not len(values):
-        return None
+    if not len(values) or (named and values[0] < 0.0):
+        return (1.0, 0.0) if len(values) else None
+    if _are_bytes(values):
+        return _of_bytes(values) if named else None
+    shift = 0.0 if values[0] < 0.0 else 1024.0
 
     def share(low: float, high: float) -> float:
-        return float(np.diff(np.searchsorted(values, [low, high]))[0]) / len(values)
+        ends = np.searchsorted(values, [low + shift, high + shift])
+        return float(ends[1] - ends[0]) / len(values)
 
-    least, most = float(values[0]), float(values[-1])
-    if by_header and least < 0.0:
-        return 1.0, 0.0
-    for shift in (0.0, 1024.0):
-        water = share(shift - 150, shift + 150)
-        air = share(min(least, 0.0), shift - 850) if shift else share(-np.inf, -850.0)
-        peaks = air > max(_PEAK, 2 * share(shift - 800, shift - 550)) and water > _PEAK
-        if shift:  # nothing else is known of positive values: water must be a peak, too
-            beside = max(share(shift - 450, shift - 150), share(shift + 150, shift + 450))
-            peaks = peaks and water > 2 * beside and least >= 0.0
-        if peaks and shift + 150 < most < _METAL and (least < -850 or shift):
-            return 1.0, shift
-    counts = np.bincount(values.astype(int)) if least >= 0 and most <= 255 else np.zeros(0)
-    if by_header and len(counts) > _AIR_BYTES:
-        return _of_bytes(counts)
-    return None
+    air, lung, water = share(-np.inf, -850), share(-800, -550), share(-150, 150)
+    beside = max(share(-450, -150), share(150, 450))
+    peaks = air > max(_PEAK, 2 * lung) and water > max(_PEAK, 2 * beside)
+    return (1.0, shift) if peaks and 150 < values[-1] - shift < _METAL else None
 
 
-def _of_bytes(counts: np.ndarray) -> tuple[float, float]:
-    smooth = np.convolve(counts, np.ones(3), "same")
-    air = int(smooth[: _AIR_BYTES + 1].argmax())
-    tissue = air + _AIR_BYTES + int(smooth[air + _AIR_BYTES :].argmax())
+def _are_bytes(values: np.ndarray) -> bool:
+    return bool(values[0] >= 0 and _AIR < values[-1] <= 255)
+
+
+def _of_bytes(values: np.ndarray) -> tuple[float, float]:
+    smooth = np.convolve(np.bincount(values.astype(int)), np.ones(3), "same")
+    air = int(smooth[: _AIR + 1].argmax())
+    tissue = air + _AIR + int(smooth[air + _AIR :].argmax())
     slope = (tissue - air) / 1040.0
     return slope, air + 1000.0 * slope
 
 
-def suited(volume: Volume) -> list[str]:
-    """Return the names of presets for data such as a volume's, the best first.
-
-    Labels have a table; channels, names in a microscope's file; CT is found by `hounsfield`.
-    """
-    if volume.meta.get("labels"):
-        return ["labels", *(_CT if ct_field(volume) else ())]
-    channels = volume.meta.get("channels") or {}
-    if len(channels) > 1 and all(name in channels for name in volume.fields):
-        return ["fluorescence"]
-    if ct_field(volume):
-        return list(_CT)
-    return ["mr_head", "mr_angiography"] if volume.meta.get("modality") == "MR" else []
-
-
-def ct_field(volume: Volume) -> str | None:
-    """Return the name of a field of CT; None if there is none.
-
-    It is looked for, and read, where there are up to two fields besides labels, without units.
-    """
-    others = [name for name in volume.fields if name not in volume.meta.get("labels", ())]
-    if not isinstance(volume.grid, CartesianGrid) or len(others) > 2:
-        return None
-    if any(volume.field_unit(name) is not None for name in others):
-        return None
-    return next((name for name in others if hounsfield(volume, name) is not None), None)
-
-
-def notes(volume: Volume) -> list[str]:
-    """Return in words what presets do to the values of a volume, if anything."""
-    name = ct_field(volume)
-    scale = None if name is None else hounsfield(volume, name)
-    return [] if scale in (None, (1.0, 0.0)) else [_words(str(name), scale)]
-
-
-def _words(name: str, scale: Any) -> str:
-    air, tissue = (scale[0] * unit + scale[1] for unit in (-1000, 40))
+def _words(name: str, slope: float, intercept: float) -> str:
+    air, tissue = (slope * unit + intercept for unit in (-1000, 40))
     return (
         f"{name} is not in Hounsfield units; presets of CT are rescaled: air at {air:.4g}, soft "
         f"tissue at {tissue:.4g}"
@@ -174,7 +161,7 @@ def muscle(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
 
 def lung(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for airways and lungs in CT (Hounsfield units)."""
-    points = [(-980, 0, _AIR), (-850, 0.15, _AIR), (-600, 0.5, _SKIN), (-450, 0, _SKIN)]
+    points = [(-980, 0, _SKY), (-850, 0.15, _SKY), (-600, 0.5, _SKIN), (-450, 0, _SKIN)]
     return _ct(volume, field, points, overrides)
 
 
@@ -226,13 +213,14 @@ def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
 
 def _ct(volume: Volume, field: Any, points: Points, overrides: dict[str, Any]) -> Medium:
     check_volume("a preset", "first", volume)
-    field = ct_field(volume) if field is None else field
-    expr = main_scalar(volume) if field is None else Expression(field)
+    others = [name for name in volume.fields if name not in volume.meta.get("labels", ())]
+    found = ct_scale(volume, others) if field is None else None
+    expr = Expression(found[0] if found else main_scalar(volume) if field is None else field)
+    scale = found[1:] if found else hounsfield(volume, expr)
     values = sampled_values(measurable(volume), expr)
-    scale = hounsfield(volume, expr)
-    if scale is None and len(values) and values[0] >= 0 and _AIR_BYTES < values[-1] <= 255:
-        scale = _of_bytes(np.bincount(values.astype(int)))
-        warnings.warn(_words(expr.text, scale), stacklevel=3)
+    if scale is None and len(values) and _are_bytes(values):
+        scale = _of_bytes(values)
+        warnings.warn(_words(expr.text, *scale), stacklevel=3)
     slope, intercept = scale or (1.0, 0.0)
     rows = [(slope * value + intercept, opacity, color) for value, opacity, color in points]
     return _table(volume, expr, rows, overrides)

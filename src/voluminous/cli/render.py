@@ -180,7 +180,8 @@ def _scene_of_data(
     known = volume.fields
     if args.levels is not None and args.levels < 1:
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
-    if args.field is None and args.levels is None and presets.suited(volume):
+    suited, notes = presets.recognised(volume)
+    if args.field is None and args.levels is None and suited:
         medium = first_medium(volume)
     else:
         medium = suggest_medium(volume, args.field or first_field(volume), args.levels or LEVELS)
@@ -212,7 +213,7 @@ def _scene_of_data(
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     parts = {"volume": source, "medium": medium, "camera": {**camera, "resolution": PIXELS}}
-    say(args.quiet, *volume.meta.get("notes", ()), *presets.notes(volume))
+    say(args.quiet, *volume.meta.get("notes", ()), *notes)
     say(args.quiet, _choice(volume, medium, camera))
     if others := [name for name in known if name not in volume]:
         say(args.quiet, f"other fields (--field): {_listed(others)}")

@@ -264,7 +264,7 @@ def first_medium(volume: Volume) -> Medium:
 
     medium: Medium | None = Cache(volume).get(key())
     if medium is None:
-        preset = getattr(presets, next(iter(presets.suited(volume)), ""), suggest_medium)
+        preset = getattr(presets, next(iter(presets.recognised(volume)[0]), ""), suggest_medium)
         medium = preset(volume)
         Cache(volume).put(key(), medium)  # fields may have been read only now
     return medium

@@ -363,7 +363,7 @@ class Client:
         explorer.frame_for(session.size)
         session.camera = dict(explorer.document.settings["camera"])
         volume = explorer.volume
-        suited = presets.suited(volume)
+        suited, notes = presets.recognised(volume)
         self.send(
             {
                 "kind": "welcome",
@@ -375,7 +375,7 @@ class Client:
                 "time": explorer.index,
                 "presets": [*suited, *(n for n in presets.__all__ if n not in suited)],
                 "suited": len(suited),
-                "notes": [*volume.meta.get("notes", ()), *presets.notes(volume)],
+                "notes": [*volume.meta.get("notes", ()), *notes],
                 "channels": explorer.channels,
                 "colormaps": _colormaps(),
             }
