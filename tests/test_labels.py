@@ -139,6 +139,8 @@ def test_files_of_one_grid_are_one_volume_and_one_scene(tmp_path):
     assert volume["seg"].dtype == np.uint8
     np.testing.assert_array_equal(volume["seg"], organs()["organ"])
     assert "one volume of 2 files: ct, seg" in volume.meta["notes"]
+    for order in (files, files[::-1]):
+        assert vm.presets.recognised(vm.open(order))[0][0] == "labels"
     # As the command line has it: the picture carries both files.
     picture = tmp_path / "a.png"
     set_ = ["--set", "camera.resolution=8"]

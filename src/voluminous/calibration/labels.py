@@ -197,10 +197,10 @@ def labelled(volume: Volume, expr: Expression, numbers: list[int], **overrides: 
 def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> list[int] | None:
     """Return the labels in a volume without the background; None if it holds no labels.
 
-    Labels are 2 to 256 distinct whole numbers, and most cells, but for those of the background, are
-    beside one with the same number: so they differ from measured bytes. The background is the most
-    frequent label of the outermost cells. If the sorted samples `values` may be labels, all cells
-    are read, because some labels are rare.
+    Labels are 2 to 256 distinct whole numbers, of which two follow each other, and most cells, but
+    for those of the background, are beside one with the same number: so they differ from measured
+    numbers. The background is the most frequent label of the outermost cells. If the sorted samples
+    `values` may be labels, all cells are read, because some labels are rare.
     """
     found = counted(volume, expr) if _whole(values) else None
     if found is None or len(found[0]) < 2:
@@ -237,6 +237,8 @@ def counted(volume: Volume, expr: Expression) -> tuple[list[int], int] | None:
     for side in sides:
         add(around, side)
     background = max(around, key=lambda number: (around[number], -number), default=0)
+    if min(np.diff(sorted(cells)), default=1) > 1:  # steps of a coarsely measured number
+        return None
     others = [number for number in cells if number != background]
     if sum(same[n] for n in others) < _SAME * sum(cells[n] for n in others):
         return None

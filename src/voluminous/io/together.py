@@ -45,39 +45,49 @@ def open_together(paths: Sequence[Any], fields: Any = None, **options: Any) -> V
     volumes = [file for file in files if file not in tables]
     if not volumes:
         raise InputError(f"expected a file with a volume, got {', '.join(map(str, files))}")
-    whole = open_lazily(volumes[0], **options)
+    whole = _with_labels(open_lazily(volumes[0], **options))
     of_file = {volumes[0]: list(whole.fields)}
     notes = []
     for file in volumes[1:]:
-        other = open_lazily(file, **options)
+        other = _with_labels(open_lazily(file, **options))
         names = of_file[file] = [_free(name, file, whole) for name in other.fields]
-        same = _is_same(whole, other)
-        if not same:
+        if not (same := _is_same(whole, other)):
             notes.append(_check_overlap(whole, other, volumes[0], file))
-        tables_of = other.meta.setdefault("labels", {})
         for old, new in zip(other.fields, names, strict=True):
-            dtype = np.dtype(other.describe()["fields"][old]["dtype"])
-            if dtype.kind in "iub" and old not in tables_of and counted(other, Expression(old)):
-                tables_of[old] = []
-            nearest = old in tables_of
-            dtype = dtype if same or nearest else np.result_type(dtype, np.float32)
-            load = functools.partial(_resampled, whole, other, old, nearest, dtype)
-            if same:
-                load = functools.partial(other.array, old)
+            dtype, nearest = _dtype(other, old), old in other.meta.get("labels", ())
+            load = functools.partial(other.array, old)
+            if not same:
+                dtype = dtype if nearest else np.result_type(dtype, np.float32)
+                load = functools.partial(_resampled, whole, other, old, nearest, dtype)
             whole[new] = Deferred(load, dtype, other.field_unit(old))
-        for key in ("labels", "channels"):
-            entries = dict(zip(other.fields, names, strict=True))
-            found = {entries[k]: v for k, v in other.meta.get(key, {}).items() if k in entries}
-            whole.meta |= {key: {**whole.meta.get(key, {}), **found}} if found else {}
+            for key in ("labels", "channels"):
+                if old in other.meta.get(key, ()):
+                    whole.meta.setdefault(key, {})[new] = other.meta[key][old]
     for file in tables:
-        before = [one for one in files[: files.index(file)] if one in of_file]
-        of = of_file[(before or volumes)[-1 if before else 0]]
-        whole.meta["labels"] = {**whole.meta.get("labels", {}), of[0]: read_label_table(file)}
+        before = [one for one in files[: files.index(file)] if one in of_file] or volumes[:1]
+        of = of_file[before[-1]]
+        known = [name for name in of if name in whole.meta.get("labels", ())]
+        whole.meta.setdefault("labels", {})[(known or of)[0]] = read_label_table(file)
     if len(volumes) > 1:
         notes.insert(0, f"one volume of {len(volumes)} files: {', '.join(whole.fields)}")
     whole.meta |= {"notes": notes} if notes else {}
     whole.own()
     return _chosen(whole, fields)
+
+
+def _dtype(volume: Volume, name: str) -> np.dtype[Any]:
+    dtype: np.dtype[Any] = np.dtype(volume.describe()["fields"][name]["dtype"])
+    return dtype
+
+
+def _with_labels(volume: Volume) -> Volume:
+    """Return the volume, its meta with an empty table for labels that have none."""
+    for name in volume.fields:
+        if _dtype(volume, name).kind in "iub" and name not in volume.meta.get("labels", ()):
+            found = counted(volume, Expression(name))
+            if found is not None and len(found[0]) > 1:
+                volume.meta.setdefault("labels", {})[name] = []
+    return volume
 
 
 def _free(name: str, file: Path, whole: Volume) -> str:
