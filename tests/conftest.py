@@ -19,6 +19,23 @@ settings.register_profile("search", deadline=None)
 settings.load_profile("voluminous")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep a diagonal of the products of tests that say so, each value once; all if exhaustive."""
+    products: dict[str, list] = {}
+    for item in items:
+        if item.get_closest_marker("each_value_once") is not None and hasattr(item, "callspec"):
+            products.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for cases in products.values():
+        axes = cases[0].callspec.indices
+        sizes = {a: 1 + max(case.callspec.indices[a] for case in cases) for a in axes}
+        longest = max(sizes, key=sizes.__getitem__)
+        for case in cases:
+            place = case.callspec.indices
+            if any(place[a] != place[longest] % sizes[a] for a in sizes):
+                case.add_marker(pytest.mark.exhaustive)
+
+
 @pytest.fixture
 def kernels() -> Callable:
     """Return a function that calls another and returns the hashes of the kernels it launched."""

@@ -112,6 +112,7 @@ def part_of(source, values, where, grid):
     return part
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("grid", [UNIFORM, UNEVEN], ids=["uniform", "uneven"])
 def test_boxes_add_up_to_the_whole(grid, camera):

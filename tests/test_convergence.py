@@ -63,6 +63,7 @@ def slope(sizes, errors):
     return -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("view", sorted(VIEWS))
 @pytest.mark.parametrize(
     ("scheme", "order"), [("first-order", 0.9), ("second-order", 1.9), ("olson-kunasz", 1.9)]

@@ -56,6 +56,7 @@ class TestCurvilinear(CurvilinearContract):
         return GRIDS[request.param]
 
 
+@pytest.mark.each_value_once
 @PRECISIONS
 @pytest.mark.parametrize("name", GRIDS)
 def test_hard_rays_neither_hang_nor_leak(name, precision):
@@ -148,6 +149,7 @@ def test_lines_along_walls_have_their_length(grid, precision):
         assert found == pytest.approx(way, abs=slack)
 
 
+@pytest.mark.each_value_once
 @PRECISIONS
 @pytest.mark.parametrize("name", ["cavity", "all but a wedge", "mirrored"])
 def test_rays_that_end_inside_a_cell_see_what_is_there(name, precision):

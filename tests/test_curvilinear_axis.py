@@ -62,6 +62,7 @@ def counted(volume, camera, tolerance, precision, medium=SURFACES):
     return -np.log2(image.transparency.reshape(-1))
 
 
+@pytest.mark.each_value_once
 @kinds
 @pytest.mark.parametrize("observer", OBSERVERS)
 def test_an_observer_on_the_axis_sees_what_lies_on_the_way(kind, observer):

@@ -48,6 +48,7 @@ def volume_of(grid, expression):
     return volume
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("name", GRIDS)
 def test_a_constant_field_is_what_the_rays_cross(name, view):
@@ -76,6 +77,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(
     ("view", "text"), [*itertools.product(["oblique", "edge-on"], LINEAR), *OTHERS]
 )

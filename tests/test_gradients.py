@@ -146,6 +146,7 @@ def check_gradient(volume, name, scheme, precision="double", rtol=1e-5):
         np.testing.assert_allclose(by_number @ by_parameter, expected, rtol=0, atol=rtol * size)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("name", MEDIA)
 def test_gradients_of_numbers_agree_with_differences(name, scheme):

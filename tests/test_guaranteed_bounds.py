@@ -206,6 +206,7 @@ def truth(name):
     return truth_of(samples(), MEDIA[name][1])
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("name", MEDIA)
 def test_the_truth_is_inside_and_the_bracket_is_narrow(name):
     medium, _ = MEDIA[name]

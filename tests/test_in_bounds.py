@@ -47,6 +47,7 @@ def in_bounds(capfd):
     assert not told, told[:3]
 
 
+@pytest.mark.each_value_once
 @pytest.mark.usefixtures("in_bounds")
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
 @pytest.mark.parametrize("kind", GRIDS)

@@ -202,6 +202,7 @@ def ramp():
     return vm.Volume(grid, a=np.broadcast_to(grid.centers[2], grid.shape))
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("width", [0.0, 0.2])
 @pytest.mark.parametrize(
     ("opacity", "rows"),

@@ -32,6 +32,7 @@ def pictured(medium, **options):
     return vm.render(volume(), medium, CAMERA, **options)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single"])
 @pytest.mark.parametrize("name", MEDIA)
 def test_a_picture_is_only_brighter_or_fainter(name, precision):
@@ -61,6 +62,7 @@ def test_backgrounds_may_be_far_brighter_or_fainter(size, behind):
     assert 1e-6 * exact.max() < image.error.max() < 2e-3 * exact.max()
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("opacity", [1e-30, 1e-10, 1e3, 1e5, 1e6, 1e10, 1e20, 1e40, 1e100, 1e250])
 @pytest.mark.parametrize("name", ["gaussian", "coefficients"])
 def test_opacities_may_be_anything(name, opacity):

@@ -46,6 +46,7 @@ def holes(grid, seed=0, part=0.2):
     return np.random.default_rng(seed).random(grid.shape) < part
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(("scheme", "tolerance"), SCHEMES)
 @pytest.mark.parametrize(
     ("kind", "precision"),

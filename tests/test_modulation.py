@@ -46,6 +46,7 @@ KINDS = sorted(media())
 # Gates
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("scheme", "precision"), [("post-classified", "single"), ("first-order", "double")]
@@ -111,6 +112,7 @@ def test_colour_by_a_constant_is_that_colour():
         np.testing.assert_allclose(found[0], found[1], rtol=2e-4)  # to the tolerance
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("place", [0.21, 0.5, 0.77])
 def test_a_thin_shell_has_the_colour_of_its_place(place, precision):

@@ -241,6 +241,7 @@ SEEN = [
 ]
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(("grid", "view", "missing"), SEEN)
 def test_layers_that_show_nothing_change_nothing(grid, view, missing):
     """Rays in stretches are the rays: on all grids, from outside and inside."""

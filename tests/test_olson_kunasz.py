@@ -101,6 +101,7 @@ def second_order_cases(*models):
     return found
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(("name", "case_id"), second_order_cases("core", "random32", "nonuniform"))
 def test_the_rule_is_radmcs(name, case_id):
     """With j and α given only the rule is compared, and the noise of RADMC-3D's rounding."""

@@ -58,6 +58,7 @@ def test_the_twin_has_the_closed_form(width, depth):
 # ---- random scenes
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("kind", sorted(MEDIA))
 @pytest.mark.parametrize("precision", sorted(ROUNDING))
 @given(shape=sizes(1), seed=numbers)

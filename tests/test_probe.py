@@ -110,6 +110,7 @@ def test_a_ray_gathers_what_the_picture_shows(scheme, tolerance, precision):
         assert len(found) > 6
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
 @pytest.mark.parametrize("kind", GRIDS)
 def test_on_every_grid_with_missing_cells(kind, scheme):

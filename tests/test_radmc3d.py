@@ -97,6 +97,7 @@ def test_first_order_is_the_twin_to_rounding(name, case_id):
     assert difference(found, expected) <= 1e-12
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "olson-kunasz"])
 @pytest.mark.parametrize("name", MODELS)
 def test_single_precision_is_close_to_double(name, scheme):

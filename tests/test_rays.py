@@ -77,6 +77,7 @@ def check(volume, origins, directions, precision, scheme="first-order", *, start
     assert (noisy <= 2 * exact + 2 * rounding).all()
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))
 def test_lines_along_walls_and_through_vertices(volume, precision, scheme):
     points, _ = special_points(volume.grid.edges[0])
@@ -87,6 +88,7 @@ def test_lines_along_walls_and_through_vertices(volume, precision, scheme):
         check(volume, points - 8 * way, way / np.linalg.norm(way), precision, scheme)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("tilt", [1e-300, 1e-17, 1e-12, 1e-9, 0.05])
 def test_lines_nearly_along_walls(volume, precision, tilt):
     edges = volume.grid.edges[0]
@@ -114,6 +116,7 @@ def test_lines_within_rounding_of_walls_and_vertices(volume, precision):
         check(volume, nudged - 8 * ways, ways, precision)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))
 def test_observer_inside_and_on_the_walls(volume, precision, scheme):
     points, _ = special_points(volume.grid.edges[0])

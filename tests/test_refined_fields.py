@@ -69,6 +69,7 @@ def pairs_across_faces(grid, count=20_000):
     return points[there].T, cell[there], other[there]
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", MORE)
 def test_fields_are_continuous(name, precision):
@@ -160,6 +161,7 @@ def columns(grid, field, scheme="post-classified", camera=None, **options):
     return camera.flat(vm.render(volume, medium, camera, scheme=scheme, **options).intensity)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", MORE)
 def test_a_constant_field_is_what_the_rays_cross(name, precision):

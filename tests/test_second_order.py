@@ -92,6 +92,7 @@ def look(j, alpha, precision, **options):
     return image.intensity.item(), image.transparency.item()
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", sorted(KINDS))
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.9, 1.0])
 def test_linear_coefficients_across_two_cells(precision, share):

@@ -47,6 +47,7 @@ def lit():
         yield pytest.param(LIGHTS[lights], kind, SCHEMES[k], marks=marks, id=f"{lights}-{kind}-{k}")
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(("lights", "kind", "how"), lit())
 def test_a_linear_field_is_lit_evenly(lights, kind, how):
     """Its normal is the same everywhere: emission is multiplied with one number."""

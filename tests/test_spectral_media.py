@@ -172,6 +172,7 @@ def ionised(kind, unit="1 / cm3"):
     return volume
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(
     ("kind", "unit"), [("cartesian", "1 / m3"), ("octree", ""), ("octree", "1 / cm3")]
 )

@@ -94,6 +94,7 @@ def pictures(grid, camera, scheme, **options):
     return image.intensity[..., 0], expected
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("name", GRIDS)
 def test_first_order_is_the_twin(name, view):
@@ -101,6 +102,7 @@ def test_first_order_is_the_twin(name, view):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * expected.max())
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("view", ["oblique", "along the axis"])
 @pytest.mark.parametrize("name", GRIDS)
 def test_olson_kunasz_is_the_twin(name, view):
@@ -109,12 +111,14 @@ def test_olson_kunasz_is_the_twin(name, view):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * expected.max())
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", ["full", "wedge", "mirrored", "cylinder"])
 def test_rays_that_end_inside_a_leaf_see_what_is_there(name, precision):
     check_ends_inside_cells(GRIDS[name], precision)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", GRIDS)
 def test_hard_rays_neither_hang_nor_leak(name, precision):

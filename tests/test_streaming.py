@@ -88,6 +88,7 @@ def assert_same_bits(whole, parts):
     assert whole.intensity.max() > 0
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("grid", [UNIFORM, UNEVEN], ids=["uniform", "uneven"])
 def test_chunks_have_the_bits_of_the_whole(grid, camera, chunks, reads):
@@ -99,6 +100,7 @@ def test_chunks_have_the_bits_of_the_whole(grid, camera, chunks, reads):
         assert len(set(reads)) == np.prod([-(-n // side) for n in SHAPE])
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("tolerance", [None, 1e-3])
 @pytest.mark.parametrize("camera", ["oblique", "along x", "from inside", "in a vertex"])
 def test_chunks_have_the_bits_of_the_whole_on_interpolated_fields(tolerance, camera, chunks):
@@ -148,6 +150,7 @@ def test_observers_beside_the_wall_of_a_chunk(chunks):
             assert_same_bits(*both(volume, MEDIUM, camera, tolerance=None))
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", ["first-order", "pre-integrated"])
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_stored_chunks_are_read_once(camera, scheme, tmp_path, chunks, ahead):

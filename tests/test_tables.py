@@ -133,6 +133,7 @@ CASES = {
 }
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))
 @pytest.mark.parametrize("name", sorted(CASES))
 @pytest.mark.parametrize("background", [0.0, 100.0])

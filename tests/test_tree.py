@@ -75,6 +75,7 @@ TREES = {
 }
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", TREES)
 def test_kernels_find_what_the_host_finds(name, precision):

@@ -70,6 +70,7 @@ def pairs_across_faces(grid, count=20_000):
     return points[there], cell[there], other[there]
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", GRIDS)
 def test_fields_are_continuous(name, precision):

@@ -127,6 +127,7 @@ def compare(grid, camera, precisions=("double", "single")):
             assert difference(image.optical_depth, expected[1]) <= max(slack, 1e-12)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("view", ["oblique", "from below", "inside"])
 @pytest.mark.parametrize("name", GRIDS)
 def test_refined_grids_are_the_twin(name, view):

@@ -102,6 +102,7 @@ def nearly_along_walls(grid, rng, count):
     return aims, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("lines", [random_lines, through_corners, along_walls, nearly_along_walls])
 def test_lengths_add_up_to_the_chord(grid, backend, lines):
     rng = np.random.default_rng(7)

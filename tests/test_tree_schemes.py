@@ -93,6 +93,7 @@ def layers_and_octree():
     return patches, octree, order
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_patches_are_the_octree_with_the_same_cells(scheme, precision):

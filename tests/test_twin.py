@@ -65,6 +65,7 @@ def test_first_order_with_radmc_branch_is_radmc(model, case):
     assert compare(model, case, "first-order", radmc_branch=True) < 1e-12
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(("model", "case"), cases_of_order(2))
 def test_olson_kunasz_is_radmc(model, case):
     # tau - (1 - exp(-tau)) near tau = 1e-6 is known to 1e-16 / tau^2 only: a last bit of exp

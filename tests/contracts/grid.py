@@ -91,6 +91,7 @@ class RaysFromAnywhere:
         directions[::5] = np.eye(3)[np.arange(len(directions[::5])) % 3]  # some along the axes
         return origins, directions
 
+    @pytest.mark.each_value_once
     @pytest.mark.parametrize("kind", ["cells", "dual"])
     def test_rays_from_anywhere_have_segments_in_cells_alone(self, grid, backend, kind):
         origins, directions = self.anywhere(grid)
@@ -177,6 +178,7 @@ class GridContract(RaysFromAnywhere):
         np.testing.assert_allclose(steps.length.sum(axis=0), leave - enter, rtol=0, atol=rounding)
         assert (steps.length >= 0).all()
 
+    @pytest.mark.each_value_once
     def test_segments_lie_in_the_cells_they_name(self, grid, backend, lines):
         origins, directions = lines
         steps = walk_along(grid, backend, make_ray(backend, *lines))
@@ -197,6 +199,7 @@ class GridContract(RaysFromAnywhere):
         # A length is a difference of two distances: the sum is rounded once more.
         np.testing.assert_allclose(begin[1:][both], steps.end[:-1][both], rtol=0, atol=2 * scale)
 
+    @pytest.mark.each_value_once
     def test_rays_stay_between_their_limits(self, grid, backend, lines):
         enter, leave = self.enter_leave(grid, *lines)
         first, last = enter + 0.2 * (leave - enter), leave - 0.3 * (leave - enter)
@@ -217,6 +220,7 @@ class GridContract(RaysFromAnywhere):
         _, cursor = grid.walk(backend).enter(make_ray(backend, lines[0] + far, lines[1]))
         assert not dr.any(cursor.inside)
 
+    @pytest.mark.each_value_once
     def test_corners_are_an_interpolation(self, grid, backend, lines):
         eps = np.finfo(backend.dtype).eps
 
@@ -240,6 +244,7 @@ class GridContract(RaysFromAnywhere):
         """Width of the thinnest cell, for the rounding of weights."""
         return grid.scale
 
+    @pytest.mark.each_value_once
     def test_values_are_continuous_from_cell_to_cell(self, grid, backend, lines):
         ends = []
 

@@ -262,6 +262,7 @@ EXPRESSIONS = {
 }
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", NEAR)
 @pytest.mark.parametrize("text", EXPRESSIONS)
 def test_places_and_slopes_are_those_of_the_fields(text, precision):

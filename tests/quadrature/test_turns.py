@@ -118,6 +118,7 @@ THIN = {
 }
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", THIN)
 def test_thin_shells_of_what_turns_are_seen(name, precision):
@@ -277,6 +278,7 @@ def test_a_kink_in_a_wide_shell(kink, sigma, place, precision):
     assert told <= 2e-3
 
 
+@pytest.mark.each_value_once
 @pytest.mark.parametrize(("precision", "tolerance"), [("single", 1e-3), ("double", 1e-6)])
 @pytest.mark.parametrize("power", [1, 2, 3])
 @pytest.mark.parametrize(("begin", "opacity"), [(0.9, 10), (0.3, 100), (0.7, 1000), (0.9, 1000)])
