@@ -16,7 +16,7 @@ from voluminous.grids.cartesian.leap import BITS, BrickRays, make_bricks
 from voluminous.media.bound import Binding
 from voluminous.media.context import Context
 from voluminous.media.profiles import BoundShaped
-from voluminous.rendering.sources.empty_space import DUAL
+from voluminous.ranges import DUAL
 from voluminous.schemes.pre_integrated import PreIntegrated
 
 CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,10 +20,11 @@ from ..grids.contract import Segment
 from ..media.bound import Binding, BoundMedium
 from ..media.contract import Medium
 from ..media.ranges import RangeContext, largest
+from ..ranges import DUAL, Ranges, most_in
 from ..rendering.cache import Cache
 from ..rendering.sources.cells import CellEvaluator, ray_coordinates
 from ..rendering.sources.corner_layouts import get_lattices
-from ..rendering.sources.empty_space import DUAL, get_ranges, worthwhile_bricks
+from ..rendering.sources.empty_space import get_ranges, worthwhile_bricks
 from ..schemes.base import Skipping
 from ..schemes.channels import Channels, Tolerance
 from .curved import CurvedField
@@ -189,13 +191,16 @@ def _curved(fields: Fields) -> list[CurvedField]:
     return [field for field in fields.values() if isinstance(field, CurvedField)]
 
 
-def _not_negative(part: Medium, bound: BoundMedium, ranges: dict[str, Interval]) -> bool:
+def _not_negative(part: Medium, bound: BoundMedium, ranges: Ranges) -> bool:
     peak = part.peak()
     if peak is not None:
         return peak[0] >= 0.0
-    with np.errstate(all="ignore"):
-        found = bound.coefficients(ranges, RangeContext())
-    return all(bool(np.all(j.lo >= 0.0)) for j in found.emissivity)
+
+    def negative(fields: dict[str, Interval]) -> list[np.ndarray]:
+        found = bound.coefficients(fields, RangeContext())
+        return [functools.reduce(np.logical_or, (~(j.lo >= 0.0) for j in found.emissivity))]
+
+    return not np.any(most_in({name: ranges[name] for name in part.names}, negative)[0])
 
 
 @dataclass
@@ -207,7 +212,7 @@ class Neglected:
 
 
 def empty_bricks(
-    evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
+    evaluator: CellEvaluator, ranges: Ranges, tolerance: float
 ) -> tuple[Bricks | None, Neglected]:
     """Return bricks to skip (None if few are empty), and bounds of the neglected coefficients."""
     grid, channels = evaluator.grid, evaluator.channels.emissions
@@ -216,12 +221,17 @@ def empty_bricks(
         return None, nothing
     shape = DUAL.shape(grid.shape)
     emission, depth = np.zeros((channels, *shape)), np.zeros(shape)
+    parts = zip(evaluator.medium.components(), evaluator.channels.bound.parts, strict=True)
     with np.errstate(all="ignore"):
-        for part in evaluator.channels.bound.parts:
-            sample = largest(part, ranges, _NOTHING)
+        for part, bound in parts:
+
+            def most(fields: dict[str, Interval], bound: BoundMedium = bound) -> list[np.ndarray]:
+                return largest(bound, fields, _NOTHING).listed()
+
+            found = most_in({name: ranges[name] for name in part.names}, most)
             j, alpha = (
-                np.array([np.broadcast_to(most, shape) for most in values])
-                for values in (sample.emissivity, sample.extinction)
+                np.array([np.broadcast_to(row, shape) for row in rows])
+                for rows in (found[:channels], found[channels:])
             )
             emission, depth = emission + j, depth + alpha.max(axis=0)
     diagonal = float(np.linalg.norm(np.ptp(grid.bounds, axis=1)))

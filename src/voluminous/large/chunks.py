@@ -20,6 +20,8 @@ from ..grids.contract import CellBox
 from ..grids.structured import is_structured
 from ..media.sum import with_each
 from ..memory import byte_count
+from ..ranges import Ranges
+from ..rendering.cache import Cache
 from ..rendering.missing import Completed
 from ..rendering.partition import Partition
 from ..rendering.sources.interpolated import interpolated_fields
@@ -172,10 +174,13 @@ class CartesianChunks(Partition):
             )
         return BlockTracer(job, self, source, background, faintest)
 
-    def ranges_around(self, volume: Volume, name: str) -> Interval:
-        low, high = np.moveaxis(self.volume.extremes(name), -1, 0).copy()
-        widen_to_neighbours(low, high)
-        return Interval(low.reshape(-1), high.reshape(-1))
+    def ranges_around(self, cache: Cache, names: Iterable[str]) -> Ranges:
+        found = Ranges()
+        for name in names:
+            low, high = np.moveaxis(self.volume.extremes(name), -1, 0).copy()
+            widen_to_neighbours(low, high)
+            found[name] = Interval(low.reshape(-1), high.reshape(-1))
+        return found
 
     def blocks_of(self, names: Iterable[str], per_cell: int, others: int) -> Iterator[CellBox]:
         per_cell += 2 * sum(self.volume.dtype(n).itemsize for n in self.volume.stored(names))

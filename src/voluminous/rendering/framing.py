@@ -18,9 +18,10 @@ from ..fields import COORDINATES, coordinate_extremes
 from ..geometry import FIRST_INCL, FIRST_PHI, mirror_images, position
 from ..grids.contract import DualGrid
 from ..grids.structured import is_structured
-from ..media.bound import Binding
+from ..media.bound import Binding, BoundMedium
 from ..media.contract import Medium
 from ..media.ranges import RangeContext, largest
+from ..ranges import Ranges, sums_in
 from ..volume import Volume
 from .cache import Cache
 from .empty_picture import warn_of_nothing
@@ -186,14 +187,13 @@ def _visible_cells(job: RenderJob, source: Any) -> np.ndarray:
     Rays in a coarse picture miss small cells. Where bounds of what a cell shows are infinite, or
     undefined, it may.
     """
-    context, bound = RangeContext(_WISPS), job.medium.bind(Binding.to(job.volume))
+    bound = job.medium.bind(Binding.to(job.volume))
     center, axes, found = job.frame.vectors[0], job.frame.vectors[1:4], []
     with np.errstate(all="ignore"):
         for fields, centers, reach in _parts(job, source):
-            seen = np.broadcast_to(bound.may_show(fields, context), reach.shape)
-            most = largest(bound, fields, _WISPS)
-            depth = reach * sum(most.extinction)
-            light = reach * sum(most.emissivity) / (1.0 + depth)
+            seen, emission, depth = sums_in(job.medium, bound, fields, _shown)
+            seen, depth = np.broadcast_to(seen, reach.shape), reach * depth
+            light = reach * emission / (1.0 + depth)
             for image in mirror_images(job.volume.grid):
                 places = axes @ (centers * image[:, None] - center[:, None])
                 found.append(np.vstack([light, depth, places, reach])[:, seen])
@@ -203,12 +203,16 @@ def _visible_cells(job: RenderJob, source: Any) -> np.ndarray:
     return np.array(cells)[:, ~(light < _WISPS * most)]
 
 
-def _parts(
-    job: RenderJob, source: Any
-) -> Iterator[tuple[dict[str, Interval], np.ndarray, np.ndarray]]:
+def _shown(bound: BoundMedium, fields: dict[str, Interval]) -> list[np.ndarray]:
+    most = largest(bound, fields, _WISPS)
+    seen = np.asarray(bound.may_show(fields, RangeContext(_WISPS)))
+    return [seen, *(sum(rows, np.zeros(())) for rows in (most.emissivity, most.extinction))]
+
+
+def _parts(job: RenderJob, source: Any) -> Iterator[tuple[Ranges, np.ndarray, np.ndarray]]:
     """Yield ranges of what the medium uses, centres, and what is how far around, of many cells.
 
-    Of arrays the cells are blocks of 8³, or chunks.
+    Of arrays the cells are boxes, 64³ at most, or chunks.
     """
     volume, grid, names = job.volume, job.volume.grid, job.medium.names
     own = [name for name in names if name in volume]
@@ -225,8 +229,7 @@ def _parts(
             for place in [(0.5, 0.5, 0.5), *itertools.product((0.0, 1.0), repeat=3)]
         )
         reach = np.max([np.linalg.norm(c - center, axis=0) for c in corners], axis=0)
-        around = {name: job.partition.ranges_around(volume, name) for name in own}
-        found = [(around, center, reach)]
+        found = [(job.partition.ranges_around(job.cache, own), center, reach)]
     else:
         found = (
             (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,15 +10,16 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
-from ..expressions.interval import Interval
+from ..grids.cartesian.walk import BRICK
 from ..grids.contract import CellBox, cells_across
 from ..packages import REGISTERED
+from ..ranges import CELLS, DUAL, BrickRanges, Ranges
 from ..volume import Volume
 from .cache import Cache
 from .job import RayJob, RenderJob
 from .missing import Completed, complete
 from .sources.cells import CellEvaluator
-from .sources.empty_space import CELLS, WIDTH, field_ranges
+from .sources.empty_space import ranges_of_field
 from .sources.interpolated import interpolated_fields
 from .sources.table import tabulated
 from .tracer import KernelCache, RayTracer
@@ -38,12 +40,9 @@ class Partition:
     ----------
     volume : Volume
         All of it, as a camera sees it; if larger than memory names, units, ranges and samples.
-    ranged : sequence of int
-        Sides of the boxes of cells of which `ranges_around` gives the ranges.
     """
 
     volume: Volume
-    ranged: Sequence[int] = (WIDTH,) * 3
 
     def __init__(self, volume: Volume) -> None:
         self.volume = volume
@@ -84,10 +83,27 @@ class Partition:
             tracer.kernels = job.cache.get_or_make(key, KernelCache)
         return tracer
 
-    def ranges_around(self, volume: Volume, name: str) -> Interval:
-        """Return the ranges of a field in each box of cells and those beside it, flat."""
-        found = field_ranges(volume.array(name), CELLS)
-        return Interval(found.lo.reshape(-1), found.hi.reshape(-1))
+    @functools.cached_property
+    def ranged(self) -> Sequence[int]:
+        """Sides of the boxes of cells of which `ranges_around` gives the ranges: 64³ at most."""
+        most = max(self.volume.grid.shape)
+        return (next(side for k in range(64) if 64 * (side := BRICK << k) >= most),) * 3
+
+    def ranges_around(self, cache: Cache, names: Iterable[str]) -> Ranges:
+        """Return the ranges of fields in each box of cells and those beside it, flat.
+
+        Of large volumes those of the bricks that rays leap over.
+        """
+        side, found = self.ranged[0], Ranges()
+        for name in names:
+            if side == BRICK:
+                bricks = ranges_of_field(cache, name, CELLS)
+            else:
+                bricks = ranges_of_field(cache, name, DUAL).coarser(side // BRICK, 1)
+                some = tuple(slice(-(-n // side)) for n in cache.volume.grid.shape)
+                bricks = BrickRanges(bricks.low[some], bricks.high[some])
+            found[name] = bricks.reshaped(-1)
+        return found
 
     def blocks_of(self, names: Iterable[str], per_cell: int, others: int) -> Iterator[CellBox]:
         """Yield the blocks in which fields are measured, given bytes needed besides them."""

@@ -15,6 +15,7 @@ from ...grids.contract import Segment
 from ...grids.straight_chord import trilinear
 from ...media.context import Context, completed
 from ...media.panel import NODES, PLACES, Panel, Straight, may_turn, within_limits
+from ...ranges import DUAL
 from ...schemes.base import FieldScheme, Node, Scheme, Skipping, is_controlled
 from ...schemes.channels import Channels, Tolerance
 from ..cache import Cache
@@ -28,7 +29,7 @@ from .corner_layouts import (
     lattices_of_leaves,
     make_nodes,
 )
-from .empty_space import DUAL, get_bricks, get_pruned_walk
+from .empty_space import get_bricks, get_pruned_walk
 
 if TYPE_CHECKING:
     from ...grids.trees.ghosts import LeavesWithGhosts

@@ -19,13 +19,14 @@ from ...grids.structured import is_structured
 from ...grids.trees.octree import OctreeGrid
 from ...memory import check_memory, fits
 from ...progress import reporter
+from ...ranges import CELLS
 from ...schemes.base import JAlpha, Scanner, Scheme, Skipping, VertexScheme, innermost
 from ...schemes.channels import Channels, ColouredShapes
 from ...volume import Volume
 from ..cache import SLABS, Cache
 from ..precision import exactness_of, in_single_range
 from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
-from .empty_space import CELLS, get_bricks, get_pruned_walk, pruned_walk
+from .empty_space import get_bricks, get_pruned_walk, pruned_walk
 
 _ADVICE = (
     "use precision='single', scheme='first-order' (which can do without a table), "

@@ -27,7 +27,8 @@ from ...grids.straight_chord import trilinear
 from ...media.bound import BoundMedium
 from ...media.context import Context
 from ...media.profiles import Shaped
-from ..precision import plain_widths
+from ...ranges import Ranges, sums_in
+from ..precision import plain_widths, sizes_of_coefficients
 from .cells import CellEvaluator, device_array
 
 
@@ -103,18 +104,26 @@ _WORTHWHILE = 0.1
 def wide_steps(
     evaluator: CellEvaluator,
     visible: np.ndarray,
-    ranges: dict[str, Interval],
+    ranges: Ranges,
     limits: tuple[Deviation, ...],
+    single: bool,
 ) -> np.ndarray | None:
-    """Return log2 of the step width allowed in each brick, or None if few may be wide."""
+    """Return log2 of the step width allowed in each brick, or None if few may be wide.
+
+    Expressions are evaluated in `single` precision where that is exact enough.
+    """
     # The width that keeps the optical depth low enough; for a single shell with proportional j and
     # α any depth is allowed.
     most, parts = np.full(visible.shape, WIDEST, np.uint8), evaluator.medium.components()
     if len(parts) > 1 or not isinstance(parts[0], Shaped):
-        some = {name: Interval(r.lo[visible], r.hi[visible]) for name, r in ranges.items()}
-        dense = evaluator.channels.densest(evaluator.most_in(some))
-        most[visible] = sum(dense * (1 << k) <= _DEEPEST for k in range(1, WIDEST + 1))
-    cubes, steps = _Cubes(evaluator, limits), np.zeros(visible.shape, np.uint8)
+        channels = evaluator.channels
+
+        def densest(bound: BoundMedium, fields: dict[str, Interval]) -> list[np.ndarray]:
+            return [channels.densest(sizes_of_coefficients(bound, fields))]
+
+        (deepest,) = sums_in(evaluator.medium, channels.bound, ranges, densest)
+        most = np.sum([deepest * (1 << k) <= _DEEPEST for k in range(1, WIDEST + 1)], axis=0)
+    cubes, steps = _Cubes(evaluator, limits, single), np.zeros(visible.shape, np.uint8)
     for step in range(WIDEST, 0, -1):
         left = visible & (steps == 0) & (most >= step)
         inside = _resized(left, BITS - step, np.any)
@@ -147,9 +156,12 @@ class _Cubes:
     centres inside.
     """
 
-    def __init__(self, evaluator: CellEvaluator, limits: tuple[Deviation, ...]) -> None:
+    def __init__(
+        self, evaluator: CellEvaluator, limits: tuple[Deviation, ...], single: bool
+    ) -> None:
         self.backend, self.limits = evaluator.backend, limits
-        self.context = evaluator.context(self.backend.Wide)
+        self.real = self.backend.Float if single else self.backend.Wide
+        self.context = evaluator.context(self.real)
         volume = evaluator.volume
         self.shape = volume.grid.shape
         self.data = {
@@ -176,11 +188,14 @@ class _Cubes:
             return good & (number < count)
 
         def body(number: Int, good: Mask) -> tuple[Int, Mask]:
-            plane = backend.quotient(number, row)
+            # From the middle on, where most cubes fail that do (512³, two shells: 0.7).
+            place = number + (count >> 1)
+            place = dr.select(place < count, place, place - count)
+            plane = backend.quotient(place, row)
             layer = backend.quotient(plane, row)
-            inner = [backend.Int(i) for i in (layer, plane - layer * row, number - plane * row)]
+            inner = [backend.Int(i) for i in (layer, plane - layer * row, place - plane * row)]
             exact = self._fields([f + i for f, i in zip(first, inner, strict=True)])
-            fraction = [backend.Wide(i) * (1.0 / side) for i in inner]
+            fraction = [self.real(i) * (1.0 / side) for i in inner]
             near = {name: trilinear(values, fraction) for name, values in cubes.items()}
             good = dr.full(backend.Bool, True, 1)
             for limit in self.limits:
@@ -202,7 +217,7 @@ class _Cubes:
         for i, n in zip(node, self.shape, strict=True):
             flat = flat * dr.opaque(Int, n) + dr.clip(i - 1, 0, dr.opaque(Int, n - 1))
         return {
-            name: backend.Wide(dr.gather(type(data), data, backend.UInt(flat)))
+            name: self.real(dr.gather(type(data), data, backend.UInt(flat)))
             for name, data in self.data.items()
         }
 
