@@ -92,8 +92,8 @@ class VolumeStatistics:
 class Cache:
     """Access to `Volume.tables` for one picture.
 
-    The oldest entries are dropped where the total exceeds `LIMIT` bytes, or memory is short; those
-    that this picture uses stay.
+    The oldest entries are dropped where they exceed `LIMIT` bytes, or memory is short; those that
+    this picture uses stay, and do not count.
     """
 
     def __init__(self, volume: Volume) -> None:
@@ -114,13 +114,13 @@ class Cache:
         tables = self.volume.tables
         self._used.add(key)
         tables[key] = thing, max(size_of(thing), _LEAST)
-        total = sum(size for _, size in tables.values())
-        for old, (_, size) in list(tables.items()):
+        others = [(old, size) for old, (_, size) in tables.items() if old not in self._used]
+        total = sum(size for _, size in others)
+        for old, size in others:
             if total <= LIMIT and fits(SLABS):
                 break
-            if old not in self._used:
-                del tables[old]
-                total -= size
+            del tables[old]
+            total -= size
         return thing
 
     def get_or_make(self, key: Hashable, make: Callable[[], Made]) -> Made:

@@ -271,8 +271,8 @@ def interpolated_fields(
         coarseness = 0.0
         if whole and isinstance(scheme, FieldScheme):
             coarseness = scheme.coarseness(tolerance)
+        lattices = get_lattices(evaluator, cache)  # first: bricks would take the cache's room
         skipping.bricks = get_bricks(evaluator, cache, faint, DUAL, coarseness)
-        lattices = get_lattices(evaluator, cache)
         if whole:
             skipping.walk = get_pruned_walk(evaluator, cache, faint, "dual", lattices)
     # Scalars have an error relative to their range, which matters where a ray grazes a shell.
