@@ -143,7 +143,7 @@ def served(args: Any) -> Iterator[str]:
     view.close()
 
 
-def opened(args: Any) -> vm.viewer.View:
+def opened(args: Any) -> vm.viewer.views.View:
     """Return an explorer in this process."""
     volume = vm.models.prestellar_core(args.cells)
     medium = vm.suggest_medium(volume).calibrated(volume)

@@ -74,7 +74,7 @@ _PUBLIC = {
     "spectrum": "observing",
     "suggest_medium": "calibration",
     "tau_surface": "measuring",
-    "view": "viewer",
+    "view": "viewer.views",
 }
 # Words of other tools, and what does that here.
 _ELSEWHERE = {
@@ -140,7 +140,7 @@ if TYPE_CHECKING:
     from .physics import Blackbody, Molecule, Opacity
     from .scene import Scene
     from .spectral import Dust, FreeFree, Lines, SpectralMedium
-    from .viewer import view
+    from .viewer.views import view
     from .volume import Volume
 
 

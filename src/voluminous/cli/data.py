@@ -152,6 +152,8 @@ def first_field(volume: Volume) -> str | None:
     coordinate. Constant fields come last. Fields are read in this order, chunk by chunk, until one
     is not constant.
     """
+    if len(volume.fields) == 1:  # which need not be read
+        return str(*volume.fields)
     ranked = sorted(volume.fields, key=rank)
     varying = (name for name in ranked if _varies(volume, name))
     return next(varying, ranked[0] if ranked else None)

@@ -177,14 +177,18 @@ def _scene_of_data(
 
     data = data_file(args.scene, args, options)
     volume, places = opened(data, args.field)
-    known = volume.fields
+    known, looked, framing = volume.fields, volume, volume
+    if all_fields:  # for the explorer, which is open at once
+        from ..viewer.painter import measured, small
+
+        looked, framing = measured(volume), small(volume)
     if args.levels is not None and args.levels < 1:
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
-    suited, notes = presets.recognised(volume)
+    suited, notes = presets.recognised(looked)
     if args.field is None and args.levels is None and suited:
-        medium = first_medium(volume)
+        medium = first_medium(looked)
     else:
-        medium = suggest_medium(volume, args.field or first_field(volume), args.levels or LEVELS)
+        medium = suggest_medium(looked, args.field or first_field(looked), args.levels or LEVELS)
     fields: Any = places
     if not all_fields:
         used = volume.given(medium.names)
@@ -203,7 +207,7 @@ def _scene_of_data(
             camera[name] = given
     other_type = changes.get("camera.type", "orthographic") != "orthographic"
     if "camera.view_direction" not in changes and not other_type:
-        view = framed(volume, medium, camera.get("incl"), camera.get("phi"), view=args.view)
+        view = framed(framing, medium, camera.get("incl"), camera.get("phi"), view=args.view)
         camera |= {"incl": view.incl, "phi": view.phi}
         camera |= {"posang": view.posang} if view.posang else {}
         if view.width is not None:

@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .common import say
-from .data import common_name, is_series
+from .data import common_name, is_series, is_volume
 from .render import add_scene_arguments, scene_from
 
 if TYPE_CHECKING:
+    from ..viewer.explorer import Explorer
     from ..volume import Volume
+
+# Seconds in which a browser comes, to be told why there is nothing to see.
+_PATIENCE = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,9 +62,37 @@ def _series(args: argparse.Namespace) -> list[Path]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until Ctrl-C, or until no page has been open for an hour."""
-    from ..viewer.explorer import Explorer
+    """Serve until Ctrl-C, or until no page has been open for an hour.
+
+    The address stands before the file is opened, which takes as long as it is large.
+    """
     from ..viewer.page import Server
+
+    is_volume(args.scene, args.format)  # what nothing can read has no page
+    proxy = {"hosts": args.allow_host, "base_path": args.base_path, "name": args.scene.name}
+    server = Server(port=args.port, unix_socket=args.socket, **proxy)
+    explorer: Explorer | None = None
+    try:
+        server.start()
+        print(server.instructions(), flush=True)
+        if with_browser := not (args.no_browser or server.needs_tunnel):
+            server.open_browser()
+        try:
+            explorer = _opened(args)
+        except Exception as error:
+            server.refuse(error, _PATIENCE if with_browser else 0.0)
+            raise
+        server.show(explorer)
+        server.wait()
+    finally:
+        server.close()
+        if explorer is not None:
+            explorer.close()
+    return 0
+
+
+def _opened(args: argparse.Namespace) -> Explorer:
+    from ..viewer.explorer import Explorer
 
     files = _series(args)
     args.more = [] if files else args.more
@@ -69,18 +101,4 @@ def run(args: argparse.Namespace) -> int:
     def opened(file: Path) -> Volume:
         return scene.volume() if file == args.scene else scene.of_file(file)()
 
-    explorer = Explorer(
-        files or scene.volume(), scene.medium, scene.camera, scene.to_dict(), opened
-    )
-    proxy = {"hosts": args.allow_host, "base_path": args.base_path}
-    server = Server(explorer, port=args.port, unix_socket=args.socket, **proxy)
-    try:
-        server.start()
-        print(server.instructions(), flush=True)
-        if not (args.no_browser or server.needs_tunnel):
-            server.open_browser()
-        server.wait()
-    finally:
-        server.close()
-        explorer.close()
-    return 0
+    return Explorer(files or scene.volume(), scene.medium, scene.camera, scene.to_dict(), opened)

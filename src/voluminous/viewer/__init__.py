@@ -4,7 +4,3 @@
 become bytes: these know neither sockets nor notebooks. `painter` renders in a thread, `explorer`
 answers messages. `page` moves messages over a websocket, `widget` through a notebook's channel.
 """
-
-from .views import View, view
-
-__all__ = ["View", "view"]

@@ -14,16 +14,19 @@ import threading
 import time
 import webbrowser
 from collections.abc import Awaitable, Callable, Iterable
+from concurrent.futures import Future
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
-from ..errors import InputError
+from ..errors import InputError, VoluminousError
 from ..packages import require
-from .explorer import Client, Explorer
 from .frames import packed
 from .guard import SUBPROTOCOL, Guard
+
+if TYPE_CHECKING:
+    from .explorer import Client, Explorer
 
 Receive = Callable[[], Awaitable[dict[str, Any]]]
 Transmit = Callable[[dict[str, Any]], Awaitable[None]]
@@ -63,8 +66,11 @@ IDLE = 3600.0
 class App:
     """The ASGI application: every request passes here, and here alone."""
 
-    def __init__(self, explorer: Explorer, guard: Guard, base: str = "") -> None:
-        self.explorer, self.guard, self.base = explorer, guard, base
+    def __init__(
+        self, explorer: Future[Explorer], guard: Guard, base: str = "", name: str = ""
+    ) -> None:
+        self.explorer, self.guard, self.base, self.name = explorer, guard, base, name
+        self.pages, self.refused = 0, threading.Event()
         folder = resources.files(__package__) / "static"
         self.files = {
             path: ((folder / name).read_bytes(), kind) for path, (name, kind) in _FILES.items()
@@ -113,7 +119,7 @@ class App:
             await send({"type": "websocket.close", "code": 1008})  # before accept: HTTP 403
             return
         await send({"type": "websocket.accept", "subprotocol": SUBPROTOCOL})
-        if self.explorer.pages >= _MOST_PAGES:
+        if self.pages >= _MOST_PAGES:
             why = f"{_MOST_PAGES} pages are open: close some"
             await send({"type": "websocket.close", "code": 1013, "reason": why})
             return
@@ -125,15 +131,30 @@ class App:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(outbox.put_nowait, block)
 
-        client = self.explorer.connect(pass_on)
-        writer = asyncio.create_task(_write(outbox, send))
+        self.pages += 1
+        writer, client = asyncio.create_task(_write(outbox, send)), None
         try:
+            if not self.explorer.done():
+                pass_on({"kind": "opening", "name": self.name}, b"")
+            try:
+                explorer = await asyncio.shield(asyncio.wrap_future(self.explorer))
+            except Exception as error:
+                words = str(error) if isinstance(error, (VoluminousError, OSError)) else ""
+                words = words or f"{type(error).__name__}: {error}"
+                text = json.dumps({"kind": "notice", "level": "error", "text": words})
+                await send({"type": "websocket.send", "text": text})
+                await send({"type": "websocket.close", "code": 1011})
+                self.refused.set()
+                return
+            client = explorer.connect(pass_on)
             while (event := await receive())["type"] == "websocket.receive":
                 # One at a time, and not in this thread: other pages are heard meanwhile.
                 await asyncio.to_thread(_take, client, event.get("text"))
         finally:
-            client.close()
+            self.pages -= 1
             writer.cancel()
+            if client is not None:
+                client.close()
 
 
 def _take(client: Client, text: str | None) -> None:
@@ -161,7 +182,10 @@ class Server:
 
     Parameters
     ----------
-    explorer : Explorer
+    explorer : Explorer, optional
+        Without one pages wait for `show`, or `refuse`.
+    name : str
+        What is being opened.
     port : int
         0 for any that is free. Only this machine's own address is served.
     unix_socket : bool
@@ -181,8 +205,9 @@ class Server:
 
     def __init__(
         self,
-        explorer: Explorer,
+        explorer: Explorer | None = None,
         *,
+        name: str = "",
         port: int = 0,
         unix_socket: bool = False,
         hosts: Iterable[str] = (),
@@ -191,7 +216,11 @@ class Server:
     ) -> None:
         uvicorn = require("uvicorn", "view", "the explorer")
         require("websockets", "view", "the explorer")
-        self.explorer, self.idle = explorer, idle
+        self.idle = idle
+        self.explorer: Explorer | None = None
+        self._opening: Future[Explorer] = Future()
+        if explorer is not None:
+            self.show(explorer)
         base = unquote(base_path).removesuffix("/")
         if not re.fullmatch(r"(/(?!\.\.?(/|$))[\w.~@+-]+)*", base):
             raise InputError(f"a base path is one such as /volume/, got {base_path!r}")
@@ -204,9 +233,10 @@ class Server:
             self.port = self._socket.getsockname()[1]
         self.guard = Guard(hosts, 0 if unix_socket else port)
         self.url = f"http://127.0.0.1:{self.port}{quote(base)}/#token={self.guard.token}"
+        self._app = App(self._opening, self.guard, base, name)
         self._server = uvicorn.Server(
             uvicorn.Config(
-                App(explorer, self.guard, base),
+                self._app,
                 log_level="warning",
                 access_log=False,
                 ws_max_size=_LONGEST_MESSAGE,
@@ -217,6 +247,16 @@ class Server:
         )
         # Not the thread itself is waited for: Ctrl-C during Thread.join marks it as ended.
         self._ended = threading.Event()
+
+    def show(self, explorer: Explorer) -> None:
+        """Let pages in."""
+        self.explorer = explorer
+        self._opening.set_result(explorer)
+
+    def refuse(self, error: Exception, seconds: float) -> None:
+        """Tell pages why there is nothing to see, those too that come within some seconds."""
+        self._opening.set_exception(error)
+        self._app.refused.wait(seconds)
 
     def start(self) -> None:
         """Serve in a thread; returns when it listens."""
@@ -244,7 +284,9 @@ class Server:
         while True:
             await asyncio.sleep(min(1.0, self.idle))
             explorer = self.explorer
-            if not explorer.pages and time.monotonic() - explorer.active_at > self.idle:
+            if explorer is None or explorer.pages:
+                continue
+            if time.monotonic() - explorer.active_at > self.idle:
                 self._server.should_exit = True
 
     def wait(self, seconds: float | None = None) -> bool:
@@ -253,6 +295,7 @@ class Server:
 
     def close(self) -> None:
         """End."""
+        self._opening.cancel()
         self._server.should_exit = True
         self._ended.wait(5.0)
 
