@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 import voluminous as vm
-from voluminous.calibration.samples import measurable
 from voluminous.levels import level_within
 from voluminous.scene.settings import loads
 from voluminous.store import FieldStore
@@ -178,8 +177,7 @@ def test_a_session_never_waits_in_a_queue_and_ends_with_the_last_input(events):
             displayed = session.shown
         elif session.wants_rest(now):
             frame += 1
-            session.exact = True
-            session.sent(frame, session.wanted, now, 0.1, preview=False)
+            session.sent(frame, session.wanted, now, 0.1, preview=False, full=True)
             flying.append(frame)
 
     for event, wait in events:
@@ -203,7 +201,7 @@ def test_a_session_never_waits_in_a_queue_and_ends_with_the_last_input(events):
             session.seen(flying.pop(0), now)
     assert session.shown == session.wanted == number + 1
     assert session.input == number + 1
-    assert session.exact
+    assert session.is_exact
 
 
 def test_a_slow_kernel_makes_previews_small_and_a_fast_one_large():
@@ -211,7 +209,7 @@ def test_a_slow_kernel_makes_previews_small_and_a_fast_one_large():
     for k in range(5):
         session.sent(k, k, 0.3 * k, 0.3, preview=True)
         session.seen(k, 0.1 * k + 0.001)
-    assert session.preview_size == (200, 150)
+    assert session.preview_size == (133, 100)
     assert session.first_order
     for k in range(5, 30):
         session.sent(k, k, 0.1 * k, 0.001, preview=True)
@@ -1055,8 +1053,7 @@ def large(tmp_path, monkeypatch):
     # As if 16³ cells were the most that memory holds.
     samples = "voluminous.calibration.samples"
     monkeypatch.setattr(f"{samples}.level_within", lambda v, _: level_within(v, 16**3))
-    for room in ("explorer", "painter", "questions"):
-        monkeypatch.setattr(f"voluminous.viewer.{room}.at_hand", measurable)
+    monkeypatch.setattr("voluminous.viewer.painter._AT_HAND", 16**3)
     return vm.io.registry.open_lazily(tmp_path / "large.zarr")
 
 

@@ -65,7 +65,7 @@ class Tab:
         """Wait until the exact picture of the last input is there."""
         self.page.wait_for_selector(REST, state="attached")
         end = time.monotonic() + SECONDS
-        while not (self.session.exact and self.session.shown >= self.session.wanted):
+        while not (self.session.is_exact and self.session.shown >= self.session.wanted):
             assert time.monotonic() < end
             self.page.wait_for_timeout(20)
         self.page.wait_for_selector(REST, state="attached")

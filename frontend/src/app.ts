@@ -32,7 +32,10 @@ export function explore(model: Model, el: HTMLElement): () => void {
     if (values === null) delete root.dataset.highlight;
     else root.dataset.highlight = values;
   });
-  const navigation = navigate(stage, overlay, highlight, server, notices, Boolean(model.follows), (view) => layout.camera(view));
+  const navigation = navigate(stage, overlay, highlight, server, notices, Boolean(model.follows), (view) => {
+    layout.camera(view);
+    judge();
+  });
   /** The document as this page shows it: others may have moved its camera. */
   const shown = (): Table => ({ ...store.document, ...(stage.view ? { camera: tableOf(stage.view) } : {}), time: store.time || undefined });
   const scenes = exchange(store, server, notices, shown, () => (root.closest(".vlm-page") ? location.origin + location.pathname : ""));
@@ -71,6 +74,11 @@ export function explore(model: Model, el: HTMLElement): () => void {
         return server.answered(store.isAhead ? message.n : Math.max(message.n ?? 0, changedBy));
       case "frame":
         return void frame(message as FrameHead, asBytes(buffers?.[0]));
+      case "opening":
+        return layout.opening(message.name);
+      case "volume":
+        server.welcome = { ...server.welcome!, volume: message.volume };
+        return layout.described();
       case "reply":
         return server.reply(message);
       case "progress":
@@ -117,9 +125,19 @@ export function explore(model: Model, el: HTMLElement): () => void {
     }
     if (wasFlat && !stage.isFlat) notices.add("This camera can be turned, not moved or zoomed: its picture is no plane.");
     navigation.shown(head);
-    layout.badge(head);
-    Object.assign(root.dataset, { n: head.n, frame: head.number, exact: head.exact });
+    Object.assign(root.dataset, { n: head.n, frame: head.number });
+    judge();
+    layout.framed(head);
     highlight.renew();
+  }
+
+  /** Say what the frame is that is shown: exact is only one of the newest document and view. */
+  function judge(): void {
+    const { head } = stage;
+    if (!head) return;
+    const newest = head.revision >= store.painted && !store.awaitsPicture && navigation.has(head);
+    root.dataset.exact = String(head.exact && newest);
+    layout.badge(head, newest);
   }
 
   function size(): { size: [number, number]; scale: number } {
@@ -144,6 +162,7 @@ export function explore(model: Model, el: HTMLElement): () => void {
       stage.redraw();
     }
     layout.update();
+    judge();
     legend.draw();
   }
 

@@ -100,13 +100,20 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
   let announced = "";
   return {
     root, keys, probe, stage: stageBox,
+    opening(what: string) {
+      badge.textContent = `opening ${what} …`;
+    },
     welcomed() {
+      time.update();
+      this.described();
+    },
+    /** The volume is another one, or better known. */
+    described() {
       const info = server.info!;
       name.textContent = info.name || "voluminous";
       facts.textContent = [info.shape?.length ? info.shape.join(" × ") : `${pretty(info.cells)} cells`, gridName(info.grid)].filter(Boolean).join(" · ");
       name.title = (server.welcome!.notes ?? []).join("\n");
       units.update();
-      time.update();
       for (const [, , panel] of panels) panel.update();
       this.update();
       tabs.current().shown?.();
@@ -119,13 +126,16 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
       tabs.current().update();
       measure.update();
     },
-    badge(head: FrameHead) {
-      const { words, state } = badgeOf(head);
+    badge(head: FrameHead, newest: boolean) {
+      const { words, state } = badgeOf(head, newest);
       badge.textContent = words;
       badge.dataset.state = state;
       badge.title = `drawn in ${pretty(head.ms)} ms, ${head.width} × ${head.height} pixels${head.how ? "; values of cells on the rays through the middles of pixels, to 11 binary digits" : ""}`;
-      if (head.exact && announced !== words) notices.announce(words);
+      if (newest && head.exact && announced !== words) notices.announce(words);
       announced = words;
+    },
+    /** A frame has come. */
+    framed(head: FrameHead) {
       this.camera(stage.view);
       if (head.exact) measure.rests();
     },
@@ -140,22 +150,23 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
   };
 }
 
-export function badgeOf(head: FrameHead): { words: string; state: string } {
-  const part = head.error === null || head.error === undefined ? "" : `, error ≤ ${pretty(100 * head.error, 2)} %`;
-  // A coarser level of the file: what it does to the picture is a part of the error, if that is known.
-  const usual = part && head.usual !== null ? `, error ≈ ${pretty(100 * head.usual, 2)} %${part.replace("error ", "")}` : ", error unknown";
-  const cells = head.level > 0 ? `level ${head.level} of the file${usual}` : `exact${part}`;
-  if (head.exact) return { words: cells, state: head.level > 0 ? "level" : "exact" };
+export function badgeOf(head: FrameHead, newest: boolean): { words: string; state: string } {
+  if (!newest) return { words: "drawing …", state: "preview" };
+  const error = head.error === null ? "" : `, error ≤ ${pretty(100 * head.error, 2)} %`;
+  // How far the means of a coarser level are from all cells is not known.
+  if (head.exact && head.level > 0) return { words: `level ${head.level} of the file, error unknown`, state: "level" };
+  if (head.exact) return { words: `exact${error}`, state: "exact" };
+  const cells = head.every > 1 ? ` of every ${head.every}${["nd", "rd"][head.every - 2] ?? "th"} cell` : "";
   if (head.scale < 1) {
     const named: Record<number, string> = { 2: "½", 3: "⅓", 4: "¼" };
     const inverse = Math.round(1 / head.scale);
-    return { words: `${named[inverse] ?? `1/${inverse}`} preview`, state: "preview" };
+    return { words: `${named[inverse] ?? `1/${inverse}`} preview${cells}`, state: "preview" };
   }
   if (head.done > 0 && head.done < 1) {
     const of = head.level > 0 ? `level ${head.level}, ` : "";
     return { words: `${of}refining ${Math.round(100 * head.done)} %`, state: "refining" };
   }
-  return { words: `preview${part}`, state: "preview" };
+  return { words: `preview${cells}`, state: "preview" };
 }
 
 function tabList(panels: [string, string, Panel][]): { element: HTMLElement; current(): Panel; show(id: string): void } {

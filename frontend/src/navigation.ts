@@ -77,6 +77,8 @@ export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, s
       // Others may have moved the camera; what was asked for here is not overruled by older frames.
       if (!self.moving && !wanted && head.n >= looked && frameView) stage.view = { ...frameView, pivot: view?.pivot ?? null };
     },
+    /** Whether a frame has the newest view that was asked for here. */
+    has: (head: FrameHead): boolean => !wanted && head.n >= looked,
     /** The connection is back, and the server shows what another page may have looked at last. */
     resume(): void {
       if (stage.view) self.look(stage.view, false);

@@ -36,6 +36,8 @@ export function withValue(tree: any, path: string, value: any): any {
 export class Store {
   document: Table = {};
   revision = -1;
+  /** The newest revision that changed the picture: older frames do not show it. */
+  painted = -1;
   undo: string[] = [];
   redo: string[] = [];
   open: Table = {};
@@ -106,6 +108,7 @@ export class Store {
   receive(message: Message): void {
     this.confirmed = message.document;
     this.revision = message.revision ?? this.revision;
+    this.painted = message.painted ?? this.painted;
     this.undo = message.undo ?? this.undo;
     this.redo = message.redo ?? this.redo;
     this.open = message.open ?? this.open;
@@ -156,6 +159,12 @@ export class Store {
   /** Whether the server has yet to confirm something. */
   get isAhead(): boolean {
     return this.pending.length > 0 || this.unsent !== null;
+  }
+
+  /** Whether something is on its way for which the server draws another picture. */
+  get awaitsPicture(): boolean {
+    const patches = [...this.pending, ...(this.unsent ? [this.unsent] : [])].flatMap((change) => change.patch);
+    return patches.some(([path]) => !/^(image\.|bookmarks)/.test(path));
   }
 
   private changed(): void {

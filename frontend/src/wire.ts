@@ -61,8 +61,8 @@ export interface FrameHead extends Message {
   done: number;
   exact: boolean;
   error: number | null;
-  usual: number | null;
   level: number;
+  every: number;
   ms: number;
   exposure: number;
   low: number;

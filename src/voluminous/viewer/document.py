@@ -22,6 +22,8 @@ from .slices import check_slices
 Patch = list[tuple[str, Any]]
 # Sections that a page may change. Others name files, which no page may.
 _OPEN = ("medium", "project", "camera", "render", "image", "bookmarks", "measures", "slices")
+# What pages do themselves with the numbers that they have.
+_DISPLAYED = ("image.", "bookmarks", "measures", "slices")
 _MOST_UNDONE = 200
 # Parts of a path, and elements of a list.
 _DEEPEST, _LONGEST = 6, 4096
@@ -37,14 +39,15 @@ class Document:
         Sections ``medium`` (a list of tables), ``project``, ``camera``, ``render``, ``image``,
         ``bookmarks``, ``measures``, ``slices``.
         A medium with ``hidden = true`` stays in the list, and is not drawn.
-    revision : int
-        Grows with every change.
+    revision, painted : int
+        Grows with every change; the newest that changed the picture's intensities.
     check_medium : callable
         Raises for a medium that does not fit the data.
     """
 
     settings: dict[str, Any]
     revision: int = 0
+    painted: int = 0
     check_medium: Callable[[Medium], None] = lambda medium: None
     _past: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     _future: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
@@ -88,7 +91,12 @@ class Document:
             self._gesture = label if moving else None
             self._future.clear()
         self.settings = changed
+        self.grow(all(path.startswith(_DISPLAYED) for path, _ in patch))
+
+    def grow(self, display: bool = False) -> None:
+        """Count a change; those of the display alone are the page's, and paint nothing."""
         self.revision += 1
+        self.painted = self.painted if display else self.revision
 
     def undo(self) -> bool:
         """Return to the settings before the last gesture; False if there is none."""
@@ -114,7 +122,7 @@ class Document:
         if "slices" in here:
             self.settings["slices"] = here["slices"]
         self._gesture = None
-        self.revision += 1
+        self.grow()
         return True
 
     def look(self, camera: dict[str, Any]) -> None:

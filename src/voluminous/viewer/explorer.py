@@ -31,7 +31,16 @@ from ..scene.settings import SECTIONS, plain_value
 from ..units import unit_name
 from ..volume import Volume
 from .document import Document, Patch, shown
-from .painter import Painter, Shot, at_hand, caught_warnings, window_of
+from .painter import (
+    Painter,
+    Shot,
+    at_hand,
+    caught_warnings,
+    is_drawn_in_blocks,
+    measured,
+    small,
+    window_of,
+)
 from .questions import QUESTIONS, number
 from .script import IN_MEMORY
 from .session import Session
@@ -46,8 +55,6 @@ _MOST_INPUTS = 240
 _MOST_WARNINGS = 3
 # What a picture may take of a volume that need not be in memory.
 _MEMORY = "1 GiB"
-# Sections that pages show without a new picture.
-_OF_PAGES = ("image.", "bookmarks", "measures", "slices")
 _MAPS = ("viridis", "inferno", "magma", "cividis", "gray", "coolwarm", "turbo")
 
 Send = Callable[[dict[str, Any], bytes], None]
@@ -82,13 +89,13 @@ class Explorer:
         self.series = list(volume) if isinstance(volume, (list, tuple)) else [volume]
         self.index = 0
         self.volume = self._opened(0)
-        medium = first_medium(self.volume) if medium is None else medium
+        medium = first_medium(measured(self.volume)) if medium is None else medium
         # The first page's shape decides what a camera sees that nobody has given.
         self._framed = camera is not None
-        camera = framed(self.volume, medium) if camera is None else camera
+        camera = framed(small(self.volume), medium) if camera is None else camera
         others = settings or {}
         rest = dict(others.get("render", {}))
-        if at_hand(self.volume) is not self.volume:
+        if is_drawn_in_blocks(self.volume):
             rest = {"level": "auto", "memory": _MEMORY, **rest}
         if isinstance(rest.get("background"), str):
             rest.pop("background")
@@ -118,6 +125,8 @@ class Explorer:
         self.filming = threading.Lock()
         # Statistics of cells, by the volume's place in the series, the measure and the fields.
         self.counted: dict[tuple[Any, ...], dict[str, Any]] = {}
+        # The volume of which pages know the ranges of a sample.
+        self.sampled: Volume | None = None
 
     def _opened(self, index: int) -> Volume:
         one = self.series[index]
@@ -132,7 +141,7 @@ class Explorer:
         """Fit the first camera to a page's picture, if none was given and it has a size."""
         if not self._framed and min(size) > 1:
             self._framed = True
-            view = _view(framed(self.volume, self.medium, resolution=size))
+            view = _view(framed(small(self.volume), self.medium, resolution=size))
             with self._lock:
                 self.document.look(view)
 
@@ -231,18 +240,19 @@ class Explorer:
         with self._lock:
             newest = {client: client.session.input for client in self._untold}
             self._untold.clear()
-            settings, revision, volume = self.document.settings, self.document.revision, self.volume
-            index = self.index
+            settings, volume, index = self.document.settings, self.volume, self.index
+            revision, painted = self.document.revision, self.document.painted
             undo, redo = self.document.labels
         message = {
             "kind": "document",
             "document": settings,
             "revision": revision,
+            "painted": painted,
             "time": index,
             "undo": undo,
             "redo": redo,
             "channels": self.channels,
-            "open": _open_numbers(settings["medium"], volume),
+            "open": _open_numbers(settings["medium"], measured(volume)),
         }
         for client, newest_input in newest.items():
             client.send({**message, "n": newest_input})
@@ -254,18 +264,25 @@ class Explorer:
             client.answered_at = time.monotonic()
             client.answer(client.questions.popleft())
 
+    def show_volume(self) -> None:
+        """Tell the pages which volume it is now."""
+        message = {"kind": "volume", "volume": self.describe()}
+        for client in list(self._clients):
+            client.send(message)
+
     def describe(self) -> dict[str, Any]:
         """Return what a page needs to know of the volume."""
-        volume, quick = self.volume, at_hand(self.volume)
-        fields = []
+        volume, quick, fields = self.volume, at_hand(self.volume), []
+        self.sampled = volume if "every" in quick.meta and volume.waiting else None
         for name in volume.fields:
-            ranges = volume.store.extremes(name) if quick is not volume else None
+            looked = quick if name in volume.waiting else volume
+            ranges = volume.store.extremes(name) if looked is not volume else None
             if ranges is not None:
                 low, high = number(ranges[..., 0].min()), number(ranges[..., 1].max())
-            elif name in quick.waiting:
+            elif name in looked.waiting:
                 low = high = None
             else:
-                array = quick.array(name)
+                array = looked.array(name)
                 low, high = (number(f(array)) for f in (np.nanmin, np.nanmax))
             unit = unit_name(volume.field_unit(name))
             fields.append({"name": name, "unit": unit, "min": low, "max": high})
@@ -299,6 +316,11 @@ class Client:
 
     def send(self, message: dict[str, Any], payload: bytes = b"") -> None:
         self._send(message, payload)
+
+    def drew(self, volume: Volume) -> None:
+        """Tell pages the ranges of all cells, once."""
+        if self.explorer.sampled is volume:
+            self.explorer.show_volume()
 
     def close(self) -> None:
         """The page is gone."""
@@ -363,13 +385,14 @@ class Client:
         explorer.frame_for(session.size)
         session.camera = dict(explorer.document.settings["camera"])
         volume = explorer.volume
-        suited, notes = presets.recognised(volume)
+        suited, notes = presets.recognised(measured(volume))
         self.send(
             {
                 "kind": "welcome",
                 "protocol": PROTOCOL,
                 "document": explorer.document.settings,
                 "revision": explorer.document.revision,
+                "painted": explorer.document.painted,
                 "volume": explorer.describe(),
                 "series": {"count": len(explorer.series), "index": explorer.index},
                 "time": explorer.index,
@@ -418,12 +441,13 @@ class Client:
         explorer = self.explorer
         self._check_change()
         with explorer._lock:
+            painted = explorer.document.painted
             explorer.document.apply(patch, label, moving=moving)
             if any(path.startswith("camera") for path, _ in patch):
                 for client in explorer._clients:
                     client.session.camera = dict(explorer.document.settings["camera"])
-            if all(path.startswith(_OF_PAGES) for path, _ in patch):
-                explorer.tell(*explorer._clients)  # the pages do it: nothing is painted
+            if explorer.document.painted == painted:
+                explorer.tell(*explorer._clients)
                 return
             self.session.want(time.monotonic(), moving=moving)
             explorer.edited_at = time.monotonic()
@@ -462,8 +486,9 @@ class Client:
         with explorer._lock:
             explorer.index, explorer.volume, self.session.input = index, volume, message["n"]
             explorer.document.settings["volume"] |= explorer._source()
-            explorer.document.revision += 1
+            explorer.document.grow()
             explorer.changed(None)
+        explorer.show_volume()
 
     def _check_change(self) -> None:
         if not self.session.leader:

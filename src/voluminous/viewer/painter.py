@@ -1,4 +1,8 @@
-"""Renders for all pages in one thread: the newest wish first; gives up what nobody wants now."""
+"""Renders for all pages: quick pictures in one thread, full ones in another, which gives way.
+
+What a full picture needs of a large volume takes seconds in calls that nothing interrupts: reading
+it, ranges, tables. Pages turn meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +12,21 @@ import json
 import threading
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
-from ..calibration.samples import measurable
+from ..calibration.samples import BUDGET, measurable
 from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
+from ..deferred import Deferred
 from ..drawing.api import in_steps, render
 from ..errors import VoluminousError
+from ..grids.cartesian.grid import CartesianGrid
 from ..grids.contract import DualGrid
 from ..image import Image
 from ..large.levels import sufficient_level
@@ -35,13 +43,15 @@ from .session import QUIET, Session
 _BATCH = 0.03
 # Seconds between two pictures of a refinement.
 _UPDATE = 0.25
-# Pixels that are fainter than this part of the brightest say nothing of the usual error.
-_DARK = 0.01
-# Cells of a volume that may be in memory as a whole: 256³. Files with levels that have more are
-# drawn chunk by chunk, and from a level while something moves.
+# Cells of a volume that is drawn while something moves: 256³. Of larger ones it is a level of the
+# file, or every second, third … cell until the whole was drawn once: of 512³ after 0.3 s, not 20.
 _AT_HAND = 1 << 24
+# Of larger files a picture is drawn chunk by chunk: kernels take 4 bytes for each cell.
+_IN_MEMORY = 1 << 28
 # Sides of a chunk double from level to level.
 _EIGHTH = 1 / 8
+# Options without error control.
+_ROUGH: dict[str, Any] = {"tolerance": None, "samples": 1, "antialias": None, "bounds": False}
 
 
 class Page(Protocol):
@@ -50,7 +60,11 @@ class Page(Protocol):
     session: Session
 
     def send(self, message: dict[str, Any], payload: bytes = b"") -> None:
-        """Send a message; called in the painter's thread."""
+        """Send a message; called in the painter's threads."""
+        ...
+
+    def drew(self, volume: Volume) -> None:
+        """All cells of a volume were drawn."""
         ...
 
 
@@ -70,6 +84,8 @@ class Shot:
         The medium is being changed: what is only computed once per medium does not pay.
     projection : dict
         Arguments of `project`, if the picture is no rendering, and the window that is shown.
+    whole : Volume, optional
+        Of which `volume` is at hand.
     """
 
     volume: Volume
@@ -82,6 +98,12 @@ class Shot:
     table: dict[str, Any]
     editing: bool = False
     projection: dict[str, Any] = field(default_factory=dict)
+    whole: Volume | None = None
+
+    @property
+    def look(self) -> str:
+        """A key of what is seen, from wherever: its exposure stays while the camera moves."""
+        return json.dumps([repr(self.projection or self.medium), id(self.whole or self.volume)])
 
     @property
     def drawn(self) -> Medium:
@@ -93,13 +115,11 @@ class Shot:
         """Pixels of the picture: no more than asked for, and fewer where its shape is fixed."""
         return self.camera.frame(self.volume.grid).pixels
 
-    def projected(self, volume: Volume, progress: Any) -> Image:
-        """Return the projection, of the volume or of a level of its file."""
+    def projected(self, progress: Any) -> Image:
+        """Return the projection."""
         how = {key: value for key, value in self.projection.items() if key != "window"}
         options = {**self.options, "progress": progress}
-        if volume is not self.volume:
-            options |= {"memory": None}
-        return drawn(volume, self.drawn, self.camera, how, **options)
+        return drawn(self.volume, self.drawn, self.camera, how, **options)
 
 
 class _GivenUp(Exception):
@@ -107,9 +127,76 @@ class _GivenUp(Exception):
 
 
 def at_hand(volume: Volume) -> Volume:
-    """Return what quick answers look at: a level of a large file, else the volume itself."""
-    small = volume.grid.size <= _AT_HAND or not volume.waiting
-    return volume if small else measurable(volume)
+    """Return what quick answers look at: of a large volume a level of its file, or a sample."""
+    if volume.grid.size <= _AT_HAND:
+        return volume
+    level = measurable(volume) if volume.waiting else volume
+    return sampled(volume, _AT_HAND) if level is volume else level
+
+
+def measured(volume: Volume) -> Volume:
+    """Return in what numbers are measured: a volume that was read, else what is at hand."""
+    return at_hand(volume) if volume.waiting else volume
+
+
+def small(volume: Volume) -> Volume:
+    """Return what a camera is framed for: 96 pixels need no more."""
+    return sampled(measurable(volume), BUDGET)
+
+
+def is_drawn_in_blocks(volume: Volume) -> bool:
+    """Return whether pictures of a file are drawn chunk by chunk: it need not fit into memory."""
+    large = bool(volume.waiting) and volume.grid.size > _AT_HAND
+    return large and (volume.grid.size > _IN_MEMORY or measurable(volume) is not volume)
+
+
+_samples: weakref.WeakKeyDictionary[Volume, dict[int, Volume]] = weakref.WeakKeyDictionary()
+
+
+def sampled(volume: Volume, most: int) -> Volume:
+    """Return every second, third … cell of a Cartesian volume, so that there are no more than most.
+
+    A sample has the histogram of all cells, and labels; means have neither. Fields are read when
+    they are used.
+    """
+    grid = volume.grid
+    if grid.size <= most or not isinstance(grid, CartesianGrid):
+        return volume
+    kept = _samples.setdefault(volume, {})
+    if most not in kept:
+        step = 2
+        while np.prod([-(-n // step) for n in grid.shape]) > most:
+            step += 1
+        edges = [np.append(e[:-1:step], e[-1]) for e in grid.edges]
+        sample = Volume(type(grid)(*edges, unit=grid.unit))
+        for name in volume.fields:
+            read = partial(_every, weakref.ref(volume), name, step)
+            dtype = volume._fields.dtype(name)
+            sample[name] = Deferred(read, dtype, volume.field_unit(name))
+        sample.own()
+        sample.meta.update({**volume.meta, "every": step})
+        kept[most] = sample
+    return kept[most]
+
+
+def _every(volume: Callable[[], Volume | None], name: str, step: int) -> np.ndarray:
+    """Return a sample of a field; one that is not read yet is read in slabs, and not kept."""
+    whole = volume()
+    assert whole is not None  # who looks at a sample holds its volume
+    nx, *others = whole.grid.shape
+    # The middle of a group, or what there is of the last one.
+    first = [min((step - 1) // 2, (n - 1) % step) for n in (nx, *others)]
+    slices = [slice(k, None, step) for k in first]
+    if name not in whole.waiting:
+        return np.ascontiguousarray(whole.array(name)[tuple(slices)])
+    pieces = whole._fields.pieces(name)
+    thick = ((pieces and pieces.chunks) or (16,))[0]
+    thick = -(-thick // step) * step
+    slabs = (
+        whole.store.read(name, (low, 0, 0), (min(low + thick, nx), *others))
+        for low in range(0, nx, thick)
+    )
+    return np.concatenate([slab[tuple(slices)] for slab in slabs])
 
 
 _collected: dict[int, list[str]] = {}
@@ -150,7 +237,7 @@ def caught_warnings() -> Iterator[list[str]]:
 
 
 class Painter:
-    """The thread that renders.
+    """The two threads that render.
 
     Parameters
     ----------
@@ -167,53 +254,57 @@ class Painter:
     ) -> None:
         self._pages, self._shot = pages, shot
         self._woken, self._closed = threading.Condition(), False
-        self._frame = 0
-        self._turn = 0
+        self._frame, self._sending = 0, threading.Lock()
         self._exposures: dict[str, float] = {}
-        self._thread = threading.Thread(target=self._work, name="painter", daemon=True)
-        self._thread.start()
+        # What was drawn of all cells, so that it is quick now.
+        self._whole: set[str] = set()
+        works = (Session.wants_preview, self._preview), (Session.wants_rest, self._rest)
+        self._threads = [
+            threading.Thread(target=self._work, args=work, name="painter", daemon=True)
+            for work in works
+        ]
+        for thread in self._threads:
+            thread.start()
         # A kernel that runs while Python ends would abort the process.
         atexit.register(self.close)
 
     def wake(self) -> None:
         """Look for wishes: something has changed."""
         with self._woken:
-            self._woken.notify()
+            self._woken.notify_all()
 
     def close(self) -> None:
-        """End after the batch that is being rendered."""
+        """End after the batches that are being rendered."""
         self._closed = True
         self.wake()
-        self._thread.join(5.0)
+        for thread in self._threads:
+            thread.join(5.0)
         atexit.unregister(self.close)
 
-    def _work(self) -> None:
+    def _work(self, wants: Callable[[Session, float], bool], paint: Callable[[Page], None]) -> None:
+        """Paint for the pages that want it, one after another."""
+        turn = 0
         while not self._closed:
-            page, paint = self._next()
-            if page is None:
+            now, pages = time.monotonic(), self._pages()
+            turns = [(turn + k) % len(pages) for k in range(len(pages))]
+            this = next((k for k in turns if wants(pages[k].session, now)), None)
+            if paint == self._rest and any(now - p.session.changed_at < QUIET for p in pages):
+                this = None
+            if this is None:
                 with self._woken:
                     self._woken.wait(QUIET / 4)
                 continue
+            turn = this + 1
             try:
-                paint(page)
+                paint(pages[this])
+            except _GivenUp:
+                continue
             except Exception as error:
-                self._tell(page, error)
-
-    def _next(self) -> tuple[Any, Any]:
-        """Return the page whose turn it is, and what to do; previews come first."""
-        now, pages = time.monotonic(), self._pages()
-        kinds = ((Session.wants_preview, self._preview), (Session.wants_rest, self._rest))
-        for wants, paint in kinds:
-            for k in range(len(pages)):
-                page = pages[(self._turn + k) % len(pages)]
-                if wants(page.session, now):
-                    self._turn = (self._turn + k + 1) % len(pages)
-                    return page, paint
-        return None, None
+                self._tell(pages[this], error)
 
     def _tell(self, page: Page, error: Exception) -> None:
         session = page.session
-        session.shown, session.exact = session.wanted, True
+        session.shown = session.rested = session.wanted
         text = (
             str(error) if isinstance(error, VoluminousError) else f"{type(error).__name__}: {error}"
         )
@@ -221,43 +312,68 @@ class Painter:
 
     def _preview(self, page: Page) -> None:
         session = page.session
-        shot = self._shot(page, session.preview_size)
+        shot = self._quick(self._shot(page, session.preview_size))
         start = time.monotonic()
-        intensity = self._quietly(shot, first_order=session.first_order)
+        intensity = _quietly(shot, first_order=session.first_order)
         took = time.monotonic() - start
         scale = session.preview_size[0] / session.size[0]
         self._send(page, shot, intensity, took, scale=scale, done=0.0, preview=True)
 
-    def _rest(self, page: Page) -> None:
-        """Render the full picture, of large files from coarse levels to the one that suffices.
+    def _quick(self, shot: Shot) -> Shot:
+        """Return the shot of what is at hand; of all cells where they were drawn before."""
+        quick = at_hand(shot.volume)
+        if quick is shot.volume or shot.look in self._whole:
+            return shot
+        options = {**shot.options, "level": None, "memory": None}
+        return replace(shot, volume=quick, options=options, whole=shot.volume)
 
-        It is given up where somebody else wants one.
+    def _rest(self, page: Page) -> None:
+        """Render the full picture: first without error control, which is as good to the eye.
+
+        Then of large files from coarse levels to the one that suffices. It is given up where
+        somebody else wants one.
         """
         shot = self._shot(page, page.session.size)
         start = time.monotonic()
         image: Image | None = None
+        in_memory, quick = shot.options.get("memory") is None, self._quick(shot)
+        rough = [quick] if quick is not shot else []
+        rough += [shot] if in_memory and _is_controlled(shot) else []
         with caught_warnings() as caught:
+            for one in rough:
+                options = {**one.options, **_ROUGH, "scheme": _scheme(one)}
+                one = replace(one, options=options)
+                with caught_warnings():  # which come again
+                    image = self._level(page, one, 0, image, start, (0.0, 0.0))
+                self._drew(one)
+                fine = page.session.is_near
+                self._send_image(page, one, image, start, done=0.0, fine=fine)
             levels = _levels(shot)
             work = np.cumsum([0.0] + [_EIGHTH**level for level in levels])
             for k, level in enumerate(levels):
                 begun, ended = work[k : k + 2] / work[-1]
                 try:
                     image = self._level(page, shot, level, image, start, (begun, ended))
-                except _GivenUp:
-                    return
                 except VoluminousError as error:
-                    if image is None:
+                    if k == 0:
                         raise
                     caught.append(f"level {levels[k - 1]} of the file is shown: {error}")
                     break
                 if ended < 1.0 and page.session.may_send(time.monotonic()):
                     self._send_image(page, shot, image, start, done=float(ended))
         assert image is not None
-        page.session.exact = True
-        self._exposures[_look(shot)] = image.exposure
+        self._drew(shot)
+        self._exposures[shot.look] = image.exposure
         self._send_image(page, shot, image, start, done=1.0, exact=True)
         for text in caught:
             page.send({"kind": "notice", "level": "warning", "text": text})
+        if in_memory:
+            page.drew(shot.volume)
+
+    def _drew(self, shot: Shot) -> None:
+        """Note that all cells are quick to draw from now on."""
+        if shot.whole is None and shot.options.get("memory") is None:
+            self._whole.add(shot.look)
 
     def _level(
         self,
@@ -277,8 +393,8 @@ class Painter:
             picture = coarser.intensity.reshape(nx * ny, -1).copy()
         options = dict(shot.options)
         if options.get("level") == "auto":
-            options["level"] = level
-            if level == at_hand(shot.volume).meta.get("level", 0):
+            options["level"], quick = level, at_hand(shot.volume)
+            if "every" not in quick.meta and level == quick.meta.get("level", 0):
                 options["memory"] = None
 
         def look_around(done: float) -> None:
@@ -295,7 +411,7 @@ class Painter:
             look_around(done / max(total, 1))
 
         if shot.projection:
-            return shot.projected(shot.volume, report)
+            return shot.projected(report)
         in_blocks = options.get("memory") is not None
         steps = in_steps(
             shot.volume,
@@ -313,43 +429,9 @@ class Painter:
             made += len(pixel)
             if len(pixel) == nx * ny:  # what is drawn in pieces comes at once
                 continue
-            if picture is None:
-                look_around(0.0)
-                picture = self._first(shot, intensity.shape[-1], nx, ny)
-            picture[pixel] = intensity
+            if picture is not None:
+                picture[pixel] = intensity
             look_around(min(made / (nx * ny), 1.0))
-
-    def _quietly(self, shot: Shot, *, first_order: bool = False) -> np.ndarray:
-        """Return a quick picture's intensities; warnings are for the picture at rest."""
-        if shot.projection:
-            with caught_warnings():
-                return shot.projected(at_hand(shot.volume), False).intensity
-        scheme, parts = shot.options.get("scheme"), shot.drawn.components()
-        # No other scheme draws a surface without a width, or labels without their cells' edges.
-        first_order &= not any(part.surface_only or part.discrete for part in parts)
-        if first_order or not isinstance(shot.volume.grid, DualGrid):
-            scheme = "first-order"
-        elif scheme is None and shot.editing and not shot.drawn.discrete:
-            # Where steps can be wide takes 30 ms to find out for 128³ cells, and saves 10.
-            scheme = PreIntegrated(coarseness=0.0)
-        quick = {"scheme": scheme, "tolerance": None, "samples": 1, "antialias": None}
-        volume, options = at_hand(shot.volume), dict(shot.options)
-        if volume is not shot.volume:
-            quick |= {"level": None, "memory": None}
-        with caught_warnings():
-            options |= {**quick, "bounds": False, "progress": False}
-            return render(volume, shot.drawn, shot.camera, **options).intensity
-
-    def _first(self, shot: Shot, channels: int, nx: int, ny: int) -> np.ndarray:
-        """Return what is shown of pixels that are not done: the quick picture, made larger."""
-        small = shot.camera.within((max(1, nx // 2), max(1, ny // 2)))
-        intensity = self._quietly(replace(shot, camera=small))
-        rows, columns = (
-            np.minimum(np.arange(n) * have // n, have - 1)
-            for n, have in zip((ny, nx), intensity.shape[:2], strict=True)
-        )
-        larger: np.ndarray = intensity[rows][:, columns].reshape(ny * nx, channels).copy()
-        return larger
 
     def _is_wanted_elsewhere(self, page: Page, shot: Shot, now: float) -> bool:
         if page.session.wanted != shot.wish:
@@ -359,14 +441,11 @@ class Painter:
     def _send_image(
         self, page: Page, shot: Shot, image: Image, start: float, **options: Any
     ) -> None:
-        error, brightness = image.error, np.abs(np.nan_to_num(image.intensity)).max(axis=-1)
-        top = float(np.max(brightness, initial=0.0))
-        worst = usual = None
-        if error is not None and top > 0:
-            worst = float(np.nanmax(error)) / top
-            usual = float(np.median(error[brightness > _DARK * top])) / top
+        top = float(np.max(np.abs(np.nan_to_num(image.intensity)), initial=0.0))
+        if image.error is not None and top > 0:
+            options["error"] = float(np.nanmax(image.error)) / top
         level = (image.provenance or {}).get("level", 0)
-        took, options = time.monotonic() - start, {**options, "error": worst, "usual": usual}
+        took = time.monotonic() - start
         self._send(page, shot, image.intensity, took, level=level, **options)
 
     def _send(
@@ -380,35 +459,67 @@ class Painter:
         scale: float = 1.0,
         preview: bool = False,
         exact: bool = False,
+        fine: bool = False,
         error: float | None = None,
-        usual: float | None = None,
         level: int = 0,
     ) -> None:
-        self._frame += 1
-        head, payload = _coded(shot, intensity, exact)
-        look = _look(shot)
-        if look not in self._exposures:
+        session = page.session
+        head, payload = _coded(shot, intensity, exact or fine)
+        if (look := shot.look) not in self._exposures:
             self._exposures[look] = Image(intensity).exposure
         message = {
             "kind": "frame",
-            "number": self._frame,
             "n": shot.number,
             "revision": shot.revision,
             "camera": shot.table,
             "frame": geometry(shot.camera, shot.volume),
             "scale": scale,
             "done": done,
-            "exact": exact,
             "error": error,
-            "usual": usual,
-            "level": level,
+            "level": level or shot.volume.meta.get("level", 0),
+            "every": shot.volume.meta.get("every", 1),
             "ms": 1000.0 * took,
             "exposure": self._exposures[look],
             **head,
         }
-        now = time.monotonic()
-        page.session.sent(self._frame, shot.wish, now, took, preview=preview)
-        page.send(message, payload)
+        with self._sending:  # what is sent later has the larger number, and shows no older input
+            if shot.wish < session.shown:
+                raise _GivenUp
+            self._frame += 1
+            session.sent(self._frame, shot.wish, time.monotonic(), took, preview, exact)
+            message |= {"number": self._frame, "exact": exact and session.is_exact}
+            page.send(message, payload)
+
+
+def _is_controlled(shot: Shot) -> bool:
+    """Return whether a picture without error control is another, quicker one."""
+    post = shot.options.get("scheme") in (None, "post-classified")
+    rays = shot.options.get("samples", 1), shot.options.get("antialias")
+    return not shot.projection and (post or rays != (1, None))
+
+
+def _scheme(shot: Shot) -> Any:
+    """Return the scheme of a picture without error control."""
+    scheme = shot.options.get("scheme")
+    if scheme is None and not shot.drawn.discrete and (shot.editing or shot.whole is not None):
+        # Where steps can be wide takes 30 ms to find out for 128³ cells, and saves 10.
+        scheme = PreIntegrated(coarseness=0.0)
+    return scheme
+
+
+def _quietly(shot: Shot, *, first_order: bool = False) -> np.ndarray:
+    """Return a quick picture's intensities; warnings are for the picture at rest."""
+    if shot.projection:
+        with caught_warnings():
+            return shot.projected(False).intensity
+    # No other scheme draws a surface without a width, or labels without their cells' edges.
+    parts = shot.drawn.components()
+    first_order &= not any(part.surface_only or part.discrete for part in parts)
+    first_order |= not isinstance(shot.volume.grid, DualGrid)
+    scheme = "first-order" if first_order else _scheme(shot)
+    with caught_warnings():
+        options = {**shot.options, **_ROUGH, "scheme": scheme, "progress": False}
+        return render(shot.volume, shot.drawn, shot.camera, **options).intensity
 
 
 def _levels(shot: Shot) -> list[int]:
@@ -420,16 +531,11 @@ def _levels(shot: Shot) -> list[int]:
         return [0 if level is None else level]
     last = sufficient_level(shot.volume, shot.drawn, shot.camera)
     quick = at_hand(shot.volume)
-    first = quick.meta["level"] if quick is not shot.volume else last
+    first = quick.meta.get("level", last) if quick is not shot.volume else last
     return list(range(max(first, last), last - 1, -1))
 
 
 _NOTHING = Coefficients(["0", "0", "0"], "0")
-
-
-def _look(shot: Shot) -> str:
-    """Return a key of what is seen, from wherever: its exposure stays while the camera moves."""
-    return json.dumps([repr(shot.projection or shot.medium), id(shot.volume)])
 
 
 def window_of(image: dict[str, Any]) -> tuple[float, float] | None:

@@ -34,7 +34,7 @@ from .measures import (
     shown_where,
     statistics,
 )
-from .painter import Shot, at_hand, caught_warnings
+from .painter import Shot, at_hand, caught_warnings, is_drawn_in_blocks, measured
 from .script import IN_MEMORY, keyframes_of
 from .session import scaled
 from .share import MEASURES, dressed, exported, filmed, tables_of, text_of
@@ -116,7 +116,7 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
 def _extreme(shot: Shot, x: int, y: int) -> list[float | None] | None:
     """Return the place of the cell that a pixel of a maximum or minimum shows; None beside all."""
     how = {key: value for key, value in shot.projection.items() if key != "window"}
-    volume = at_hand(shot.volume)
+    volume = measured(shot.volume)
     both: Any = project(volume, camera=shot.camera, **how, depth=True, progress=False)
     _, depth = both
     away = depth.intensity[y, x, 0]
@@ -210,7 +210,7 @@ def ask_highlight(page: Client, message: Answer, progress: Progress) -> Answer:
 
 def ask_thumbnail(page: Client, message: Answer, progress: Progress) -> Answer:
     """Return a small picture of a preset."""
-    medium = _preset(page.explorer.volume, message.get("name"))
+    medium = _preset(measured(page.explorer.volume), message.get("name"))
     shot = page.explorer.shot(page, scaled(page.session.size, _SMALL / page.session.size[0]))
     with caught_warnings():
         image = render(at_hand(shot.volume), medium, shot.camera, **_QUICK)
@@ -241,7 +241,7 @@ def ask_hidden(page: Client, message: Answer, progress: Progress) -> Answer:
 def ask_suggest(page: Client, message: Answer, progress: Progress) -> Answer:
     """Set the media of a preset, or the suggested ones."""
     name = message.get("name")
-    tables = tables_of(_preset(page.explorer.volume, name))
+    tables = tables_of(_preset(measured(page.explorer.volume), name))
     page.change([("medium", tables)], name or "suggested media")
     return {"revision": page.explorer.document.revision}
 
@@ -278,7 +278,7 @@ def ask_estimate(page: Client, message: Answer, progress: Progress) -> Answer:
     second has four times as many pixels. Of files larger than memory nothing is said.
     """
     volume = page.explorer.volume
-    if at_hand(volume) is not volume:
+    if is_drawn_in_blocks(volume):
         return {}
     few = min(int(message.get("frames", 1)), _FEW)
     seconds, sizes, pixels = [0.0], [0], [0]
@@ -341,7 +341,7 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
 
 def _level_of(volume: Volume, page: Client) -> int:
     """Return the level of the file that a quick answer is from, 0 being all cells."""
-    return 0 if volume is page.explorer.volume else int(volume.meta["level"])
+    return 0 if volume is page.explorer.volume else int(volume.meta.get("level", 0))
 
 
 def _memory(page: Client) -> Any:

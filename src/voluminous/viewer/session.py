@@ -12,7 +12,7 @@ from typing import Any
 # Seconds for a preview, kernel and way; and of quiet after which the full picture is made.
 BUDGET, QUIET = 0.045, 0.15
 # Sides of a preview as parts of the full ones.
-SIZES = (1.0, 0.5, 1 / 3, 0.25)
+SIZES = (1.0, 0.5, 1 / 3, 0.25, 1 / 6)
 # A larger preview is tried after so many that were in time.
 _PATIENCE = 3
 # A kernel that takes longer even for the smallest preview is replaced by that of first order, which
@@ -33,8 +33,8 @@ class Session:
         Where it looks from.
     size : (int, int)
         Pixels of the full picture.
-    wanted, shown : int
-        The newest wish, and the newest that a frame has shown.
+    wanted, shown, rested : int
+        The newest wish, the newest that a frame has shown, and the newest with a full picture.
     input : int
         The page's number of its newest input.
     moving : bool
@@ -51,13 +51,13 @@ class Session:
     size: tuple[int, int] = (400, 400)
     wanted: int = 0
     shown: int = 0
+    rested: int = -1
     input: int = 0
     moving: bool = False
     visible: bool = True
     leader: bool = True
     changed_at: float = -1e9
     revision: int = -1
-    exact: bool = False
     level: int = 1
     first_order: bool = False
     _good: int = 0
@@ -72,7 +72,17 @@ class Session:
         """
         self.wanted += 1
         self.input = self.input if number is None else max(self.input, number)
-        self.moving, self.changed_at, self.exact = moving, now, False
+        self.moving, self.changed_at = moving, now
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the newest wish has its full picture."""
+        return self.rested == self.wanted
+
+    @property
+    def is_near(self) -> bool:
+        """Whether large frames are no trouble."""
+        return self._way < BUDGET
 
     def wants_preview(self, now: float) -> bool:
         """Return whether a quick picture of the newest input is due."""
@@ -81,7 +91,7 @@ class Session:
     def wants_rest(self, now: float) -> bool:
         """Return whether the full picture is due: nothing has moved for a while."""
         still = not self.moving and now - self.changed_at >= QUIET
-        return self._is_seen and not self.exact and still and self.shown >= self.wanted
+        return self._is_seen and not self.is_exact and still and self.shown >= self.wanted
 
     @property
     def _is_seen(self) -> bool:
@@ -99,9 +109,12 @@ class Session:
             self._in_flight.popleft()
         return len(self._in_flight) < self.window
 
-    def sent(self, frame: int, wish: int, now: float, kernel: float, *, preview: bool) -> None:
-        """Note a frame: the wish that it shows, and how long its kernel took."""
+    def sent(
+        self, frame: int, wish: int, now: float, kernel: float, preview: bool, full: bool = False
+    ) -> None:
+        """Note a frame: the wish that it shows, how long its kernel took, and which kind it is."""
         self.shown = max(self.shown, wish)
+        self.rested = max(self.rested, wish) if full else self.rested
         self._in_flight.append((frame, now))
         if preview:
             self._kernel += 0.3 * (kernel - self._kernel)
@@ -122,7 +135,11 @@ class Session:
         if took > BUDGET:
             self._good = 0
             self.first_order |= self.level == len(SIZES) - 1 and kernel > _HOPELESS
-            self.level = min(self.level + 1, len(SIZES) - 1)
+            # A kernel takes about as long as it has pixels: at once to the size that is in time.
+            last, here = len(SIZES) - 1, SIZES[self.level]
+            smaller = range(min(self.level + 1, last), last)
+            part = max(BUDGET - self._way, 0.0) / kernel
+            self.level = next((k for k in smaller if (SIZES[k] / here) ** 2 <= part), last)
             return
         # The next size costs about as much more as it has pixels, at most.
         up = max(self.level - 1, 0)
