@@ -197,6 +197,10 @@ class Modulation:
             errors[0].times(halves.first),
             errors[1].times(halves.last),
         )
+        if self.shade:
+            turned = self.shade.turned(panel)
+            bright = zip(error.emissivity, first.emissivity, last.emissivity, strict=True)
+            error.emissivity = [e + turned * (dr.abs(a) + dr.abs(b)) for e, a, b in bright]
         return Halves(first, last, error)
 
     def factors(self, panel: Panel, middle: Middle) -> Factors:
@@ -249,8 +253,6 @@ class Modulation:
             return seen, unresolved
         if self.paint:
             unresolved = unresolved | (seen & self.paint.turns(panel, _DOUBT))
-        if self.shade:
-            unresolved = unresolved | (seen & self.shade.turns(panel))
         if self.where is None:
             return seen, unresolved
         if panel.without_jumps and (self.stepped or self.soft):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 HEADLIGHT = "headlight"
-# Where the light changes by more than this within a panel, panels are made smaller.
+# Light that changes by more than this within a panel may be wrong by as much.
 _DOUBT = 0.25
 Light = tuple[Any, float]
 
@@ -151,10 +151,10 @@ class Shade:
         cosine = where(there, lit / where(size > 0.0, size, 1.0), 0.0)
         return (1.0 - share) + share * ops.minimum(cosine, 1.0)
 
-    def turns(self, panel: Panel) -> Mask:
-        """Return where the light changes by so much that a few places do not show how."""
+    def turned(self, panel: Panel) -> Float:
+        """Return by what the light changes, where that is so much that places do not show how."""
         low, high = extremes([self.seen(panel.fields(s), panel) for s in NODES])
-        return high - low > _DOUBT
+        return dr.select(high - low > _DOUBT, high - low, 0.0)
 
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""

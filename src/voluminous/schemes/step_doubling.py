@@ -155,7 +155,7 @@ def _share(tolerance: Tolerance, grey: bool, means: MediumSample, length: Float)
         bright = tolerance.bright(means.emissivity)
         depths = depths if len(depths) > 1 else depths * len(bright)
     rows = zip(bright, depths, strict=True)
-    return [(b * length * any_attenuation(depth)[1], depth) for b, depth in rows]
+    return [(b * length / dr.maximum(depth, dr.fma(0.5, depth, 1.0)), depth) for b, depth in rows]
 
 
 def _ordering_error(
