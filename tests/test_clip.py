@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -23,6 +25,8 @@ __all__ = ["chunks"]
 CUBE = vm.CartesianGrid.uniform(4, (-2, 2))
 BOX = Box((-1.1, -0.9, -1.3), (0.7, 1.2, 0.4))
 ORTHOGRAPHIC = vm.Orthographic(40, 25, width=3.0, resolution=6)
+SHELL = vm.Coefficients("a", "a")
+FIRST, SECOND, DEFAULT = {"scheme": "first-order"}, {"scheme": "second-order"}, {}
 
 coordinate = st.floats(-1.5, 1.5, width=16)
 points = st.tuples(coordinate, coordinate, coordinate)
@@ -95,6 +99,22 @@ def test_chunks_have_the_bits_of_the_whole(region, options, chunks):
     assert_same_bits(*both(noise(grid), MEDIUM, ORTHOGRAPHIC, clip=region, **options))
 
 
+def test_other_threads_and_kept_blocks_have_the_bits_of_the_whole(chunks, tmp_path):
+    chunks(4)
+    volume, region = noise(vm.CartesianGrid.uniform(8, (-2, 2))), ~BOX
+    whole = vm.render(volume, MEDIUM, ORTHOGRAPHIC, clip=region, **FIRST)
+    with ThreadPoolExecutor(2) as executor:
+        for options in ({"executor": executor}, {"checkpoint": tmp_path / "blocks"}):
+            parts = vm.render(volume, MEDIUM, ORTHOGRAPHIC, clip=region, **options, **FIRST)
+            assert_same_bits(whole, parts)
+    probes = [
+        vm.probe(volume, MEDIUM, ORTHOGRAPHIC, (3, 3), clip=region, tolerance=None, memory=memory)
+        for memory in (None, "1 GiB")
+    ]
+    np.testing.assert_array_equal(probes[1].begin, probes[0].begin)
+    np.testing.assert_array_equal(probes[1].intensity, probes[0].intensity)
+
+
 @pytest.mark.parametrize("name", TREES)
 def test_parts_of_trees_have_the_bits_of_the_whole(name, monkeypatch):
     monkeypatch.setattr("voluminous.store.FieldStore.leaves", 4**3)
@@ -109,9 +129,6 @@ def test_parts_of_trees_have_the_bits_of_the_whole(name, monkeypatch):
 
 
 # --- physics --------------------------------------------------------------------------------------
-
-SHELL = vm.Coefficients("a", "a")
-FIRST, SECOND, DEFAULT = {"scheme": "first-order"}, {"scheme": "second-order"}, {}
 
 
 def drawn(volume, clip, camera=ORTHOGRAPHIC, medium=SHELL, **options):

@@ -94,8 +94,10 @@ export function clipPanel({ stage, store, server, notices, overlay }: Pick<Parts
   function handle(name: string, axis: number, end: number) {
     const element = svg("circle", { class: `vlm-face vlm-${name}`, r: 7 }, svg("title", {}, `Drag: ${name} ${end ? "to" : "from"}`));
     const center = (): Vec3 => {
+      // Beside the middle of the picture, so that close to it faces can be held, too.
       const { box } = now();
-      return [0, 1, 2].map((k) => (k === axis ? box[end][k] : (box[0][k] + box[1][k]) / 2)) as Vec3;
+      const near = (k: number) => Math.min(box[1][k], Math.max(box[0][k], stage.frameView!.center[k]));
+      return [0, 1, 2].map((k) => (k === axis ? box[end][k] : near(k))) as Vec3;
     };
     element.addEventListener("pointerdown", (start) => {
       start.preventDefault();
