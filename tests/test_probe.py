@@ -277,6 +277,8 @@ def test_points_have_the_values_there_where_nothing_emits_too(tmp_path):
         np.testing.assert_array_equal(curve[:, 0], x)
         np.testing.assert_array_equal(curve[:, 1], points.fields["a"])
         assert found.plot().axes[3].get_xlabel().endswith("[pc]")
+    also = vm.probe(volume, shell, down, (3, 3), also="2 * a")
+    assert np.isfinite(also.plot(show=["2 * a"]).axes[0].lines[0].get_ydata()).all()
     surface = vm.Isosurface("a", 0.3, (1.0, 0.5), 0.5)
     found = vm.probe(volume, surface, down, (3, 3))
     peak = found.points.distance[found.points.alpha[:, 0] > 0]

@@ -1106,7 +1106,7 @@ def test_a_large_file_is_shown_from_coarse_levels_to_the_one_that_suffices(large
         tolerance=None,
         memory="1 GiB",
     )
-    np.testing.assert_array_equal(reply["fields"]["a"], ray.fields["a"])
+    np.testing.assert_array_equal(reply["fields"]["a"], ray.points.fields["a"])
     assert len(ray.begin) > 64
     # From farther away level 1 suffices: no other cells are read.
     del reads[:]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -49,53 +49,6 @@ class Points:
     scalars: dict[str, np.ndarray]
     j: np.ndarray
     alpha: np.ndarray
-
-    def without(self, hidden: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Points:
-        """Return the points with NaN in hidden segments, and between those that do not meet."""
-        per = len(self.distance) // len(begin)
-        dark = np.repeat(hidden, per)
-        gaps = np.flatnonzero(begin[1:] - end[:-1] > 1e-3 * (end - begin)[:-1])
-
-        def broken(values: np.ndarray) -> np.ndarray:
-            values = np.where(dark[:, None] if values.ndim > 1 else dark, np.nan, values)
-            return np.insert(values, (gaps + 1) * per, np.nan, axis=0)
-
-        return replace(
-            self._each(broken), distance=np.insert(self.distance, (gaps + 1) * per, end[gaps])
-        )
-
-    def thinned(self, part: float) -> Points:
-        """Leave out points near to straight lines between others: to this part of a range."""
-        curves = [*self.fields.values(), *self.scalars.values(), *self.j.T, *self.alpha.T]
-        y = np.array([_flattened(values) for values in curves])
-        kept, dropped = np.arange(len(self.distance)), True
-        while dropped:
-            dropped = False
-            for first in (1, 2):
-                x = self.distance[kept]
-                w = (x[1:-1] - x[:-2]) / np.maximum(x[2:] - x[:-2], 1e-300)
-                rows = y[:, kept]
-                off = np.abs(rows[:, 1:-1] - (1 - w) * rows[:, :-2] - w * rows[:, 2:]).max(axis=0)
-                near = np.zeros(len(kept), bool)
-                near[first:-1:2] = off[first - 1 :: 2] < part
-                kept, dropped = kept[~near], dropped or bool(near.any())
-        return replace(self._each(lambda v: v[kept]), distance=self.distance[kept])
-
-    def _each(self, change: Callable[[np.ndarray], np.ndarray]) -> Points:
-        fields, scalars = (
-            {name: change(v) for name, v in values.items()}
-            for values in (self.fields, self.scalars)
-        )
-        return Points(self.distance, fields, scalars, change(self.j), change(self.alpha))
-
-
-def _flattened(values: np.ndarray) -> np.ndarray:
-    """Return values, or logarithms of those that vary by much, from 0 to 1."""
-    low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
-    if low > 0.0 and high > _WIDE * low:
-        return _flattened(np.log10(values))
-    flat: np.ndarray = (values - low) / (high - low if high > low else 1.0)
-    return flat
 
 
 @dataclass(frozen=True, repr=False)

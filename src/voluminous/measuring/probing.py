@@ -475,57 +475,94 @@ def _assembled(
 
 
 def _points(job: RenderJob, tracer: RayTracer, probe: Probe, ray: _Ray) -> Points:
-    """Return values at points of a ray through all cells.
+    """Return values at points of a ray through all cells; NaN in hidden ones and in gaps."""
+    begin, end, hidden = (ray.rows[name][:, 0] for name in ("begin", "end", "hidden"))
+    by_field = job.scheme.coefficients_at == "field"
+    names = [name for name in probe.fields if not by_field or name in job.medium.names]
+    counts = [1, len(names), len(probe.scalars), probe.j.shape[1], probe.alpha.shape[1]]
+    table = np.empty((sum(counts), 0))
+    if len(begin):
+        table = _along(job, tracer, probe, ray) if by_field else _at_ends(job, probe, ray)
+        per = table.shape[1] // len(begin)
+        table[1:, np.repeat(hidden > 0.0, per)] = np.nan
+        gaps = np.flatnonzero(begin[1:] - end[:-1] > 1e-3 * (end - begin)[:-1])
+        table = np.insert(table, (gaps + 1) * per, np.nan, axis=1)
+        table[0, (gaps + 1) * per + np.arange(len(gaps))] = end[gaps]
+        if by_field:
+            table = table[:, _bends(table)]
+    (distance,), fields, scalars, j, alpha = np.split(table, np.cumsum(counts)[:-1])
+    by_name = dict(zip(names, fields, strict=True)), dict(zip(probe.scalars, scalars, strict=True))
+    return Points(distance, by_name[0], by_name[1], j.T, alpha.T)
 
-    Between the corners of a cell fields are cubics along the ray, which five places determine.
+
+def _at_ends(job: RenderJob, probe: Probe, ray: _Ray) -> np.ndarray:
+    """Return the values at both ends of each segment: those of its cell, or between vertices."""
+    columns = [*probe.fields.values(), *probe.scalars.values(), *probe.j.T, *probe.alpha.T]
+    table = np.repeat([probe.begin, *columns], 2, axis=1)
+    table[0, 1::2] = probe.end
+    channels, extinctions = probe.j.shape[1], probe.alpha.shape[1]
+    ends = ray.rows.get("j ends")
+    if ends is not None and ends.shape[1] == 2 * channels:  # not of groups of channels
+        j = np.asarray(ray.channels.intensity(list(ends.reshape(-1, channels).T)))
+        alpha = ray.rows["alpha ends"].reshape(-1, extinctions)
+        table[-channels - extinctions :] = np.hstack([j, alpha]).T / job.volume.grid.scale
+    return table
+
+
+def _along(job: RenderJob, tracer: RayTracer, probe: Probe, ray: _Ray) -> np.ndarray:
+    """Return values where fields are interpolated.
+
+    Between the corners of a cell they are cubics along the ray, which five places determine.
     """
-    rows = ray.rows
-    begin, end = rows["begin"][:, 0], rows["end"][:, 0]
-    if not len(begin) or job.scheme.coefficients_at != "field":
-        return _ends(job, probe, ray)
-    t = np.linspace(0.0, 1.0, int(np.clip(_POINTS // len(begin), *_PER_CELL)))
-    order = np.arange(len(PLACES))
+    begin, end = ray.rows["begin"], ray.rows["end"]
+    t, order = np.linspace(0.0, 1.0, int(np.clip(_POINTS // len(begin), *_PER_CELL))), np.arange(5)
     weights = np.power.outer(t, order) @ np.linalg.inv(np.power.outer(PLACES, order))
-    distance = (begin[:, None] + (end - begin)[:, None] * t).ravel()
-    fields = {name: (rows[f"field {name}"] @ weights.T).ravel() for name in job.medium.names}
-    scalars = {}
+    fields = {n: (ray.rows[f"field {n}"] @ weights.T).ravel() for n in job.medium.names}
     with np.errstate(all="ignore"):
-        for expr in (Expression(name) for name in probe.scalars):
-            scalars[expr.text] = np.asarray(expr.evaluate(NumpyOps(), fields), dtype=np.float64)
-    channels, context, real = tracer.source.channels, tracer.source.context, tracer.backend.Wide
-    places = {name: from_host(real, values) for name, values in fields.items()}
+        numbers = {n: Expression(n).evaluate(NumpyOps(), fields) for n in probe.scalars}
+    channels, context = tracer.source.channels, tracer.source.context
+    places = {name: from_host(tracer.backend.Wide, values) for name, values in fields.items()}
     parts = channels.bound.parts if isinstance(channels.bound, BoundSum) else [channels.bound]
-    j, alpha = (np.zeros((len(distance), n.shape[1])) for n in (probe.j, probe.alpha))
+    distance = (begin + (end - begin) * t).ravel()
+    j, alpha = (np.zeros((n.shape[1], len(distance))) for n in (probe.j, probe.alpha))
     for part, surface in zip(parts, channels.surfaces, strict=True):
         if not surface:
             sample = part.coefficients(places, context)
-            for total, columns in ((j, sample.emissivity), (alpha, sample.extinction)):
-                total += np.stack([np.zeros(len(distance)) + np.asarray(c) for c in columns], -1)
-    j *= np.asarray(channels.binding.radiance) / job.volume.grid.scale
+            for total, rows in ((j, sample.emissivity), (alpha, sample.extinction)):
+                total += np.array([np.zeros(len(distance)) + np.asarray(row) for row in rows])
+    j *= np.reshape(channels.binding.radiance, (-1, 1)) / job.volume.grid.scale
     alpha /= job.volume.grid.scale
     for k in np.flatnonzero(probe.tau.max(axis=1) > 0.0) if any(channels.surfaces) else ():
         # A surface without width is a peak in its segment.
         nearest = np.argmin(np.abs(distance - 0.5 * (probe.begin[k] + probe.end[k])))
-        j[nearest] = np.maximum(j[nearest], probe.j[k])
-        alpha[nearest] = np.maximum(alpha[nearest], probe.alpha[k])
-    made = Points(distance, fields, scalars, j, alpha)
-    return made.without(rows["hidden"][:, 0] > 0.0, begin, end).thinned(_STRAIGHT)
+        j[:, nearest] = np.maximum(j[:, nearest], probe.j[k])
+        alpha[:, nearest] = np.maximum(alpha[:, nearest], probe.alpha[k])
+    scalars = [np.zeros(len(distance)) + values for values in numbers.values()]
+    known = [fields[name] for name in probe.fields if name in fields]
+    return np.array([distance, *known, *scalars, *j, *alpha])
 
 
-def _ends(job: RenderJob, probe: Probe, ray: _Ray) -> Points:
-    """Return values at both ends of each segment: those of its cell, or between vertices."""
-    distance = np.stack([probe.begin, probe.end], axis=1).ravel()
-    fields, scalars = (
-        {name: np.repeat(v, 2) for name, v in values.items()}
-        for values in (probe.fields, probe.scalars)
+def _bends(table: np.ndarray) -> np.ndarray:
+    """Return the points between which curves are straight, logarithms of fields included."""
+    x, y = table[0], table[1:]
+    low, high = (
+        f(y, axis=1, keepdims=True, initial=v)
+        for f, v in ((np.nanmin, np.inf), (np.nanmax, -np.inf))
     )
-    j, alpha = np.repeat(probe.j, 2, axis=0), np.repeat(probe.alpha, 2, axis=0)
-    if ray.rows.get("j ends", j).shape[-1] == 2 * j.shape[1]:
-        ends = ray.rows["j ends"].reshape(-1, j.shape[1])
-        j = np.asarray(ray.channels.intensity(list(ends.T))) / job.volume.grid.scale
-        alpha = ray.rows["alpha ends"].reshape(-1, alpha.shape[1]) / job.volume.grid.scale
-    made = Points(distance, fields, scalars, j, alpha)
-    return made.without(probe.hidden, probe.begin, probe.end) if len(probe) else made
+    with np.errstate(all="ignore"):
+        y = np.where(low > 0.0, np.log(y / low) / np.log(high / low), (y - low) / (high - low))
+    y[np.ravel(~(high > low))] = 0.0
+    kept, before = np.arange(len(x)), -1
+    while len(kept) != before:
+        before = len(kept)
+        for first in (1, 2):
+            at, rows = x[kept], y[:, kept]
+            w = (at[1:-1] - at[:-2]) / np.maximum(at[2:] - at[:-2], 1e-300)
+            off = np.abs(rows[:, 1:-1] - (1 - w) * rows[:, :-2] - w * rows[:, 2:]).max(axis=0)
+            near = np.zeros(len(kept), bool)
+            near[first:-1:2] = off[first - 1 :: 2] < _STRAIGHT
+            kept = kept[~near]
+    return kept
 
 
 def _in_cells(
