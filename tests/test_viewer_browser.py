@@ -328,7 +328,15 @@ def test_a_link_carries_the_scene_and_no_secret(browser):
     assert head == tab.view.url.partition("#")[0]
     assert secret not in link
     raw = zlib.decompress(base64.urlsafe_b64decode(packed + "=" * (-len(packed) % 4)))
-    assert set(json.loads(raw)) == {"medium", "camera", "render", "image"}
+    assert set(json.loads(raw)) == {
+        "medium",
+        "camera",
+        "render",
+        "image",
+        "measures",
+        "project",
+        "slices",
+    }
     turned, exposure = tab.view.camera, tab.explorer.document.settings["image"]["exposure"]
 
     tab.page.keyboard.press("e")
@@ -577,3 +585,60 @@ def test_values_under_the_pointer_are_shown_in_the_picture(tab):
         tab.page.wait_for_selector(".vlm:not([data-highlight])", state="attached")
         assert tint.is_hidden()
     assert 0 < tinted[0] < 0.5 * tinted[1]
+
+
+def test_slices_are_linked_with_each_other_and_the_picture(tab):
+    page, values = tab.page, VOLUME.array("density")
+    panes = page.locator(".vlm-pane")
+    page.keyboard.press("q")
+    panel(tab, "Slices").get_by_label("Field").select_option("density")
+    low, high = VOLUME.grid.bounds.T
+
+    def slices():
+        return tab.explorer.document.settings.get("slices", {})
+
+    def cell():
+        return tuple(int(k) for k in (np.array(slices()["at"]) - low) / (high - low) * 32)
+
+    def all_read_it():
+        read = [panes.nth(k).get_attribute("data-value") for k in range(3)]
+        return read == [page.evaluate("String", float(np.float32(values[cell()])))] * 3
+
+    until(tab, lambda: "at" in slices() and all_read_it())
+    # In the axial slice a click moves the point along x and y, the wheel along z; in that across y
+    # (x to the right, z up) arrow keys by a cell.
+    box = panes.nth(0).bounding_box()
+    page.mouse.click(box["x"] + 0.45 * box["width"], box["y"] + 0.4 * box["height"])
+    until(tab, lambda: cell()[0] < 16 < cell()[1])
+    until(tab, all_read_it)
+    before = cell()
+    page.mouse.wheel(0, -100)
+    until(tab, lambda: cell() == (*before[:2], before[2] + 1))
+    panes.nth(1).focus()
+    page.keyboard.press("ArrowUp")
+    until(tab, lambda: cell() == (*before[:2], before[2] + 2))
+    until(tab, all_read_it)
+    assert page.locator(".vlm-probed").count() == 1  # in the picture
+    # The right button: to the right the window grows.
+    box = panes.nth(2).bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.move(x, y)
+    page.mouse.down(button="right")
+    page.mouse.move(x + 100, y, steps=4)
+    page.mouse.up(button="right")
+    until(tab, lambda: np.ptp(slices().get("window", 0)) > 1.99 * np.ptp(values))
+    # A click in the picture moves slices to where half of the light comes from.
+    tab.rest()
+    old = cell()
+    stage = page.locator("canvas").first.bounding_box()
+    page.mouse.click(stage["x"] + 0.5 * stage["width"], stage["y"] + 0.6 * stage["height"])
+    until(tab, lambda: cell() != old)
+    until(tab, all_read_it)
+    page.get_by_role("button", name="Maximum").click()
+    until(tab, lambda: tab.explorer.document.settings["project"].get("how") == "max")
+    page.locator("canvas").first.focus()
+    page.keyboard.press("q")
+    panes.first.wait_for(state="hidden")
+    tab.rest()
+    tab.shows(tab.image(), 2.0, colormap="gray")
+    assert tab.errors == []

@@ -53,6 +53,8 @@ export function lieOf(axis: number, code: string, yDown: boolean): Lie {
 interface Cut {
   reply: Message;
   data: ArrayLike<number>;
+  /** What was asked for. */
+  key: string;
 }
 
 /** Values as the server sent them. */
@@ -137,13 +139,13 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
     let drawn = "";
     const lie = () => lieOf(axis, patient(), server.info?.y_down ?? false);
 
-    const load = newest(async (wish: { expr: string; labels: string; at: number }) => {
+    const load = newest(async (wish: { expr: string; labels: string; at: number; key: string }) => {
       const how = { axis, at: wish.at, size: [count((axis + 1) % 3), count((axis + 2) % 3)] };
       const answer = await server.tried("slice", { expr: wish.expr, ...how });
       if (!answer) return;
       const told = wish.labels && wish.labels !== wish.expr ? await server.tried("slice", { expr: wish.labels, ...how }) : null;
-      shown = { reply: answer, data: await valuesOf(answer) };
-      marked = told && { reply: told, data: await valuesOf(told) };
+      shown = { reply: answer, data: await valuesOf(answer), key: wish.key };
+      marked = told && { reply: told, data: await valuesOf(told), key: "" };
       if (of !== wish.expr) {
         const field = server.info?.fields.find((f) => f.name === wish.expr);
         limits = field && Number.isFinite(field.min) ? [field.min, field.max] : [Infinity, -Infinity];
@@ -249,9 +251,11 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
       );
       title.textContent = `${name ? `${name}  ` : ""}${"xyz"[axis]} = ${withUnit(...suited(at()[axis], info.unit), 4)}`;
       levels.textContent = windowWords().replace(/indow|evel/g, "");
-      const value = shown ? shown.data[placeIn(axis, shown.reply.width, cell)] : NaN;
-      const label = marked ? marked.data[placeIn(axis, marked.reply.width, cell)] : null;
-      told.textContent = `${withUnit(value, unit, 4)}${label === null ? "" : ` · ${nameOf(label)}`}`;
+      // While another slice is on its way nothing is read from the old one.
+      const fresh = shown?.key === asked;
+      const value = fresh && shown ? shown.data[placeIn(axis, shown.reply.width, cell)] : NaN;
+      const label = fresh && marked ? marked.data[placeIn(axis, marked.reply.width, cell)] : null;
+      told.textContent = !fresh ? "…" : `${withUnit(value, unit, 4)}${label === null ? "" : ` · ${nameOf(label)}`}`;
       element.setAttribute("aria-label", `${title.textContent}: ${expr()} ${told.textContent}`);
       element.dataset.value = String(value);
     }
@@ -313,8 +317,9 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
         if (!state().shown || !server.info || !expr()) return;
         const wish = { expr: expr(), labels: state().labels ?? "", at: (cellOf(at())[axis] + 0.5) / count(axis) };
         const key = JSON.stringify([wish, store.document.volume]);
-        if (key !== asked) void load(wish);
+        const other = key !== asked;
         asked = key;
+        if (other) void load({ ...wish, key });
         draw();
       },
     };
@@ -355,8 +360,7 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
   return {
     /** Takes the picture's box as the fourth. */
     around(picture: HTMLElement): HTMLElement {
-      const [axial, coronal, sagittal] = panes.map((one) => one.element);
-      refill(element, axial, picture, coronal, sagittal);
+      refill(element, picture, ...panes.map((one) => one.element));
       return element;
     },
     tool, set, go, state, expr, isCT, patient,

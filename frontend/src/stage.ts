@@ -30,7 +30,8 @@ export class Stage {
   private before: { head: FrameHead; view: View } | null = null;
   private fadeFrom = -Infinity;
   private newest = -1;
-  private limits: [number, number, number][] = [];
+  /** Smallest, smallest positive and largest number of each channel. */
+  limits: [number, number, number][] = [];
   private asked = false;
   private unseen: number[] = [];
   private still = matchMedia("(prefers-reduced-motion: reduce)");

@@ -210,7 +210,8 @@ class Fake:
             return {
                 "width": cut.shape[1],
                 "height": cut.shape[0],
-                "data": base64.b64encode(cut.tobytes()).decode(),
+                "type": "<f4",
+                "data": base64.b64encode(zlib.compress(cut.tobytes())).decode(),
                 "low": float(cut.min()),
                 "high": float(cut.max()),
                 "unit": "cm-3",

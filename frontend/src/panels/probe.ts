@@ -8,7 +8,7 @@ import { button, h, refill } from "../ui/dom";
 import { lengthsShownIn, pretty, prettyLength, prettyPoint, prettyUnit, withUnit } from "../ui/format";
 import { channelCurves, coefficientCurves, Plot } from "../ui/lines";
 import { add, sub, times, unit } from "../vec";
-import type { Message, Table, Vec3 } from "../wire";
+import { type Message, newest, type Table, type Vec3 } from "../wire";
 
 const FIELDS = ["#e69f00", "#56b4e9", "#cc79a7", "#f0e442", "#009e73", "#b8c4d0"];
 
@@ -16,7 +16,7 @@ export interface Probe extends Panel {
   /** Show what the ray at a place of the picture saw. */
   at(place: [number, number]): Promise<void>;
   /** Show what the ray through a point saw, and leave the mark there. */
-  through(point: Vec3): Promise<void>;
+  through(point: Vec3): void;
   /** Let rotations turn about the probed point. */
   turnAbout(): void;
 }
@@ -102,9 +102,17 @@ export function probePanel(
     return Boolean(answer);
   }
 
-  async function through(point: Vec3): Promise<void> {
-    if (!stage.frameView || !stage.isFlat || !(await ask(stage.toPlace(point)))) return;
-    if (body.isConnected && !body.closest("[hidden]:not(div)")) update();
+  // Rays take longer than slices: that of a slice's point is asked for when the panel is seen.
+  let owed: Vec3 | null = null;
+  const follow = newest(async () => {
+    const point = owed;
+    if (!point || element.closest("[hidden]") || !stage.frameView || !stage.isFlat) return;
+    owed = null;
+    if (await ask(stage.toPlace(point))) update();
+  });
+  function through(point: Vec3): void {
+    owed = point;
+    follow(null);
   }
 
   function turnAbout(): void {
@@ -149,7 +157,8 @@ export function probePanel(
     notices.announce(rows.map((row) => row.join(" ")).join("; "));
   }
 
-  return { element: h("div", {}, empty, body), update, at, through, turnAbout };
+  const element = h("div", {}, empty, body);
+  return { element, update, at, through, turnAbout, shown: () => follow(null) };
 }
 
 function nearest(list: number[], value: number): number {

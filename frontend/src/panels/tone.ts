@@ -19,6 +19,20 @@ export function tonePanel({ store, stage }: Pick<Parts, "store" | "stage">): Pan
   const image = (): Table => store.document.image ?? {};
   const automatic = () => stage.head?.exposure ?? 1;
   const exposure = ({ exposure, vmax }: Table): number => numberOf(exposure) ?? (vmax ? 1 / Number(vmax) : automatic());
+  // With a colormap a window of values is shown: parts of all that there are.
+  const span = (): [number, number] => {
+    const [least, , most] = stage.limits[0] ?? [0, 0, 1];
+    return [least, most > least ? most - least : 1];
+  };
+  const ends = () => [stage.tone?.black ?? 0, stage.tone?.white ?? 1];
+  const window_ = (low: number, high: number, moving = false) => {
+    const patch: Patch = [["image.vmin", Number(low.toPrecision(5))], ["image.vmax", Number(high.toPrecision(5))], ["image.exposure", null]];
+    if (!(high > low)) return;
+    if (moving) store.show(patch);
+    else store.set(patch, "window");
+  };
+  const width = (now: Table) => (now.colormap ? Math.log2(Math.max((ends()[1] - ends()[0]) / span()[1], 1e-4)) : undefined);
+  const level = (now: Table) => (now.colormap ? ((ends()[0] + ends()[1]) / 2 - span()[0]) / span()[1] : undefined);
   const stretch = (now: Table) => now.stretch ?? "linear";
   const power = (now: Table): number | undefined => (typeof now.stretch === "number" ? now.stretch : undefined);
   const softness = (now: Table) => ({ asinh: Math.log10(now.softening ?? 0.1), log: Math.log10(now.softening ?? 0.01) })[stretch(now) as string];
@@ -69,16 +83,28 @@ export function tonePanel({ store, stage }: Pick<Parts, "store" | "stage">): Pan
   const element = h(
     "div", {},
     form.slider(
-      (now) => Math.log2(exposure(now) / automatic()), "Exposure", [-STOPS, STOPS, 0.05], (v) => `${v > 0 ? "+" : ""}${pretty(v, 3)} stops`,
+      (now) => (now.colormap ? undefined : Math.log2(exposure(now) / automatic())), "Exposure", [-STOPS, STOPS, 0.05], (v) => `${v > 0 ? "+" : ""}${pretty(v, 3)} stops`,
       (v, moving) => set("exposure", Number((automatic() * 2 ** v).toPrecision(6)), "exposure", moving), "Against the automatic exposure; each stop is a factor of two",
+    ),
+    form.slider(
+      width, "Window", [-10, 1, 0.02], (v) => pretty(span()[1] * 2 ** v),
+      (v, moving) => window_((ends()[0] + ends()[1] - span()[1] * 2 ** v) / 2, (ends()[0] + ends()[1] + span()[1] * 2 ** v) / 2, moving), "From the first to the last colour",
+    ),
+    form.slider(
+      level, "Level", [-0.1, 1.1, 0.002], (v) => pretty(span()[0] + span()[1] * v),
+      (v, moving) => {
+        const [middle, half] = [span()[0] + span()[1] * v, (ends()[1] - ends()[0]) / 2];
+        window_(middle - half, middle + half, moving);
+      },
+      "The value in the middle of the window",
     ),
     h(
       "div", { class: "vlm-actions" },
-      button("Automatic", "The exposure that shows 99.9 % of the pixels below white  (n)", () => store.set([["image.exposure", null], ["image.vmax", null]], "automatic exposure")),
+      button("Automatic", "The exposure that shows 99.9 % of the pixels below white  (n)", () => store.set([["image.exposure", null], ["image.vmax", null], ...(image().colormap ? [["image.vmin", null] as [string, null]] : [])], "automatic exposure")),
       button("Reset", "No choices: as Image.to_rgb shows it", () => store.set([["image", {}]], "reset tone")),
     ),
-    form.number((now) => Number((1 / exposure(now)).toPrecision(4)), "White at", "", (v) => v > 0 && set("exposure", 1 / v, "exposure"), "The intensity that is shown as white"),
-    form.number((now) => numberOf(now.vmin) ?? 0, "Black at", "", (v) => set("vmin", v || null, "black"), "The intensity that is shown as black"),
+    form.number((now) => Number((now.colormap ? ends()[1] : 1 / exposure(now)).toPrecision(4)), "White at", "", (v) => (image().colormap ? window_(ends()[0], v) : v > 0 && set("exposure", 1 / v, "exposure")), "The intensity that is shown as white"),
+    form.number((now) => Number((now.colormap ? ends()[0] : numberOf(now.vmin) ?? 0).toPrecision(4)), "Black at", "", (v) => set("vmin", v || null, "black"), "The intensity that is shown as black"),
     h("h2", {}, "Curve"), plot,
     form.choice((now) => (power(now) ? "custom" : stretch(now)), "Stretch", () => [...STRETCHES, "custom"], (name) => set("stretch", { linear: null, custom: 2.2 }[name] ?? name, "stretch")),
     form.slider(power, "Gamma", [0.5, 5, 0.05], pretty, (v, moving) => set("stretch", v, "gamma", moving)),
