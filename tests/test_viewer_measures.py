@@ -56,7 +56,7 @@ def until(page, condition):
 def press(view, page, key):
     """Press a key on the picture that turns it, and wait for the picture."""
     before = settings(view)["camera"]
-    page.locator("canvas").first.focus()
+    page.locator(".vlm-canvas").focus()
     page.keyboard.press(key)
     until(page, lambda: settings(view)["camera"] != before)
     session = view._explorer._clients[-1].session
@@ -93,7 +93,7 @@ def test_letters_and_views_follow_the_patient(tab):
 
 def test_measures_by_keyboard_are_those_of_python(tab):
     view, page, volume = tab
-    page.locator("canvas").first.focus()
+    page.locator(".vlm-canvas").focus()
     page.keyboard.press("d")
     page.wait_for_function("document.querySelector('.vlm-aiming')")
     page.keyboard.press("p")  # the middle ray meets the ball at its front
@@ -123,7 +123,7 @@ def test_measures_by_keyboard_are_those_of_python(tab):
         panel.get_by_text(f"{wanted.means['depth']:.4g}", exact=True).wait_for()
 
     # From behind the first point is hidden: the line is dashed, and gone if the other is, too.
-    assert page.locator(".vlm-measured").count() == 3
+    until(page, lambda: page.locator(".vlm-measured").count() == 3)
     press(view, page, "P")
     page.locator(".vlm-partly").wait_for(state="attached")
     for _ in range(8):
@@ -133,7 +133,7 @@ def test_measures_by_keyboard_are_those_of_python(tab):
     until(page, lambda: page.locator(".vlm-measured").count() == 3)
 
     panel.get_by_role("button", name="Remove: Distance").click()
-    until(page, lambda: len(settings(view)["measures"]) == 2)
-    page.locator("canvas").first.focus()
+    until(page, lambda: page.locator(".vlm-measured").count() == 2)
+    page.locator(".vlm-canvas").focus()
     page.keyboard.press("u")
-    until(page, lambda: len(settings(view)["measures"]) == 3)
+    until(page, lambda: page.locator(".vlm-measured").count() == 3)

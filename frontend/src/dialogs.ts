@@ -84,7 +84,7 @@ const KINDS: Record<string, string> = {
   "Python script": "python",
 };
 
-export function saveDialog(parts: Pick<Parts, "stage" | "server" | "notices">): Dialog {
+export function saveDialog(parts: Pick<Parts, "stage" | "store" | "server" | "notices">): Dialog {
   const wish = { format: "PNG, as shown", width: 2000, ...PLAIN };
   let ready = false;
   const maker = fileMaker(parts);
@@ -94,7 +94,8 @@ export function saveDialog(parts: Pick<Parts, "stage" | "server" | "notices">): 
     if (ready) tell();
   };
   const isText = () => /TOML|Python/.test(wish.format);
-  const may = (name: string) => KINDS[wish.format] === "png" && (name !== "letters" || Boolean(parts.server.info?.orientation));
+  const has: Record<string, () => unknown> = { letters: () => parts.server.info?.orientation, measures: () => parts.store.document.measures?.length };
+  const may = (name: string) => KINDS[wish.format] === "png" && Boolean(has[name]?.() ?? !has[name]);
   const ask = () => ({ what: KINDS[wish.format], ...dressOf(wish, may) });
   const estimate = estimator(parts.server);
   const tell = () => void estimate.show(isText() ? null : ask(), wish.width ** 2 / parts.stage.aspect);
@@ -122,7 +123,7 @@ export function saveDialog(parts: Pick<Parts, "stage" | "server" | "notices">): 
       ready = true;
       made.open();
       estimate.forget();
-      tell();
+      put({}); // what may be in the picture depends on the volume, and on what was measured
     },
   };
 }

@@ -6,13 +6,14 @@ import type { Form } from "./ui/fields";
 import { duration, fileSize } from "./ui/format";
 import type { Message, Table } from "./wire";
 
-export const PLAIN = { scale_bar: false, color_bar: false, letters: false, triad: false, white: false, transparent: false };
+export const PLAIN = { scale_bar: false, color_bar: false, letters: false, triad: false, measures: false, white: false, transparent: false };
 export type Dress = typeof PLAIN;
 
 const MARKS: [keyof Dress, string, string][] = [
   ["scale_bar", "scale bar", "A round length, in the unit that suits it"],
   ["color_bar", "colour bars", "Beside the picture: which value has which colour"],
   ["letters", "letters", "The patient's sides at the borders: R L A P S I"],
+  ["measures", "measures", "Distances, angles and boxes, with their numbers"],
   ["triad", "axes", "x, y and z as the camera sees them"],
 ];
 

@@ -28,7 +28,7 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
   const units = unitChoice(server, () => (stage.redraw(), tabs.current().update()));
   const lower = h("div", { class: "vlm-lower" }, legend, h("div", { class: "vlm-scale" }, overlay.bar, units.element));
   const mode = modes(parts);
-  const panes = panesOf(parts, (point) => void probe.through(point));
+  const panes = panesOf(parts, (point) => void (measure.takesPoint(point) || probe.through(point)));
   const stageBox = h(
     "div",
     { class: "vlm-stage", role: "region", "aria-label": "picture" },

@@ -31,7 +31,7 @@ export function filmMaker(parts: Pick<Parts, "stage" | "server" | "notices">, ca
   const only = (path: string, value: any) => (wish.of === path ? value : undefined);
 
   // Films have no alpha.
-  const may = (name: string) => (name === "transparent" ? KINDS[wish.file] === "png" : name !== "letters" || Boolean(parts.server.info?.orientation));
+  const may = (name: string) => (name === "transparent" ? KINDS[wish.file] === "png" : name !== "measures" && (name !== "letters" || Boolean(parts.server.info?.orientation)));
   const ask = () => ({ path: paths[wish.of](), frames: wish.frames, fps: wish.fps, what: KINDS[wish.file], ...dressOf(wish, may) });
   const estimate = estimator(parts.server);
   let touched = false;

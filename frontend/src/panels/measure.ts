@@ -20,6 +20,8 @@ export interface Measure extends Panel {
   begin(kind: string | null): void;
   /** Take a place of the picture as the next point; false if none is wanted. */
   takes(place: [number, number]): boolean;
+  /** The same for a point of space, from a slice. */
+  takesPoint(point: Vec3): boolean;
   addBox(): void;
   addShown(): void;
   /** The picture is at rest: what can be seen of the measures is asked for. */
@@ -75,7 +77,15 @@ export function measurePanel(
     const answer = spot && (await server.tried("probe", { x: spot[0], y: spot[1] }));
     if (!answer || kind !== wanted) return;
     if (!answer.point) return notices.add("Nothing shines there, so there is no point to measure from.", "info");
-    points.push(answer.point.map((v: number) => Number(v.toPrecision(7))) as Vec3);
+    pointAt(answer.point);
+  }
+
+  const takesPoint = (point: Vec3) => kind !== null && (pointAt(point), true);
+
+  /** Take a point, of which a distance needs two and an angle three. */
+  function pointAt(point: Vec3): void {
+    const wanted = kind!;
+    points.push(point.map((v: number) => Number(v.toPrecision(7))) as Vec3);
     const still = NEEDED[wanted] - points.length;
     says.textContent = still ? `${SAYS[still === 1 ? 2 : 1]}. Esc ends it.` : "";
     stage.redraw();
@@ -126,7 +136,6 @@ export function measurePanel(
       count.error = (error as Error).message;
     }
     update();
-    stage.redraw();
     return count.reply ?? null;
   }
 
@@ -145,6 +154,8 @@ export function measurePanel(
   /** A volume as the cube of a length in the unit that suits it. */
   function volumeOf(reply: Message): string {
     const [side, name] = suited(Math.cbrt(reply.volume), unit());
+    // Of a patient: 1 cm³ is 1 ml.
+    if (name === "mm" && side >= 10) return `${pretty((side / 10) ** 3, DIGITS)} cm³`;
     return name ? `${pretty(side ** 3, DIGITS)} ${name.replace("um", "µm")}³` : pretty(reply.volume, DIGITS);
   }
 
@@ -203,6 +214,7 @@ export function measurePanel(
     const key = JSON.stringify([measures(), [...counts.values()], unit()]);
     if (key === shown) return;
     shown = key;
+    stage.redraw();
     // What is typed in is not taken away.
     if (list.querySelector("input:focus")) return void list.addEventListener("focusout", () => requestAnimationFrame(() => ((shown = ""), update())), { once: true });
     refill(list, ...measures().map(row));
@@ -235,7 +247,7 @@ export function measurePanel(
       h("h2", {}, "Distance and angle"),
       h("div", { class: "vlm-actions" }, button("Distance", "Two points  (d)", () => begin("distance")), button("Angle", "Three points, the vertex in the middle  (g)", () => begin("angle"))),
       says,
-      h("p", { class: "vlm-hint" }, "Between points where half of the light of a clicked ray comes from."),
+      h("p", { class: "vlm-hint" }, "Between clicked points: where half of the light of that ray comes from, or the maximum; or in a slice."),
       h("h2", {}, "Statistics of cells"),
       form.choice((now) => now.expr, "Field", fields, (expr) => ((wish.expr = expr), update())),
       form.choice(({ medium }) => (media()[medium] ? nameOf(media()[medium], medium) : undefined), "Medium", () => media().map(nameOf), (name) => ((wish.medium = media().map(nameOf).indexOf(name)), update())),
@@ -248,6 +260,7 @@ export function measurePanel(
     update,
     begin,
     takes,
+    takesPoint,
     addBox,
     addShown: () => void addShown(),
     rests: () => look(null),

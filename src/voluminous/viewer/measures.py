@@ -136,7 +136,7 @@ def hidden_points(shot: Shot, points: Any, memory: Any) -> list[bool]:
     if points.ndim != 2 or points.shape[1] != 3 or len(points) > 3 * _MOST:
         raise InputError(f"points must be up to {3 * _MOST} triples of numbers")
     hidden, grid = [False] * len(points), shot.volume.grid
-    if shot.medium is None:
+    if shot.medium is None or shot.projection:  # nothing hides anything
         return hidden
     options = {key: value for key, value in shot.options.items() if key in _RAY_OPTIONS}
     options |= {"tolerance": None, "memory": memory, "progress": False}
