@@ -141,7 +141,7 @@ export function measurePanel(
 
   function titleOf(measure: Table): string {
     if (measure.kind !== "cells") return measure.kind === "angle" ? "Angle" : "Distance";
-    return [measure.expr, measure.where ? `where ${measure.where.replace(/<=/g, "≤").replace(/>=/g, "≥")}` : "", measure.low ? "in a box" : measure.clip ? "inside the clip" : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
+    return [measure.expr, measure.where ? `where ${measure.where.replace(/<=/g, "≤").replace(/>=/g, "≥")}` : "", measure.low ? "in a box" : measure.clip ? `inside ${measure.clip}` : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
   }
 
   function wordsOf(measure: Table): string {
