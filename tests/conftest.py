@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib.metadata
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -27,13 +28,25 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("each_value_once") is not None and hasattr(item, "callspec"):
             products.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for cases in products.values():
-        axes = cases[0].callspec.indices
-        sizes = {a: 1 + max(case.callspec.indices[a] for case in cases) for a in axes}
-        longest = max(sizes, key=sizes.__getitem__)
+        numbers: dict[str, dict[int, int]] = {}
         for case in cases:
-            place = case.callspec.indices
-            if any(place[a] != place[longest] % sizes[a] for a in sizes):
+            for name, value in case.callspec.params.items():
+                axis = numbers.setdefault(name, {})
+                axis.setdefault(id(value), len(axis))
+        longest = max(numbers, key=lambda name: len(numbers[name]))
+
+        def places(case: Any, numbers: Any = numbers) -> dict[str, int]:
+            return {name: numbers[name][id(v)] for name, v in case.callspec.params.items()}
+
+        def off_diagonal(case: Any, numbers: Any = numbers, longest: str = longest) -> int:
+            place = places(case)
+            return sum(k != place[longest] % len(numbers[name]) for name, k in place.items())
+
+        seen: set[tuple[str, int]] = set()
+        for case in sorted(cases, key=off_diagonal):
+            if seen >= places(case).items():
                 case.add_marker(pytest.mark.exhaustive)
+            seen |= places(case).items()
 
 
 @pytest.fixture
