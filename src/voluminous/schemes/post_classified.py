@@ -205,8 +205,8 @@ def _in_detail(
         solved, unresolved = ray.solved(begin, width, nodes, limits)
         part = dr.select(width > _LEAST_PART, width, _LEAST_PART)
         limits = limits.times(part)
-        more = dr.select(limits.times(_EASILY).accept(solved), 2.0, 1.0)
-        less = dr.select(limits.times(_FAR).accept(solved), 0.5, 0.25)
+        more = dr.select(limits.times(_EASILY).accept(solved), more, 2.0 * less)
+        less = dr.select(limits.times(_FAR).accept(solved), less, 0.5 * less)
         good = (limits.accept(solved) & ~unresolved & ~uncounted) | least
         error = PathError(*solved.error)
         good |= dr.isnan(error.emission + error.transparency) & (width <= _NOT_FINITE)
