@@ -555,11 +555,6 @@ class Volume(Evaluation):
         ------
         InputError
             If the grid is not Cartesian, or has no cells there.
-
-        Examples
-        --------
-        >>> vm.models.sphere(8).crop(x=(0, None), y=(-0.3, 0.3)).grid.shape
-        (4, 4, 8)
         """
         cropped: Volume = cropped_volume(self, {"x": x, "y": y, "z": z}, _made_in_boxes)
         return cropped

@@ -69,8 +69,9 @@ class Slab(Region):
         return cls(slab) if clip is None else cls(slab) & clip
 
     def numbers(self, unit: Unit) -> list[Any]:
-        middle, thickness = (float(np.asarray(plain(one, unit, "slab"))) for one in self.slab)
-        if not (np.isfinite(middle) and 0.0 < thickness < np.inf):
+        middle, thickness = (np.asarray(plain(one, unit, "slab")) for one in self.slab)
+        one_number = middle.ndim == thickness.ndim == 0
+        if not (one_number and np.isfinite(middle) and 0.0 < thickness < np.inf):
             raise InputError(
                 f"a slab needs a finite distance and a thickness > 0, got {self.slab!r}"
             )
