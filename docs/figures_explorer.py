@@ -95,6 +95,33 @@ def views(shown: Any) -> None:
     shown.wait_for_timeout(1500)
 
 
+def slices(target: Path, pixels: int) -> None:
+    """A head CT with three slices, bone and brain as labels, beside its picture."""
+    import numpy as np
+    import real_data
+
+    import voluminous as vm
+
+    volume = real_data.load("cranium")
+    volume.meta["orientation"] = "RAS"
+    ct = volume.array("ct")
+    bone, brain = ct > 250, (ct > 15) & (ct < 60)
+    volume["parts"] = (bone + 2 * brain).astype(np.uint8)
+    with page(1000, 640) as shown:
+        view = vm.view(volume, vm.presets.bone(volume), notebook=False, browser=False)
+        shown.goto(view.url)
+        rest(shown)
+        shown.get_by_role("tab", name="Slices").click()
+        shown.get_by_role("checkbox", name="three slices").check()
+        shown.get_by_label("Labels").select_option("parts")
+        shown.wait_for_timeout(2000)
+        box = shown.locator(".vlm-pane").first.bounding_box()
+        shown.mouse.click(box["x"] + 0.6 * box["width"], box["y"] + 0.4 * box["height"])
+        rest(shown)
+        save(shown, target)
+        view.close()
+
+
 def notebook(target: Path, pixels: int) -> None:
     """The explorer in a cell of JupyterLab."""
     if not notebook_hosts.is_installed("jupyterlab"):
@@ -121,5 +148,6 @@ EXPLORER_FIGURES: dict[str, Callable[[Path, int], None]] = {
     "explorer_ray": explored(click),
     "explorer_values": explored(hover),
     "explorer_views": explored(views),
+    "explorer_slices": slices,
     "explorer_notebook": notebook,
 }

@@ -240,7 +240,7 @@ async def main() -> None:
         await page.wait_for_timeout(200)
         await shot(page, "views")
         await page.get_by_role("tab", name="Slices").click()
-        await page.get_by_label("three slices").check()
+        await page.get_by_role("checkbox", name="three slices").check()
         await page.wait_for_timeout(700)
         await shot(page, "slice")
         await page.get_by_role("tab", name="Scene").click()
