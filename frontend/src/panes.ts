@@ -14,6 +14,7 @@ const TYPES: Record<string, any> = { u1: Uint8Array, "<i2": Int16Array, "<u2": U
 /** Pixels of slices through other cells than boxes, and the most. */
 const PIXELS = 256;
 const MOST_PIXELS = 2048;
+const PICTURE = 3;
 const CLICK_PIXELS = 4;
 /** Pixels of the hand that go through all values. */
 const REACH = 400;
@@ -122,16 +123,21 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
     set({ window: [level - half, level + half].map((v) => Number(v.toPrecision(5))) }, "window", moving);
   }
 
+  const larger = (k: number) => {
+    const made = button("⤢", "This one alone, or all four", () => alone(k));
+    made.className = "vlm-larger";
+    return made;
+  };
+
   function pane(axis: number, k: number) {
     const canvas = h("canvas", { class: "vlm-cut" });
     const lines = svg("svg", { class: "vlm-lines", "aria-hidden": "true" });
     const title = h("span", {});
     const told = h("span", { class: "vlm-cut-told" });
     const levels = h("span", { class: "vlm-cut-window" });
-    const larger = button("⤢", "This one alone, or all four  (double click)", () => alone(k));
     const element = h(
       "div", { class: "vlm-pane", tabindex: "0", role: "application", "aria-roledescription": "slice", "aria-label": "slice" },
-      canvas, lines, h("div", { class: "vlm-pane-head" }, title, told, larger), levels,
+      canvas, lines, h("div", { class: "vlm-pane-head" }, title, told), larger(k), levels,
     );
     let shown: Cut | null = null;
     let marked: Cut | null = null;
@@ -250,6 +256,7 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
         ...letters.map((letter, i) => svg("text", { class: "vlm-letter", x: sides[i][0], y: sides[i][1], "text-anchor": "middle" }, letter)),
       );
       title.textContent = `${name ? `${name}  ` : ""}${"xyz"[axis]} = ${withUnit(...suited(at()[axis], info.unit), 4)}`;
+      levels.style.cssText = `right:${element.clientWidth - x - w + 5}px;bottom:${element.clientHeight - y - h_ + 3}px`;
       levels.textContent = windowWords().replace(/indow|evel/g, "");
       // While another slice is on its way nothing is read from the old one.
       const fresh = shown?.key === asked;
@@ -360,6 +367,7 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
   return {
     /** Takes the picture's box as the fourth. */
     around(picture: HTMLElement): HTMLElement {
+      picture.append(larger(PICTURE));
       refill(element, picture, ...panes.map((one) => one.element));
       return element;
     },
