@@ -240,8 +240,9 @@ class Plane:
             ((np.arange(n) + 0.5) / n - 0.5) * w
             for n, w in zip(self.pixels, self.width, strict=True)
         ]
-        v, u = np.meshgrid(steps[1], steps[0], indexing="ij")
-        return np.asarray(self.center + u.reshape(-1, 1) * self.right + v.reshape(-1, 1) * self.up)
+        u, v = (step[:, None] for step in steps)
+        rows, columns = v * self.up, self.center + u * self.right
+        return np.asarray(columns + rows[:, None]).reshape(-1, 3)
 
 
 def make_plane(

