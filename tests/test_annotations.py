@@ -292,3 +292,12 @@ def test_letters_say_which_side_of_the_patient_is_where():
     assert letters_of(volume, incl=90)[:2] == ["LP", "RA"]
     volume.meta["orientation"] = "LPX"
     assert letters_of(volume, incl=90) == []
+
+
+def test_measures_are_lines_on_the_image_plane():
+    image = picture(90, 60, 9.0)
+    left, right, bottom, top = image.extent
+    found = image.annotate(**ALL_OFF, measures=[([[left, bottom], [right, top]], "10 pc")])
+    line, *words = drawn(found, "measures")
+    np.testing.assert_allclose(line.get_xydata(), [[0, 0], [90, 60]], atol=1e-9)
+    assert {text.get_text() for text in words} == {"10 pc"}

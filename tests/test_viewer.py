@@ -360,7 +360,7 @@ def test_what_is_no_measure_is_refused(explorer):
     assert page.ask("measure", measure=BOX)["cells"] > 0
     wrong = [{"kind": "distance", "points": [[0, 0, 0]]}, {"kind": "area"}, {"kind": "cells"}, 3]
     wrong += [
-        {**BOX, "points": []},
+        {**BOX, "clip": "sphere((0, 0, 0), 1)"},
         {**BOX, "low": [0, 0]},
         {"kind": "cells", "expr": "a", "low": [0] * 3},
     ]

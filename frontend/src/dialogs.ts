@@ -2,6 +2,7 @@
 
 import { dressFields, dressOf, estimator, PLAIN } from "./dress";
 import type { Row } from "./keys";
+import type { Mark } from "./marks";
 import type { Parts } from "./parts";
 import type { Store } from "./store";
 import { button, h, refill } from "./ui/dom";
@@ -84,7 +85,8 @@ const KINDS: Record<string, string> = {
   "Python script": "python",
 };
 
-export function saveDialog(parts: Pick<Parts, "stage" | "store" | "server" | "notices">): Dialog {
+/** @param marks the lines of the measures */
+export function saveDialog(parts: Pick<Parts, "stage" | "store" | "server" | "notices">, marks: () => Mark[]): Dialog {
   const wish = { format: "PNG, as shown", width: 2000, ...PLAIN };
   let ready = false;
   const maker = fileMaker(parts);
@@ -100,7 +102,8 @@ export function saveDialog(parts: Pick<Parts, "stage" | "store" | "server" | "no
   const estimate = estimator(parts.server);
   const tell = () => void estimate.show(isText() ? null : ask(), wish.width ** 2 / parts.stage.aspect);
   const save = async () => {
-    if (await maker.make("export", { ...ask(), ...(isText() ? {} : { width: wish.width }) })) made.element.close();
+    const more = isText() ? {} : { width: wish.width, measures: marks().map(({ points, words }) => [points, words]) };
+    if (await maker.make("export", { ...ask(), ...more })) made.element.close();
   };
   const screen = () =>
     parts.stage.canvas.toBlob(async (blob) => {

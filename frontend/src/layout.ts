@@ -56,7 +56,7 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
   const name = h("h1", {}, "voluminous");
   const facts = h("span", { class: "vlm-facts" });
   const angles = h("span", { class: "vlm-angles", title: "inclination, azimuth and position angle of the camera" });
-  const save = saveDialog(parts);
+  const save = saveDialog(parts, measure.marks);
   const keys = keyTable(parts, {
     views, time, probe, measure, panes, clip,
     save: save.open,

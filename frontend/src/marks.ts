@@ -13,41 +13,34 @@ export function angleOf([a, vertex, b]: Vec3[]): number {
 
 export const lengthOf = ([a, b]: Vec3[]): number => length(sub(b, a));
 
-/** Corners of a box, x changing first. */
-const cornersOf = (low: Vec3, high: Vec3): Vec3[] => [...Array(8).keys()].map((i) => low.map((v, k) => ((i >> k) & 1 ? high[k] : v)) as Vec3);
+/** The edges of a box, in one stroke from corner to corner. */
+const STROKE = [0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2];
 
+/** A line in space, and what is written above its highest point. */
 export interface Mark {
-  measure: Table;
+  points: Vec3[];
   words: string;
-  /** Where the words are, of a measure that has no points of its own. */
-  place: Vec3 | null;
-  /** Which of its points are in front of what cannot be looked through. */
-  seen: boolean[];
 }
 
-function pointsOf({ measure, place }: Pick<Mark, "measure" | "place">): Vec3[] {
-  if (measure.points) return measure.points;
-  if (measure.low) return cornersOf(measure.low, measure.high);
-  return place ? [place] : [];
+/** The line of a measure; of one without places of its own a point. */
+export function lineOf({ points, low, high }: Table, place: Vec3 | null): Vec3[] {
+  if (low) return STROKE.map((i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high : low)[k]) as Vec3);
+  return points ?? (place ? [place] : []);
 }
 
-export function drawMark(stage: Stage, mark: Mark): SVGElement | null {
-  const points = pointsOf(mark);
-  if (!points.length || (mark.seen.length && !mark.seen.includes(true))) return null;
+/** @param hidden whether some of it is behind what cannot be looked through */
+export function drawMark(stage: Stage, { points, words }: Mark, hidden: boolean): SVGElement | null {
   const at = points.map((point) => stage.toPixels(point));
   if (stage.frameView!.type === "perspective" && at.some(({ depth }) => depth <= 0)) return null;
-  const pairs = mark.measure.low && !mark.measure.points ? edges() : points.slice(1).map((_, i) => [i, i + 1]);
-  const path = pairs.map(([i, j]) => `M${at[i].x.toFixed(1)} ${at[i].y.toFixed(1)}L${at[j].x.toFixed(1)} ${at[j].y.toFixed(1)}`).join("");
-  const dots = pairs.length > 3 ? [] : at.map(({ x, y }) => svg("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 3.5 }));
+  const d = at.map(({ x, y }, i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+  const dots = at.length > 3 ? [] : at.map(({ x, y }) => svg("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 3.5 }));
   const top = at.reduce((best, one) => (one.y < best.y ? one : best));
   return svg(
-    "g", { class: mark.seen.includes(false) ? "vlm-measured vlm-partly" : "vlm-measured" },
-    path && svg("path", { d: path, class: "vlm-rim" }), path && svg("path", { d: path }), ...dots,
-    svg("text", { x: top.x.toFixed(1), y: (top.y - 10).toFixed(1) }, mark.words),
+    "g", { class: hidden ? "vlm-measured vlm-partly" : "vlm-measured" },
+    svg("path", { d, class: "vlm-rim" }), svg("path", { d }), ...dots,
+    svg("text", { x: top.x.toFixed(1), y: (top.y - 10).toFixed(1) }, words),
   );
 }
-
-const edges = (): number[][] => [...Array(8).keys()].flatMap((i) => [1, 2, 4].filter((bit) => !(i & bit)).map((bit) => [i, i | bit]));
 
 /** A box that fills the middle half of a volume. */
 export function middleBox(info: VolumeInfo): { low: Vec3; high: Vec3 } {

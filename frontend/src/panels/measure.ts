@@ -3,7 +3,7 @@
 // document; numbers of cells are the server's, which counts beside everything else.
 
 import { clipOf } from "../clip";
-import { angleOf, drawMark, lengthOf, type Mark, middleBox } from "../marks";
+import { angleOf, drawMark, lengthOf, lineOf, type Mark, middleBox } from "../marks";
 import { titleOf as mediumTitle } from "../media";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
@@ -26,6 +26,8 @@ export interface Measure extends Panel {
   addShown(): void;
   /** The picture is at rest: what can be seen of the measures is asked for. */
   rests(): void;
+  /** Lines in space and their words, for a saved picture. */
+  marks(): Mark[];
 }
 
 interface Count {
@@ -231,15 +233,15 @@ export function measurePanel(
 
   overlay.layers.push({
     key: () => [measures().map((one) => [one, wordsOf(one)]), points, [...behind]],
-    draw: () => {
-      const marks: Mark[] = measures().map((measure) => ({
-        measure, words: wordsOf(measure), place: counts.get(keyOf(measure))?.reply?.point ?? null,
-        seen: (measure.points ?? []).map((point: Vec3) => !behind.has(String(point))),
-      }));
-      if (points.length) marks.push({ measure: { points }, words: "", place: null, seen: [] });
-      return marks.map((mark) => drawMark(stage, mark)).filter((one) => one !== null);
-    },
+    draw: () => [...marks(), ...(points.length ? [{ points, words: "" }] : [])].map((mark) => drawMark(stage, mark, mark.points.some(isHidden))).filter((one) => one !== null),
   });
+  const isHidden = (point: Vec3) => behind.has(String(point));
+
+  /** What can be seen of the measures. */
+  const marks = (): Mark[] =>
+    measures()
+      .map((measure) => ({ points: lineOf(measure, counts.get(keyOf(measure))?.reply?.point ?? null), words: wordsOf(measure) }))
+      .filter((mark) => !mark.points.every(isHidden));
 
   return {
     element: h(
@@ -264,6 +266,7 @@ export function measurePanel(
     addBox,
     addShown: () => void addShown(),
     rests: () => look(null),
+    marks,
   };
 }
 

@@ -123,8 +123,6 @@ class Explorer:
         self.counter = ThreadPoolExecutor(1, thread_name_prefix="counter")
         self._untold: set[Client] = set()
         self.filming = threading.Lock()
-        # Statistics of cells, by the volume's place in the series, the measure and the fields.
-        self.counted: dict[tuple[Any, ...], dict[str, Any]] = {}
         # The volume of which pages know the ranges of a sample.
         self.sampled: Volume | None = None
 

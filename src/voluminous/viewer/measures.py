@@ -17,7 +17,6 @@ import numpy as np
 from ..cameras import Camera
 from ..errors import InputError
 from ..expressions import Expression
-from ..image.lengths import readable, with_unit
 from ..measuring import measure, probe
 from ..media import Coefficients, Colormap, Gaussian, Isosurface, Medium, Rectangle, Table
 from ..regions import Box
@@ -26,54 +25,39 @@ from ..volume import Volume
 from .painter import Shot
 
 _POINTS = {"distance": 2, "angle": 3}
-_CELLS = {"expr": str, "where": str, "clip": str, "low": list, "high": list}
-_MOST = 50
+# Measures, and letters of a text beside one.
+_MOST, _LONGEST = 50, 100
 # A point of which less light comes to the observer cannot be seen.
 _HIDDEN = 0.1
 _RAY_OPTIONS = ("scheme", "precision", "device", "clip")
 # A Gaussian is at half of its maximum this many σ from its centre.
 _HALF = float(np.sqrt(2.0 * np.log(2.0)))
-# Edges of a box, from corner to corner, in one stroke.
-_STROKE = (0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2)
 
 
 def check_measures(measures: Any) -> None:
-    """Refuse what is no list of measures; a path such as ``measures.0`` names the wrong one."""
-    if not isinstance(measures, list) or len(measures) > _MOST:
-        raise InputError(f"measures must be a list of up to {_MOST} tables")
-    for k, one in enumerate(measures):
-        try:
-            points = (
-                one["points"]
-                if (kind := one["kind"]) in _POINTS
-                else [one.get(side, (0, 0, 0)) for side in ("low", "high")]
-            )
-            known = {"kind", "name", *(_CELLS if kind == "cells" else ("points",))}
-            good = np.shape(points) == (_POINTS.get(kind, 2), 3) and set(one) <= known
-            good &= bool(np.all(np.isfinite(np.asarray(points, float))))
-            if kind == "cells":
-                good &= all(isinstance(one[key], _CELLS[key]) for key in _CELLS if key in one)
-                good &= "expr" in one and ("low" in one) == ("high" in one)
-                good &= not ("low" in one and "clip" in one)
-            good &= kind in (*_POINTS, "cells")
-        except (KeyError, TypeError, ValueError, AttributeError):
-            good = False
+    """Refuse what is no list of measures."""
+    for k, one in enumerate(measures if isinstance(measures, list) else [measures, None]):
+        good = isinstance(one, dict) and k < _MOST
+        if good and one.get("kind") == "cells":
+            corners = [one[side] for side in ("low", "high") if side in one]
+            texts = [one.get("expr"), one.get("where", ""), one.get("clip", "")]
+            good = all(isinstance(text, str) for text in texts)
+            good &= _are_points(corners or [[0, 0, 0]] * 2, 2) and not (corners and texts[2])
+        elif good:
+            good = _are_points(one.get("points"), _POINTS.get(one.get("kind"), 0))
         if not good:
             raise InputError(
                 f"measures.{k} must be a distance (two points), an angle (three) or cells (expr, "
-                f"and where, or low and high), got {one!r:.200}"
+                f"and where, or low and high), of {_MOST} at most; got {one!r:.200}"
             )
 
 
-def length_of(points: Any) -> float:
-    """Return the distance between two points."""
-    return float(np.linalg.norm(np.subtract(points[1], points[0])))
-
-
-def angle_of(points: Any) -> float:
-    """Return the angle at the second of three points, in degrees."""
-    one, other = np.subtract([points[0], points[2]], points[1])
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
+def _are_points(points: Any, count: int) -> bool:
+    try:
+        array = np.asarray(points, float)
+    except (TypeError, ValueError):
+        return False
+    return array.shape == (count, 3) and bool(np.all(np.isfinite(array)))
 
 
 def statistics(
@@ -156,37 +140,14 @@ def hidden_points(shot: Shot, points: Any, memory: Any) -> list[bool]:
     return hidden
 
 
-def marks_of(
-    measures: list[tuple[dict[str, Any], dict[str, Any]]], camera: Camera, volume: Volume
-) -> list[tuple[np.ndarray, str]]:
-    """Return lines, (n, 2) on the image plane, and their texts: of those in front of the camera.
-
-    Measures come with their `statistics`, if they are of cells.
-    """
+def marks_of(lines: Any, camera: Camera, volume: Volume) -> list[tuple[np.ndarray, str]]:
+    """Return lines in space and their texts as lines on the image plane, if none is behind it."""
     marks = []
-    for one, numbers in measures:
-        points = one["points"] if "points" in one else [numbers["point"]]
-        if "low" in one:
-            ends = np.array([one["low"], one["high"]])
-            points = [ends[[k & 1, k >> 1 & 1, k >> 2], range(3)] for k in _STROKE]
-        u, v, depth = camera.project(np.array(points, float).T, volume.grid)
+    for points, words in lines:
+        u, v, depth = camera.project(np.asarray(points, float).T, volume.grid)
         if camera.parallel or np.all(depth > 0):
-            words = _words(one, unit_name(volume.unit), numbers)
-            marks.append((np.stack([u, v], axis=1), words))
+            marks.append((np.stack([u, v], axis=1), str(words)[:_LONGEST]))
     return marks
-
-
-def _words(one: dict[str, Any], unit: str, numbers: dict[str, Any]) -> str:
-    if one["kind"] == "distance":
-        length = length_of(one["points"])
-        factor, name = readable(length, unit)
-        return with_unit(float(f"{length * factor:.4g}"), name)
-    if one["kind"] == "angle":
-        return f"{angle_of(one['points']):.1f}°"
-    if numbers["mean"] is None:
-        return str(one["expr"])
-    mean = with_unit(float(f"{numbers['mean']:.4g}"), numbers["mean_unit"])
-    return f"{one['expr']} {mean}"
 
 
 def shown_where(medium: Medium, volume: Volume) -> str:

@@ -7,7 +7,6 @@ threads of their own; ``progress`` tells how far a long one is.
 from __future__ import annotations
 
 import functools
-import json
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -229,7 +228,8 @@ def ask_measure(page: Client, message: Answer, progress: Progress) -> Answer:
         table = {**explorer.document.settings["medium"][int(medium)], "hidden": False}
         one = {**one, "where": shown_where(build_medium(shown({"medium": [table]})), volume)}
     progress(0, 1)  # cancelled while it waited
-    return {"where": one.get("where", ""), **_counted(page, one, progress)}
+    numbers = statistics(explorer.volume, one, _memory(page), progress)
+    return {"where": one.get("where", ""), **numbers}
 
 
 def ask_hidden(page: Client, message: Answer, progress: Progress) -> Answer:
@@ -332,7 +332,10 @@ QUESTIONS: dict[str, tuple[Callable[[Client, Answer, Progress], Answer], tuple[s
     "hidden": (ask_hidden, ("points",)),
     "suggest": (ask_suggest, ("name",)),
     "load": (ask_load, ("text",)),
-    "export": (ask_export, ("what", "width", "marks", "ground", "cameras", "frames")),
+    "export": (
+        ask_export,
+        ("what", "width", "marks", "ground", "measures", "cameras", "frames"),
+    ),
     "estimate": (ask_estimate, ("what", "marks", "ground", "path", "frames", "fps")),
     "film": (ask_film, ("path", "frames", "fps", "width", "what", "series", "marks", "ground")),
 }
@@ -351,17 +354,6 @@ def _memory(page: Client) -> Any:
     return explorer.document.settings["render"].get("memory") if chunks else None
 
 
-def _counted(page: Client, one: dict[str, Any], progress: Progress | bool) -> Answer:
-    """Return the statistics of a measure: what was counted before is not counted again."""
-    explorer = page.explorer
-    volume = explorer.volume
-    there = [volume.digest(name) for name in volume.fields if name not in volume.waiting]
-    key = explorer.index, json.dumps(one, sort_keys=True), *there
-    if key not in explorer.counted:
-        explorer.counted[key] = statistics(volume, one, _memory(page), progress)
-    return explorer.counted[key]
-
-
 def _preset(volume: Volume, name: Any) -> Medium:
     if name is None:
         return suggest_medium(volume)
@@ -373,16 +365,11 @@ def _preset(volume: Volume, name: Any) -> Medium:
 def _scene(page: Client, message: Answer) -> Scene:
     """Return what a page shows, in the size and dress that it asks for."""
     scene = page.explorer.scene(_pixels(page, message), page)
-    marks, volume = message.get("marks", ()), scene.volume()
+    marks = message.get("marks", ())
     scene = dressed(scene, marks, message.get("ground", "black"))
     if MEASURES in marks and "path" not in message:  # the camera of a film moves
-        shot, measures = page.explorer.shot(page, page.session.size), []
-        for one in page.explorer.document.settings["measures"]:
-            counted = _counted(page, one, False) if one["kind"] == "cells" else {}
-            if counted or not all(hidden_points(shot, one["points"], _memory(page))):
-                measures.append((one, counted))
-        drawn = marks_of(measures, scene.camera, volume)
-        scene.image_options["annotate"][MEASURES] = drawn
+        lines = marks_of(message.get("measures", []), scene.camera, scene.volume())
+        scene.image_options["annotate"][MEASURES] = lines
     return scene
 
 

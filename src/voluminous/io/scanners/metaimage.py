@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ..guard import by_library
 from ..payload import checked_shape
-from .placement import LPS, Placement, lattice, single_field, slabs, to_patient
+from .placement import LPS, Placement, lattice, single_field, slabs
 from .stored import StoredNumbers, data_files, header_lines
 from .voxels import TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
@@ -106,7 +106,7 @@ class MetaImageReader(VoxelReader):
         origin, steps = lattice(volume, "mm")
         widths = np.linalg.norm(steps, axis=1)
         types = {np.dtype(code): key for key, code in reversed(_TYPES.items())}
-        patient = to_patient(volume) is not None
+        patient = "orientation" in volume.meta
         header = {
             "ObjectType": "Image",
             "NDims": "3",

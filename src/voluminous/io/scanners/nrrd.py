@@ -15,16 +15,7 @@ from ..guard import by_library
 from ..payload import checked_shape
 from ..units import known_unit
 from .label_tables import segments
-from .placement import (
-    LPS,
-    Placement,
-    conversion,
-    lattice,
-    length_unit,
-    single_field,
-    slabs,
-    to_patient,
-)
+from .placement import LPS, Placement, conversion, lattice, length_unit, single_field, slabs
 from .stored import StoredNumbers, data_files, header_lines
 from .voxels import COLORS, TIMED, VECTOR, VoxelReader, Voxels, component_names, time_step
 
@@ -109,7 +100,7 @@ class NRRDReader(VoxelReader):
         values, (origin, steps) = volume.array(name), lattice(volume)
         unit = volume.grid.describe()["unit"]
         dtype = np.dtype(np.uint8 if values.dtype == np.bool_ else values.dtype)
-        patient = to_patient(volume) is not None
+        patient = "orientation" in volume.meta
         lines = [
             "NRRD0005",
             f"type: {_TYPES.get(dtype.str[1:], dtype.name)}",

@@ -169,19 +169,17 @@ def lattice(volume: Volume, unit: str = "") -> tuple[np.ndarray, np.ndarray]:
     first = bounds[:, 0] + widths / 2
     if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
         first = middle + direction @ (first - middle)
-    turn = np.eye(3) if (known := to_patient(volume)) is None else known
+    turn = to_patient(volume)
     return turn @ first, (turn @ direction).T * widths[:, None]
 
 
-def to_patient(volume: Volume) -> np.ndarray | None:
-    """Return the matrix from the volume's x, y and z to LPS; None if it does not say how it lies.
-
-    Its ``meta["orientation"]`` has the letters of +x, +y and +z, such as "RAS".
-    """
-    letters = str(volume.meta.get("orientation", "")).upper()
-    turn = [[(c == a) - (c == b) for c in letters] for a, b in zip(LPS, "RAI", strict=True)]
-    is_turn = len(letters) == 3 and abs(round(np.linalg.det(turn))) == 1
-    return np.array(turn, float) if is_turn else None
+def to_patient(volume: Volume) -> np.ndarray:
+    """Return the matrix to LPS from x, y and z, whose letters are in ``meta["orientation"]``."""
+    code = volume.meta.get("orientation", LPS)
+    turn = [[(c == a) - (c == b) for c in str(code)] for a, b in zip(LPS, "RAI", strict=True)]
+    if np.shape(turn) != (3, 3) or abs(round(np.linalg.det(turn))) != 1:
+        raise InputError(f"meta['orientation'] must be letters such as 'LPS', got {code!r}")
+    return np.array(turn, float)
 
 
 def direction_of(volume: Volume) -> np.ndarray:
