@@ -20,12 +20,14 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 import voluminous as vm
+from voluminous.calibration.labels import Labels
 from voluminous.levels import level_within
 from voluminous.scene.settings import loads
 from voluminous.store import FieldStore
 from voluminous.viewer import frames
 from voluminous.viewer.document import Document
 from voluminous.viewer.explorer import Explorer
+from voluminous.viewer.measures import shown_where
 from voluminous.viewer.painter import caught_warnings
 from voluminous.viewer.script import IN_MEMORY, keyframes_of, python_of, shortened
 from voluminous.viewer.session import QUIET, SIZES, Session
@@ -351,6 +353,36 @@ def test_measures_are_those_of_python(explorer, volume):
     assert told["distance"] == pytest.approx(1.3)
     assert told["angle"] == pytest.approx(45)
     assert told["cells"].means == vm.measure(volume, "a", "a > 0.5", clip=region).means
+
+
+NODES = [0.1, 0.3, 0.3, 0.5, 0.8, 0.9]
+HEIGHTS = [0.0, 1.0, 0.2, 0.6, 0.1, 0.7]
+
+
+@pytest.mark.parametrize(
+    ("medium", "shown"),
+    [
+        (vm.Gaussian("a", 0.6, 0.1, [1.0], 0.3), np.exp(-0.5 * ((VALUES - 0.6) / 0.1) ** 2) >= 0.5),
+        (vm.Rectangle("a", 0.6, 0.1, [1.0], 0.3, where="x > 0"), np.abs(VALUES - 0.6) <= 0.1),
+        (vm.Isosurface("a", [0.7, 0.4]), VALUES >= 0.4),
+        (vm.Table("a", NODES, [[1.0]] * 6, HEIGHTS), np.interp(VALUES, NODES, HEIGHTS) >= 0.5),
+        (vm.Table("a", NODES, HEIGHTS, [0.0] * 6), np.interp(VALUES, NODES, HEIGHTS) >= 0.5),
+        (vm.Colormap("a", "viridis", opacity=lambda place: 1 - place), None),
+        (vm.Coefficients("a", "a**2"), 0.5 * VALUES.max() ** 2 <= VALUES**2),
+        (Labels("n", [1, 2, 3], visible=[True, False, True]), np.abs(np.rint(4 * VALUES) - 2) == 1),
+    ],
+)
+def test_a_medium_shows_the_cells_at_half_of_its_maximum(volume, medium, shown):
+    volume["n"] = np.rint(4 * VALUES)
+    found = volume.evaluate(shown_where(medium, volume)) != 0
+    if medium.describe().get("where"):
+        shown = shown & (GRID.cell_centers()[0].reshape(shown.shape) > 0)
+    if shown is None:  # opacity falls from 1 to 0 over the range that is measured
+        full = medium.calibrated(volume).range
+        shown = np.interp(VALUES, full.values, 1 - full.position) >= 0.5
+    # Numbers of the condition have six digits: no value of a cell is that near to a limit.
+    assert 0 < np.count_nonzero(found) < found.size
+    np.testing.assert_array_equal(found, shown)
 
 
 def test_what_is_no_measure_is_refused(explorer):

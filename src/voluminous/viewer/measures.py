@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..calibration.labels import Labels
 from ..cameras import Camera
 from ..errors import InputError
 from ..expressions import Expression
@@ -154,14 +155,18 @@ def shown_where(medium: Medium, volume: Volume) -> str:
     """Return the condition on cells that a medium shows: half of its maximum, or inside a surface.
 
     That is where the extinction is at least half of its largest value (of a medium that takes away
-    nothing, the emissivity); inside an isosurface is where x is at least the lowest level. The
-    empty string stands for all cells.
+    nothing, the emissivity); inside an isosurface is where x is at least the lowest level; labels
+    show those that are visible. The empty string stands for all cells.
 
     Raises
     ------
     InputError
         If this kind of medium has no such condition.
     """
+    if isinstance(medium, Labels):
+        table = medium.describe()
+        seen = [n for n, on in zip(medium.numbers, table["visible"], strict=True) if on]
+        return " or ".join(f"{medium.expr.text} == {n}" for n in seen) or "false"
     if isinstance(medium, Colormap) and medium.range.is_open:
         medium = medium.calibrated(volume)
     if isinstance(medium, (Gaussian, Rectangle)):
