@@ -60,7 +60,7 @@ def press(view, page, key):
     page.keyboard.press(key)
     until(page, lambda: settings(view)["camera"] != before)
     session = view._explorer._clients[-1].session
-    until(page, lambda: session.exact and session.shown >= session.wanted)
+    until(page, lambda: session.is_exact and session.shown >= session.wanted)
     page.wait_for_selector(REST, state="attached")
     page.wait_for_timeout(200)
 
