@@ -222,3 +222,13 @@ def test_numbered_files_are_a_series_and_others_are_not(tmp_path):
     assert len(series("ts_0.npz", over=str(tmp_path / "ts_*.npz"))[0]) == 3
     with pytest.raises(vm.InputError, match="there are no files"):
         series("ts_0.npz", over="none_*.npz")
+
+
+def test_labels_larger_than_memory_are_drawn_cell_by_cell(tmp_path):
+    organs().save(tmp_path / "organ.zarr", chunks=8)
+    volume = vm.open(tmp_path / "organ.zarr")
+    medium = vm.Labels("organ", [1, 9], colors=COLORS[:2], path_length=4, shading=0)
+    image = vm.render(volume, medium, ACROSS, memory="1 MiB")
+    assert image.provenance["scheme"] == "first-order"
+    whole = vm.render(organs(), medium, ACROSS, scheme="first-order")
+    np.testing.assert_allclose(image.intensity, whole.intensity, atol=1e-6)

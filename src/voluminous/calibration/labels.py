@@ -33,6 +33,8 @@ _SAME = 0.5
 _OPAQUE = 100.0
 # The ratio keeps hues of neighbouring numbers apart.
 _GOLDEN = 0.5 * (5**0.5 - 1)
+# Bytes of a file up to which fields are read as wholes.
+_WHOLE = 256 << 20
 # Part of the longest side of a volume to which opacities refer.
 _PART = 1 / 20
 # Fixed in space: light from the camera would need a field of all cells for each direction.
@@ -184,13 +186,15 @@ def labelled(volume: Volume, expr: Expression, numbers: list[int], **overrides: 
     entries = {n: {"color": c} for n, c in zip(numbers, label_colors(numbers), strict=True)}
     for entry in table:
         entries.get(int(entry["number"]), {}).update(entry)
-    made = {
+    made: dict[str, Any] = {
         "labels": [str(entry.get("name") or number) for number, entry in entries.items()],
         "colors": [entry["color"] for entry in entries.values()],
         "opacities": [float(entry.get("opacity", 1.0)) for entry in entries.values()],
         "visible": [bool(entry.get("visible", True)) for entry in entries.values()],
         "path_length": float(f"{_PART * np.ptp(volume.grid.bounds, axis=1).max():.4g}"),
     }
+    # Gradients are of whole fields, which drawing chunk by chunk does not read.
+    made |= {"shading": 0.0} if volume.bytes_waiting > _WHOLE else {}
     return Labels(expr, numbers, **{**made, **overrides})
 
 

@@ -196,9 +196,10 @@ def _next_steps(data: DataFile, field: FieldInfo, volume: Volume) -> Iterator[st
     angles = {key: a for key, a in view_angles(volume.meta).items() if a or key != "posang"}
     sections: dict[str, Any] = {
         "volume": data.section(fields),
-        "medium": [_rounded_shell(part, volume) for part in medium.components()]
-        if not medium.discrete
-        else medium,
+        "medium": [
+            part.describe() if medium.discrete else _rounded_shell(part, volume)
+            for part in medium.components()
+        ],
         "camera": {**angles, "resolution": PIXELS},
     }
     yield "As a scene, to be changed (save it as scene.toml; then: voluminous render scene.toml):"

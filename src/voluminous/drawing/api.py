@@ -99,9 +99,9 @@ def render(
     Accuracy
     --------
     scheme : {"post-classified", "pre-integrated", "second-order", "first-order", "olson-kunasz"}
-        How one segment is solved; see the page on schemes. By default the first; label fields
-        (media from `suggest_medium`) default to ``"first-order"``, because labels must not be
-        interpolated.
+        How one segment is solved; see the page on schemes. By default the first; labels
+        default to ``"second-order"``, or chunk by chunk to ``"first-order"``, because their
+        numbers must not be interpolated.
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest;
         of a spectrum (`Coefficients`, functions), of the brightest in each channel.

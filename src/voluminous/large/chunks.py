@@ -78,6 +78,7 @@ class CartesianChunks(Partition):
     """
 
     volume: VolumeView
+    labels = "first-order"
     # Tasks of a picture that several processes draw: one of Dask takes 2 ms.
     most_tasks = 200
 

@@ -158,7 +158,7 @@ def plan(
     check_drawn(volume, medium, options.get("bounds"))
     partition = CartesianChunks(_Sketch.of(volume), memory)
     if scheme is None:
-        scheme = "second-order" if medium.discrete else "post-classified"
+        scheme = CartesianChunks.labels if medium.discrete else "post-classified"
     check_tolerance(tolerance)
     check_antialias(samples, None, camera)
     solver = get_scheme(scheme, controlled=tolerance is not None)

@@ -43,6 +43,7 @@ class Partition:
     """
 
     volume: Volume
+    labels = "second-order"  # default scheme of numbers that must not be interpolated
 
     def __init__(self, volume: Volume) -> None:
         self.volume = volume

@@ -96,12 +96,12 @@ def prepare_rays(
 ) -> tuple[RayJob, dict[str, int]]:
     """Return what rays from anywhere need, see `prepare`; with ``los(...)`` there is a camera."""
     scheme, tolerance, precision = options.scheme, options.tolerance, options.precision
-    if scheme is None:  # labels must not be interpolated
-        scheme = "second-order" if medium.discrete else "post-classified"
+    partition = Partition(volume) if partition is None else partition
+    if scheme is None:
+        scheme = partition.labels if medium.discrete else "post-classified"
     solver = get_scheme(scheme, controlled=tolerance is not None)
     by_field = solver.coefficients_at == "field"
     check_walk(solver, volume.grid)
-    partition = Partition(volume) if partition is None else partition
     volume = partition.seen_by(camera, medium, solver)
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)

@@ -100,6 +100,8 @@ class Explorer:
         if isinstance(rest.get("background"), str):
             rest.pop("background")
             warnings.warn("the explorer shows no picture as background", stacklevel=2)
+        parts: list[Any] = [part for part in medium.components() if part.discrete]
+        labels = {"labels": parts[0].expr.text} if parts else {}
         self.document = Document(
             {
                 "volume": others.get("volume") or self._source(),
@@ -110,7 +112,7 @@ class Explorer:
                 "image": dict(others.get("image", {})),
                 "bookmarks": list(others.get("bookmarks", [])),
                 "measures": list(others.get("measures", [])),
-                "slices": dict(others.get("slices", {})),
+                "slices": {**labels, **others.get("slices", {})},
             },
             check_medium=self._check,
         )
