@@ -186,3 +186,21 @@ def test_view_prints_its_address_and_ends_with_ctrl_c(scene, how):
         if how == ["--socket"]:
             folder = re.search(r"-L 8080:(\S+)/view\.sock", text)[1]
             assert not os.path.exists(folder)
+
+
+def test_view_of_what_cannot_be_opened(tmp_path, capsys):
+    """No address for what nothing can read; of other files the page is told what is wrong, too."""
+    pytest.importorskip("uvicorn")
+    (tmp_path / "words.txt").write_text("no volume")
+    for name in ("missing.npy", "words.txt"):
+        assert main(["view", str(tmp_path / name), "--no-browser"]) == 2
+        out, err = capsys.readouterr()
+        assert "#token=" not in out
+        assert name in err
+    np.save(tmp_path / "short.npy", np.zeros((8, 8, 8)))
+    content = (tmp_path / "short.npy").read_bytes()
+    (tmp_path / "short.npy").write_bytes(content[:-100])
+    assert main(["view", str(tmp_path / "short.npy"), "--no-browser"]) == 2
+    out, err = capsys.readouterr()
+    assert "#token=" in out
+    assert "short.npy" in err

@@ -28,7 +28,7 @@ from voluminous.viewer import frames
 from voluminous.viewer.document import Document
 from voluminous.viewer.explorer import Explorer
 from voluminous.viewer.measures import shown_where
-from voluminous.viewer.painter import caught_warnings
+from voluminous.viewer.painter import caught_warnings, sampled
 from voluminous.viewer.script import IN_MEMORY, keyframes_of, python_of, shortened
 from voluminous.viewer.session import QUIET, SIZES, Session
 from voluminous.viewer.share import tables_of
@@ -126,6 +126,17 @@ def test_a_gesture_is_one_entry():
     assert document.labels[0] == ["centre", "centre"]
 
 
+def test_what_pages_do_themselves_makes_no_frame_old():
+    document = make_document()
+    document.apply([("image.exposure", 2.0)])
+    document.apply([("bookmarks", [])])
+    assert (document.revision, document.painted) == (2, 0)
+    document.apply([("image.exposure", 1.0), ("medium.0.opacity", 0.5)])
+    assert document.painted == document.revision == 3
+    document.undo()
+    assert document.painted == document.revision == 4
+
+
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
@@ -217,6 +228,22 @@ def test_a_slow_kernel_makes_previews_small_and_a_fast_one_large():
         session.sent(k, k, 0.1 * k, 0.001, preview=True)
         session.seen(k, 0.1 * k + 0.001)
     assert session.preview_size == (800, 600)
+
+
+def test_a_full_picture_is_exact_only_of_the_newest_wish():
+    """Also if the wish came while the last pixels were drawn."""
+    session = Session({})
+    session.want(0.0)
+    session.sent(1, 1, 0.1, 0.02, preview=True)
+    session.want(1.0)
+    session.sent(2, 1, 1.0, 0.5, preview=False, full=True)
+    assert not session.is_exact
+    session.seen(2, 1.1)
+    assert session.wants_preview(2.0)
+    session.sent(3, 2, 2.0, 0.02, preview=True)
+    assert session.wants_rest(3.0)
+    session.sent(4, 2, 3.0, 0.5, preview=False, full=True)
+    assert session.is_exact
 
 
 def test_more_frames_fly_where_the_way_is_long():
@@ -897,6 +924,9 @@ def test_a_series_in_time(volume, tmp_path):
     last = page.put("time", index=2)
     page.wait(lambda m: m["kind"] == "frame" and m["exact"] and m["revision"] >= 1)
     assert explorer.document.settings["volume"]["path"].endswith("2.npz")
+    told, _ = page.wait(lambda m: m["kind"] == "volume")
+    assert told["volume"]["name"] == "2.npz"
+    assert told["volume"]["fields"][0]["max"] == pytest.approx(0.8 * VALUES.max())
     page.put("time", index=7)
     page.wait(lambda m: m["kind"] == "notice" and "no file 7" in m["text"])
     explorer.close()
@@ -1070,6 +1100,96 @@ def test_the_copied_code_is_short_and_draws_the_same_picture(tmp_path, monkeypat
     exec(f"import voluminous as vm\n{code}", scope)
     assert max(map(len, code.splitlines())) <= 88
     assert [len(scope["cameras"]), scope["cameras"][10].phi] == [21, pytest.approx(35)]
+
+
+# --- large volumes, of which a sample is at hand -------------------------------------------------
+
+
+def test_a_sample_is_every_kth_cell_between_the_same_walls(tmp_path):
+    """Read in slabs, or taken from an array; of an odd number of cells, too."""
+    rng = np.random.default_rng(1)
+    values = rng.integers(0, 5, (35, 33, 30))  # labels stay labels
+    np.save(tmp_path / "a.npy", values.astype(np.uint8))
+    unread = vm.io.registry.open_lazily(tmp_path / "a.npy")
+    read = vm.open(tmp_path / "a.npy")
+    for step, first in ((2, (0, 0, 0)), (3, (1, 1, 1)), (4, (1, 0, 1))):
+        most = np.prod([-(-n // step) for n in values.shape])
+        samples = [sampled(volume, int(most)) for volume in (unread, read)]
+        assert all(sample.meta["every"] == step for sample in samples)
+        wanted = values[tuple(slice(k, None, step) for k in first)]
+        for sample in samples:
+            np.testing.assert_array_equal(sample.array("a"), wanted)
+            np.testing.assert_array_equal(sample.grid.bounds, read.grid.bounds)
+    assert unread.waiting == ("a",)
+    assert sampled(read, values.size) is read
+    assert sampled(read, 9000) is sampled(read, 9000)
+
+
+@pytest.fixture
+def sampling(tmp_path, monkeypatch):
+    """Return a file of 32³ cells of which 16³ are at hand."""
+    monkeypatch.setattr("voluminous.viewer.painter._AT_HAND", 16**3)
+    axis = (np.arange(32) - 15) / 16  # the highest is in no sample
+    values = np.exp(-sum(np.meshgrid(axis**2, axis**2, axis**2, indexing="ij")))
+    np.save(tmp_path / "a.npy", values.astype(np.float32))
+    return tmp_path / "a.npy"
+
+
+def test_a_large_volume_turns_at_once_and_is_drawn_whole_at_rest(sampling):
+    """Every 2nd cell; all, without error control; all, to the tolerance."""
+    volume = vm.io.registry.open_lazily(sampling)
+    explorer = Explorer(volume, SHELL, CAMERA)
+    page = Page(explorer)
+    exact, payload = page.exact(0)
+    known, _ = page.wait(lambda m: m["kind"] == "volume")
+    images = [(m, data) for m, data in page.messages if m["kind"] == "frame" and m["scale"] == 1]
+    stages = [(m["every"], m["done"], m["exact"], m["codec"]) for m, _ in images]
+    assert stages[:2] == [(2, 0.0, False, "float16"), (1, 0.0, False, "float16")]
+    assert stages[-1] == (1, 1.0, True, "float16")
+    welcome, _ = page.wait(lambda m: m["kind"] == "welcome")
+    array = volume.array("a")
+    assert welcome["volume"]["fields"][0]["max"] < known["volume"]["fields"][0]["max"]
+    assert known["volume"]["fields"][0]["max"] == pytest.approx(array.max())
+    # Each is the picture that Python draws, in the end the one of the default tolerance.
+    camera, sample = CAMERA.replace(resolution=(48, 40)), sampled(volume, 16**3)
+    wanted = [
+        vm.render(sample, SHELL, camera, tolerance=None),
+        vm.render(volume, SHELL, camera, tolerance=None),
+        vm.render(volume, SHELL, camera),
+    ]
+    for (head, data), image in zip([*images[:2], (exact, payload)], wanted, strict=True):
+        top = image.intensity.max()
+        picture = frames.from_float16(head, data)
+        # A sample is crossed in steps of one cell, which its own picture need not be.
+        np.testing.assert_allclose(picture, image.intensity, atol=2e-3 * top, rtol=2.0**-11)
+    assert exact["error"] <= 1e-3
+    # From now on all cells are quick to draw.
+    page.exact(page.put("look", camera={**exact["camera"], "phi": 40.0}, moving=False))
+    assert page.messages[-1][0]["every"] == 1
+    assert all(m["every"] == 1 for m, _ in page.messages if m.get("camera", {}).get("phi") == 40.0)
+    explorer.close()
+
+
+def test_previews_do_not_wait_for_a_full_picture(explorer, monkeypatch):
+    """Which reads, and measures, for seconds in calls that nothing interrupts."""
+    held, free = threading.Event(), threading.Event()
+    level = explorer.painter._level
+
+    def slow(*args):
+        held.set()
+        assert free.wait(60)
+        return level(*args)
+
+    monkeypatch.setattr(explorer.painter, "_level", slow)
+    page = Page(explorer)
+    assert held.wait(60)
+    camera = {**explorer.document.settings["camera"], "phi": 77.0}
+    last = page.put("look", camera=camera, moving=True)
+    frame, _ = page.wait(lambda m: m["kind"] == "frame" and m["n"] == last)
+    assert not frame["exact"]
+    free.set()
+    last = page.put("look", camera=camera, moving=False)
+    assert page.exact(last)[0]["camera"]["phi"] == 77.0
 
 
 # --- files that are larger than memory, of which there are coarser levels -------------------------

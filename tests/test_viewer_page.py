@@ -530,3 +530,29 @@ def test_a_widget_moves_the_same_messages():
     assert sent[0][0]["kind"] == "welcome"
     assert "text/html" in view._repr_mimebundle_() or view._repr_mimebundle_()
     view.close()
+
+
+def test_a_page_that_comes_early_waits_for_the_explorer(server):
+    early = Server(name="large.npy")
+    early.start()
+    with connect(early) as page:
+        assert json.loads(page.recv(10)) == {"kind": "opening", "name": "large.npy"}
+        page.send(json.dumps({"kind": "hello", "protocol": 1, "size": [8, 8], "scale": 1}))
+        with pytest.raises(TimeoutError):
+            page.recv(0.2)
+        early.show(server.explorer)
+        assert json.loads(page.recv(10))["kind"] == "welcome"
+    early.close()
+
+
+def test_a_page_is_told_why_there_is_nothing_to_see():
+    early = Server()
+    early.start()
+    with connect(early) as page:
+        page.recv(10)
+        early.refuse(vm.InputError("a.npy is cut short"), 10.0)
+        notice = json.loads(page.recv(10))
+        assert (notice["level"], notice["text"]) == ("error", "a.npy is cut short")
+        with pytest.raises(exceptions.ConnectionClosed):
+            page.recv(10)
+    early.close()

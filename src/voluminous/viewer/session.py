@@ -51,7 +51,7 @@ class Session:
     size: tuple[int, int] = (400, 400)
     wanted: int = 0
     shown: int = 0
-    rested: int = -1
+    rested: int = 0
     input: int = 0
     moving: bool = False
     visible: bool = True
