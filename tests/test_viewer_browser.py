@@ -128,6 +128,45 @@ def test_the_page_shows_the_picture_and_breaks_no_rule(browser):
     tab.close()
 
 
+def test_exact_is_only_what_shows_the_newest_document(tab, monkeypatch):
+    """Nothing is painted for a while: the old picture stays, and its badge does not say exact."""
+    badge, root = tab.page.locator(".vlm-badge"), tab.page.locator(".vlm")
+    client = tab.explorer._clients[-1]
+
+    def states():
+        tab.page.wait_for_timeout(300)
+        return badge.get_attribute("data-state"), root.get_attribute("data-exact")
+
+    assert badge.inner_text().startswith("exact, error ≤ 0.")
+    with monkeypatch.context() as held:
+        held.setattr(tab.explorer.painter, "_pages", list)
+        client.change([("image.exposure", 2.0)], "exposure")  # which is the page's
+        assert states() == ("exact", "true")
+        client.change([("medium.0.opacity", 0.77)], "opacity")  # of another page
+        assert states() == ("preview", "false")
+        assert badge.inner_text() == "drawing …"
+    tab.rest()
+    assert states() == ("exact", "true")
+    with monkeypatch.context() as held:
+        held.setattr(tab.explorer.painter, "_pages", list)
+        tab.press("ArrowLeft")
+        assert states() == ("preview", "false")
+    tab.rest()
+    # The title is that of the file that is shown.
+    told = {**tab.explorer.describe(), "name": "step_2.npz"}
+    client.send({"kind": "volume", "volume": told})
+    tab.page.wait_for_timeout(100)
+    assert tab.page.locator("h1").inner_text() == "step_2.npz"
+    # A sample of a large volume is named as such.
+    frame = {"scale": 0.5, "done": 0.0, "every": 2, "exact": False}
+    sent = []
+    monkeypatch.setattr(client, "_send", lambda m, p, go=client._send: go(m | frame, p))
+    monkeypatch.setattr(type(client), "drew", lambda *_: sent.append(1))
+    tab.press("ArrowLeft")
+    tab.page.wait_for_timeout(1000)
+    assert badge.inner_text() == "½ preview of every 2nd cell"
+
+
 def test_pixels_at_rest_are_those_of_python(tab):
     tab.shows(tab.image(), 2.0)
 
