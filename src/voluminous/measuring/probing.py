@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..backend import dr, from_host
+from ..backend.functions import loop
 from ..errors import InputError
 from ..expressions import Expression, NumpyOps
 from ..grids.arguments import on_grid
@@ -34,13 +35,13 @@ from ..schemes.base import (
     Scanner,
     Scheme,
     Skipping,
+    Solution,
     interpolated_at,
     is_controlled,
-    solve_whole,
 )
 from ..schemes.channels import Channels
 from ..schemes.channels import before as before_background
-from ..schemes.path import Path
+from ..schemes.path import Path, empty_path, over
 from ..units import Unit, parse_unit, plain, unit_name
 from .cells import CellQuantity
 from .probe_result import Points, Probe
@@ -184,6 +185,27 @@ def _place(pixel: Any, at: Any, frame: Frame, unit: Unit) -> _Place:
     nearest = np.clip(np.floor(x + 0.5), 0, count - 1).astype(int)
     (ix, iy), (dx, dy), (u, v) = nearest.tolist(), (x - nearest).tolist(), point.tolist()
     return _Place((ix, iy), (dx, dy), (u, v))
+
+
+def solve_whole(
+    scheme: Scheme, segment: Segment, source: Any, carried: list[Any]
+) -> tuple[Solution, list[Any]]:
+    """Return the solution of all of a segment, whether or not a scheme solves it in parts."""
+    if not is_controlled(scheme):
+        return scheme.solve(segment, source, carried)
+
+    def unsolved(path: Path, carried: list[Any], left: Mask) -> Mask:
+        return left
+
+    def part(path: Path, carried: list[Any], left: Mask) -> tuple[Path, list[Any], Mask]:
+        solution, carried = scheme.solve(segment, source, carried)
+        return over(path, solution), carried, segment.unsolved
+
+    channels = source.channels
+    nothing = empty_path(source.backend.Float, channels.emissions, channels.extinctions, 3)
+    path, carried, _ = loop((nothing, carried, segment.active), unsolved, part, label="panels")
+    segment.unsolved = False
+    return path, carried
 
 
 class _Recorder(Around[Any], Scanner[Any]):

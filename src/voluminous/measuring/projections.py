@@ -20,19 +20,11 @@ from ..rendering.options import RenderOptions, refuse_unusable
 from ..rendering.run import make_tracer
 from ..rendering.tracer import exhausted
 from ..schemes import get_scheme
-from ..schemes.base import (
-    Around,
-    CellSource,
-    Position,
-    Scanner,
-    Scheme,
-    Source,
-    Steps,
-    solve_whole,
-)
+from ..schemes.base import Around, CellSource, Position, Scanner, Scheme, Source, Steps
 from ..schemes.path import Path
 from .cells import CellQuantity, check_volume, converted, undefined_as_missing
 from .columns import Slab, as_map, column, distance, lines_of_sight
+from .probing import solve_whole
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, Protocol
 
 from ..backend import Backend
-from ..backend.functions import branch, loop
+from ..backend.functions import branch
 from ..backend.types import Float, Mask
 from ..grids.contract import Corners, Cursor, Segment, Track
 from .channels import Channels, Tolerance
-from .path import Path, empty_path, last_argument, over
+from .path import Path, last_argument
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -234,27 +234,6 @@ def innermost(scheme: Scheme) -> Scheme:
 def is_controlled(scheme: Scheme) -> bool:
     """Return whether a scheme keeps to a tolerance and estimates its error (`Path.error`)."""
     return isinstance(scheme, FieldScheme) and scheme.controlled
-
-
-def solve_whole(
-    scheme: Scheme, segment: Segment, source: Any, carried: list[Any]
-) -> tuple[Solution, list[Any]]:
-    """Return the solution of all of a segment, whether or not a scheme solves it in parts."""
-    if not is_controlled(scheme):
-        return scheme.solve(segment, source, carried)
-
-    def unsolved(path: Path, carried: list[Any], left: Mask) -> Mask:
-        return left
-
-    def part(path: Path, carried: list[Any], left: Mask) -> tuple[Path, list[Any], Mask]:
-        solution, carried = scheme.solve(segment, source, carried)
-        return over(path, solution), carried, segment.unsolved
-
-    channels = source.channels
-    nothing = empty_path(source.backend.Float, channels.emissions, channels.extinctions, 3)
-    path, carried, _ = loop((nothing, carried, segment.active), unsolved, part, label="panels")
-    segment.unsolved = False
-    return path, carried
 
 
 class Around(Scheme[S]):

@@ -20,7 +20,7 @@ from ..backend.types import Float, Mask
 from ..grids.contract import Segment
 from ..media.jumps import first_jump, jumps_ahead
 from ..media.panel import PLACES
-from .base import FieldScheme, FieldSource, Node, Position, Solution
+from .base import Fields, FieldScheme, FieldSource, Node, Position, Solution
 from .path import Path, PathError, empty_path, last_argument, layer, most, over
 from .pre_integrated import begin_values
 from .step_doubling import Limits, solve_with_error
@@ -37,8 +37,8 @@ _NOT_FINITE = 2.0**-4
 # A panel ends this far behind a jump, as a fraction of the segment: more than its rounding error.
 # With 2^-16 in single precision shells behind gates had errors of up to 1e-4 of the maximum.
 _BEHIND = {"single": 2.0**-20, "double": 2.0**-32}
-# After a panel whose error is below this part of its limit the next is twice as wide; one whose error
-# is beyond it by this factor is divided by four (shaded CT: 0.94 of the time of halves and doubles).
+# The next panel is twice as wide if the error is below this part of its limit; a quarter of one is
+# next whose error is beyond it by this factor (shaded CT: 0.94 of the time of doubles and halves).
 _EASILY, _FAR = 1 / 16, 32.0
 # A panel may have at least this part of a segment's error.
 _LEAST_PART = 0.25
@@ -91,34 +91,28 @@ class PostClassified(FieldScheme):
         at 1e-3: 2.08 s instead of 1.24).
         """
         *scalars, through, begin, width = carried
-        ray = _Ray(self, source, segment)
-        places = [begin, *(dr.fma(width, s, begin) for s in PLACES[1:-1]), begin + width]
-        nodes = [ray.fields.node(s, culling_only=True) for s in places]
+        ray = _Ray(self, source, source.along(segment), begin)
+        nodes = [ray.fields.node(s, culling_only=True) for s in ray.places(width)]
         nodes[0] = nodes[0][0], begin_values(segment, ray.fields, scalars, begin)
-        culled = ray.fields.panel(nodes, begin, width, culling_only=True)
-        visible, _ = ray.bound.visible(culled)
         channels, tolerance = source.channels, source.tolerance
+        culled = ray.fields.panel(nodes, begin, width, culling_only=True)
+        visible, _ = channels.bound.visible(culled)
         nothing = empty_path(source.backend.Float, channels.emissions, channels.extinctions, 3)
         through = dr.detach(through)  # what is accepted has no derivative
         clearest = most(through)
         behind = 1.0 / dr.select(clearest > 1e-6, clearest, 1e-6)
         limits = Limits(tolerance.emission * behind, tolerance.transparency * behind, through)
         values = [scalars for _, scalars in nodes]
-        visible &= segment.active
-        tried = _Tried(width, values[-1], ~(visible & False), nothing, type(width)(2.0))
+        active = segment.active
+        tried = _Tried(width, values[-1], active | True, nothing, type(width)(2.0))
         tried = branch(
-            args=(begin, values, limits, tried),
-            cond=visible,
-            true_fn=functools.partial(_solved, ray),
-            false_fn=last_argument,
+            (values, limits, tried), visible & active, functools.partial(_tried, ray), last_argument
         )
-        good, path = tried.good, tried.path
-        segment.unsolved = segment.active & ~(good & (begin + tried.width >= 1.0))
+        good, path, end = tried.good, tried.path, begin + tried.width
+        segment.unsolved = active & ~(good & (end >= 1.0))
         through = [a * b for a, b in zip(through, path.transparency, strict=True)]
-        after = [
-            dr.select(segment.active & good, value, before)
-            for value, before in zip(tried.last, values[0], strict=True)
-        ]
+        pairs = zip(tried.last, values[0], strict=True)
+        after = [dr.select(active & good, value, before) for value, before in pairs]
         begin, width = next_panel(good, begin, tried.width, width, tried.step)
         begin = dr.select(segment.unsolved, begin, 0.0)
         return path, [*after, through, begin, dr.select(segment.unsolved, width, 1.0)]
@@ -126,7 +120,10 @@ class PostClassified(FieldScheme):
 
 @dataclass
 class _Tried:
-    """A panel that was tried: its width, its last scalars, and its path where it is `good`."""
+    """A panel that was tried: its width, its last scalars, and its path where it is `good`.
+
+    `step` is a factor on the width, for the next one.
+    """
 
     width: Float
     last: list[Float]
@@ -135,83 +132,68 @@ class _Tried:
     step: Float
 
 
+@dataclass
 class _Ray:
-    """A segment of a ray while it is solved."""
+    """Where a ray is in a segment, while the panel that begins there is solved."""
 
-    def __init__(self, scheme: PostClassified, source: FieldSource, segment: Segment) -> None:
-        self.scheme, self.source, self.segment = scheme, source, segment
-        self.fields, self.surfaces = source.along(segment), source.channels.surfaces
-        self.bound = source.channels.bound
-        self.jumps = source.channels.jumps
+    scheme: PostClassified
+    source: FieldSource
+    fields: Fields
+    begin: Float
 
-    def inside(self, s: Float) -> dict[str, Float]:
-        """Return the fields at a place, if panels need them."""
-        return self.fields.at(s) if self.fields.looks_inside else {}
-
-    def solved(
-        self, begin: Float, width: Float, nodes: list[Node], limits: Limits
-    ) -> tuple[Path, Mask]:
-        """Return the solution of a panel without a jump inside, and where it may miss something.
-
-        From five nodes.
-        """
-        panel = self.fields.panel(nodes, begin, width)
-        panel.without_jumps = bool(self.jumps)
-        _, unresolved = self.bound.visible(panel)
-        return solve_with_error(self.source, panel, limits.seen()), unresolved
+    def places(self, width: Float) -> list[Float]:
+        """Return the five places of a panel."""
+        inner = (dr.fma(width, s, self.begin) for s in PLACES[1:-1])
+        return [self.begin, *inner, self.begin + width]
 
 
-def _solved(
-    ray: _Ray, begin: Float, values: list[list[Float]], limits: Limits, tried: _Tried
-) -> _Tried:
+def _tried(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tried) -> _Tried:
     with ray.scheme.recording():
-        found = _in_detail(ray, begin, values, limits, tried)
+        found = _in_detail(ray, values, limits, tried)
     ray.scheme.accepted(found.path, found.good)
     found.path = dr.select(found.good, found.path, tried.path)
     return found
 
 
-def _in_detail(
-    ray: _Ray, begin: Float, values: list[list[Float]], limits: Limits, tried: _Tried
-) -> _Tried:
+def _in_detail(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tried) -> _Tried:
     """Return a panel, up to the first jump of the medium, and where it is accurate enough."""
-    fields, surface_only, width = ray.fields, all(ray.surfaces), tried.width
-
-    def places(width: Float) -> list[Float]:
-        return [begin, *(dr.fma(width, s, begin) for s in PLACES[1:-1]), begin + width]
-
-    if records(ray.segment.length):  # scalars that were computed outside have no derivatives
-        values = [fields.scalars(s) for s in places(width)]
-    nodes = [(ray.inside(s), own) for s, own in zip(places(width), values, strict=True)]
+    fields, begin, width, channels = ray.fields, ray.begin, tried.width, ray.source.channels
+    surface_only, jumps = all(channels.surfaces), channels.jumps
+    if records(width):  # scalars that were computed outside have no derivatives
+        values = [fields.scalars(s) for s in ray.places(width)]
+    nodes = [(fields.node(s)[0], own) for s, own in zip(ray.places(width), values, strict=True)]
     passed = uncounted = begin < 0.0
-    if ray.jumps:
+    if jumps:
         trial = fields.panel(nodes[::2], begin, width)
-        count, uncounted = jumps_ahead(trial, ray.jumps)
+        count, uncounted = jumps_ahead(trial, jumps)
         passed = count > 0
         # A surface without width that is alone in a panel need not be at its end.
         several = count > (1 if surface_only else 0)
 
         def cut(width: Float, nodes: list[Node]) -> tuple[Float, list[Node]]:
             behind = _BEHIND[precision_of(type(width))]
-            cut = dr.fma(first_jump(trial, ray.jumps), width, behind)
-            width = dr.select(cut < width, cut, width)
-            return width, [nodes[0], *map(fields.node, places(width)[1:])]
+            cut = dr.fma(first_jump(trial, jumps), width, behind)
+            width = dr.select(several & (cut < width), cut, width)
+            return width, [nodes[0], *map(fields.node, ray.places(width)[1:])]
 
         width, nodes = branch((width, nodes), several, cut, _as_they_are)
-    least, more, less = width <= _NARROWEST, type(width)(2.0), type(width)(0.5)
+    real, least = type(width), width <= _NARROWEST
+    more, less = real(2.0), real(0.5)
     if surface_only:
         solved, good = tried.path, ~uncounted | least
     else:
-        solved, unresolved = ray.solved(begin, width, nodes, limits)
-        part = dr.select(width > _LEAST_PART, width, _LEAST_PART)
-        limits = limits.times(part)
-        more = dr.select(limits.times(_EASILY).accept(solved), more, 2.0 * less)
-        less = dr.select(limits.times(_FAR).accept(solved), less, 0.5 * less)
+        panel = fields.panel(nodes, begin, width)
+        panel.without_jumps = bool(jumps)
+        _, unresolved = channels.bound.visible(panel)
+        solved = solve_with_error(ray.source, panel, limits.seen())
+        limits = limits.times(dr.select(width > _LEAST_PART, width, _LEAST_PART))
+        more = dr.select(limits.times(_EASILY).accept(solved), more, real(1.0))
+        less = dr.select(limits.times(_FAR).accept(solved), less, real(0.25))
         good = (limits.accept(solved) & ~unresolved & ~uncounted) | least
         error = PathError(*solved.error)
         good |= dr.isnan(error.emission + error.transparency) & (width <= _NOT_FINITE)
     panel = fields.panel(nodes[::2], begin, width)
-    panel.without_jumps = bool(ray.jumps)
+    panel.without_jumps = bool(jumps)
     solved = _with_layer(ray, panel, good & passed, solved)
     return _Tried(width, nodes[-1][1], good, solved, dr.select(good, more, less))
 
@@ -225,8 +207,9 @@ def next_panel(
 ) -> tuple[Float, Float]:
     """Return beginning and width of the next panel, as fractions of the segment.
 
-    After an accepted panel the width is doubled, if there is room; a rejected panel is halved. If
-    a jump made the panel narrower than `tried`, the next panel has at least that width.
+    After an accepted panel the width is `step` times as large, if there is room; a rejected one is
+    halved, or divided by more. If a jump made the panel narrower than `tried`, the next panel has
+    at least that width.
     """
     begin = dr.select(good, begin + width, begin)
     wider = dr.select(step * width > tried, step * width, tried)
@@ -235,14 +218,15 @@ def next_panel(
 
 
 def _with_layer(ray: _Ray, panel: Panel, passed: Mask, solved: Path) -> Path:
-    if not any(ray.surfaces):
+    channels = ray.source.channels
+    if not any(channels.surfaces):
         return solved
 
     def layered(solved: Path) -> Path:
         place: Float = 1.0
-        if all(ray.surfaces) and ray.fields.looks_inside:
-            place = first_jump(panel, ray.jumps)
-        sheet = ray.bound.sheet(panel, place)
+        if all(channels.surfaces) and ray.fields.looks_inside:
+            place = first_jump(panel, channels.jumps)
+        sheet = channels.bound.sheet(panel, place)
         assert sheet is not None  # some part is a surface
         path = layer(sheet.emissivity, sheet.extinction)
         zero = 0.0 * panel.length
