@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from test_objects import GRIDS
-from test_streaming import MEDIUM, assert_same_bits, both, chunks, noise
+from test_streaming import MEDIUM, ahead, assert_same_bits, both, chunks, noise
 from test_streaming_trees import GRIDS as TREES
 from voluminous.backend import dr, get_backend
 from voluminous.grids.contract import Ray
@@ -20,7 +20,7 @@ from voluminous.io.registry import open_lazily
 from voluminous.measuring.columns import lines_of_sight
 from voluminous.regions import Box, Clip, Cylinder, DoubleCone, HalfSpace, Sphere, region_of
 
-__all__ = ["chunks"]
+__all__ = ["ahead", "chunks"]
 
 CUBE = vm.CartesianGrid.uniform(4, (-2, 2))
 BOX = Box((-1.1, -0.9, -1.3), (0.7, 1.2, 0.4))
@@ -97,6 +97,14 @@ def test_chunks_have_the_bits_of_the_whole(region, options, chunks):
     chunks(4)
     grid = vm.CartesianGrid.uniform(8, (-2, 2))
     assert_same_bits(*both(noise(grid), MEDIUM, ORTHOGRAPHIC, clip=region, **options))
+
+
+def test_chunks_outside_are_not_read(chunks, ahead):
+    chunks(4)
+    volume = noise(vm.CartesianGrid.uniform(16, (-2, 2)))
+    corner = Box((0.1, 0.1, 0.1), (0.9, 1.9, 0.9))  # in two chunks of one unit
+    vm.render(volume, MEDIUM, ORTHOGRAPHIC, clip=corner, memory="1 GiB", **FIRST)
+    assert len(set(ahead)) == 2
 
 
 def test_other_threads_and_kept_blocks_have_the_bits_of_the_whole(chunks, tmp_path):
