@@ -19,18 +19,15 @@ export interface ClipPanel extends Panel {
 
 export function clipPanel({ stage, store, server, notices, overlay }: Pick<Parts, "stage" | "store" | "server" | "notices" | "overlay">): ClipPanel {
   const form = new Form<Clip>();
-  /** What is cut where no clip is in the document: the last one, or nothing. */
-  let last: Clip | null = null;
+  /** The region that was switched off. */
+  let last = "";
   let held: { axis: number; end: number } | null = null;
 
   const text = (): string => store.document.render?.clip ?? "";
   const bounds = () => server.info!.bounds;
   const now = (): Clip => clipOf(text(), bounds()) ?? wholeOf(bounds());
-  const put = (clip: Clip | null, moving = false) => {
-    const wanted = clip && textOf(clip, bounds());
-    if (clip && wanted) last = clip;
-    if (wanted !== (text() || null) || !moving) store.set([["render.clip", wanted]], "clip", moving);
-  };
+  const set = (region: string | null, moving = false) => store.set([["render.clip", region]], "clip", moving);
+  const put = (clip: Clip, moving = false) => set(textOf(clip, bounds()), moving);
   const part = (axis: number, value: number) => (value - bounds()[axis][0]) / (bounds()[axis][1] - bounds()[axis][0]);
 
   /** Move a face; the one opposite is not passed. */
@@ -59,9 +56,10 @@ export function clipPanel({ stage, store, server, notices, overlay }: Pick<Parts
   }
 
   function toggle(on: boolean): void {
-    if (!on) put(null);
-    else if (last) put(last);
-    else across();
+    const was = text();
+    if (on && !last) across();
+    else set(on ? last : null);
+    if (!on) last = was;
     notices.announce(on ? "The volume is cut" : "All of the volume is shown");
   }
 
@@ -157,8 +155,8 @@ export function clipPanel({ stage, store, server, notices, overlay }: Pick<Parts
     h("h2", {}, "Plane across the view"), deep,
     h("div", { class: "vlm-actions" }, button("Across this view", "What is in front of the middle is cut away, as seen from here", across, "cube"), remove),
     h("div", { class: "vlm-actions" }, button("Reset", "Show all of the volume", () => {
-      last = null;
-      put(null);
+      last = "";
+      set(null);
     })),
     h("p", { class: "vlm-hint" }, "The faces of the box can be dragged in the picture. Stars, lines and axes are not cut."),
   );
@@ -173,7 +171,6 @@ export function clipPanel({ stage, store, server, notices, overlay }: Pick<Parts
       other.hidden = !foreign;
       other.textContent = foreign ? `The scene's own region: ${text()}. Sliders replace it.` : "";
       const clip = now();
-      if (text() && !foreign) last = clip;
       remove.disabled = !clip.plane;
       form.update(clip);
       if (drawn !== text()) stage.redraw();
