@@ -5,7 +5,7 @@ import { fresh } from "../media";
 import type { Panel, Parts } from "../parts";
 import { SAFE, vivid } from "../ui/color";
 import { button, h, refill } from "../ui/dom";
-import { lengthsShownIn, pretty, prettyLength, prettyPoint, prettyUnit, withUnit } from "../ui/format";
+import { lengthsShownIn, pretty, prettyLength, prettyPoint, prettyUnit, suited, withUnit } from "../ui/format";
 import { channelCurves, coefficientCurves, Plot } from "../ui/lines";
 import { add, sub, times, unit } from "../vec";
 import { type Message, newest, type Table, type Vec3 } from "../wire";
@@ -139,7 +139,11 @@ export function probePanel(
     plots[1].show(x, coefficientCurves(reply.emissivity ?? [], reply.extinction ?? []), light ? `j ${light} ${per}, α ${per}` : per);
     plots[2].show(reply.walls ?? [], channelCurves(reply.optical_depth ?? [], "τ"), "", false);
     plots[3].show(reply.walls ?? [], channelCurves(reply.accumulated ?? [], "I"), light, false);
-    refill(axis, h("span", {}, pretty(x[0] ?? 0)), h("span", {}, unitOf ? `distance along the ray in ${prettyUnit(unitOf)}` : "distance along the ray"), h("span", {}, pretty(x[x.length - 1] ?? 0)));
+    const ends = [x[0] ?? 0, x[x.length - 1] ?? 0];
+    const most = Math.max(...ends.map(Math.abs));
+    const [size, name] = suited(most, unitOf);
+    const [from, to] = ends.map((v) => h("span", {}, pretty(most ? (v * size) / most : 0)));
+    refill(axis, from, h("span", {}, unitOf ? `distance along the ray in ${prettyUnit(name)}` : "distance along the ray"), to);
     const rows: [string, string][] = [
       ["Intensity", (reply.intensity ?? []).map((v: number) => pretty(v)).join("  ") + ` ${prettyUnit(reply.units?.intensity)}`],
       ["Optical depth", [...new Set((reply.tau ?? []).map((v: number) => pretty(v)))].join("  ")],
