@@ -50,7 +50,7 @@ export function labelTable({ store }: Pick<Parts, "store">, index: () => number)
         if (one.dataset.key === key) return;
         one.dataset.key = key;
         const [eye, color, name, opacity] = one.children as unknown as [HTMLElement, HTMLInputElement, HTMLInputElement, HTMLInputElement];
-        one.classList.toggle("vlm-off", !visible[k]);
+        one.classList.toggle("vlm-unseen", !visible[k]);
         one.title = `${labels[k]}: label ${numbers[k]}`;
         refill(eye, icon(visible[k] ? "eye" : "hidden"));
         eye.setAttribute("aria-label", `${visible[k] ? "Hide" : "Show"} ${labels[k]}`);
