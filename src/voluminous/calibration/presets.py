@@ -43,9 +43,9 @@ _BLOOD, _GREY, _WHITE, _SKY = (0.9, 0.1, 0.1), (0.6, 0.55, 0.55), (1, 1, 1), (0.
 # Colours of channels that have none.
 _CHANNELS = ((0, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0.3, 0.5, 1))
 _HARD = [(350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
-# Least part of the cells in a peak of CT; more than metal has, in HU; bytes that are air; fields in
-# which CT is looked for.
-_PEAK, _METAL, _AIR, _FIELDS = 0.02, 66_000, 20, 2
+# Least part of the cells in a peak of CT; fat, and more than metal has, in HU; bytes that are air;
+# fields in which CT is looked for.
+_PEAK, _FAT, _METAL, _AIR, _FIELDS = 0.02, -100.0, 66_000, 20, 2
 # Colours of fluorescent dyes and proteins, by words in the names of channels; light that is not
 # seen, beyond red, is shown as magenta.
 _DYES = (
@@ -73,12 +73,12 @@ def recognised(volume: Volume) -> tuple[list[str], list[str]]:
     """
     tables, channels = (volume.meta.get(key) or {} for key in ("labels", "channels"))
     fields = [name for name in volume.fields if name not in tables]
+    scale, names = None, ["mr_head", "mr_angiography"]
     if len(channels) > 1 and all(name in channels for name in fields):
-        return ["fluorescence"], []
-    scale = ct_scale(volume, fields)
-    names = [] if scale is None else ["skin_and_bone", "bone", "muscle", "vessels", "lung"]
-    if volume.meta.get("modality") == "MR":
-        names = ["mr_head", "mr_angiography"]
+        names = ["fluorescence"]
+    elif volume.meta.get("modality") != "MR":
+        scale = ct_scale(volume, fields)
+        names = [] if scale is None else ["skin_and_bone", "bone", "muscle", "vessels", "lung"]
     words = [] if scale is None or scale[1:] == (1.0, 0.0) else [_words(*scale)]
     return [*(["labels"] if "labels" in volume.meta else []), *names], words
 
@@ -106,7 +106,7 @@ def hounsfield(volume: Volume, field: Any = None) -> tuple[float, float] | None:
     named = volume.meta.get("rescale_type") == "HU" or volume.meta.get("modality") == "CT"
     named |= re.search(r"(^|_)ct(_|\d|$)", expr.text, re.IGNORECASE) is not None
     values = sampled_values(measurable(volume), expr)
-    if not len(values) or (named and values[0] < 0.0):
+    if not len(values) or (named and values[0] < _FAT):
         return (1.0, 0.0) if len(values) else None
     if _are_bytes(values):
         return _of_bytes(values) if named else None
