@@ -593,6 +593,13 @@ def test_a_projection_is_shown_exported_and_left(explorer, volume, tmp_path):
     np.testing.assert_array_equal(scope["image"].intensity, wanted.intensity)
     toml = page.ask("export", what="toml")["text"]
     assert "[project]" in toml
+    marked = page.ask("export", what="png", width=96, marks=["color_bar"], ground="black")
+    assert Pillow.open(io.BytesIO(base64.b64decode(marked["data"]))).width > 96
+    error = page.ask("export", what="png", width=96, marks=[], ground="white")["error"]
+    assert "save it on black" in error
+    film = page.ask("film", path={"kind": "orbit"}, frames=2, width=48, what="png")
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(film["data"]))) as bundle:
+        assert len(bundle.namelist()) == 2
     # The deepest cell of the middle ray is in the middle of the volume.
     assert np.linalg.norm(page.ask("probe", x=0.5, y=0.5)["point"]) < 0.2
     page.put("undo")

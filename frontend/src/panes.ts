@@ -5,7 +5,7 @@ import { mainExpr } from "./modes";
 import { letterOf } from "./orientation";
 import type { Parts } from "./parts";
 import { ARROWS, button, h, refill, svg } from "./ui/dom";
-import { pretty, suited, ticks, withUnit } from "./ui/format";
+import { lengthIn, lengthsShownIn, pretty, suited, ticks, withUnit } from "./ui/format";
 import { fromBase64, type Message, newest, type Table, type Vec3 } from "./wire";
 import { colorOf } from "./ui/color";
 import { inflate } from "./half";
@@ -235,11 +235,13 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
       canvas.style.cssText = `left:${x}px;top:${y}px;width:${w}px;height:${h_}px`;
       canvas.classList.toggle("vlm-squares", w / (canvas.width || 1) > SQUARE);
       const [cx, cy] = toScreen(at());
+      // Numbers of the axes are in the page's unit of lengths.
+      const one = lengthIn(`1 ${info.unit}`, lengthsShownIn(info.unit)) || 1;
       const marks = [right, up].flatMap(([j], i) => {
         const [low, high] = bounds()[j];
-        return ticks(low, high, i ? h_ / 60 : w / 90).map((value) => {
+        return ticks(low * one, high * one, i ? h_ / 60 : w / 90).map((value) => {
           const point = [...at()] as Vec3;
-          point[j] = value;
+          point[j] = value / one;
           const [px, py] = toScreen(point);
           return i
             ? svg("text", { x: x - 6, y: py + 3.5, "text-anchor": "end" }, pretty(value, 4))

@@ -34,13 +34,16 @@ _FILMS = {"mp4": "video/mp4", "gif": "image/gif", "webp": "image/webp", "png": "
 def dressed(scene: Scene, marks: Any, ground: Any) -> Scene:
     """Let pictures of a scene have some of `MARKS`, and a ground: black, white or transparent."""
     check_name("ground", ground, _GROUNDS)
+    if scene.projection and _GROUNDS[ground]:
+        raise InputError("a projection is nowhere transparent: save it on black")
     marks = list(marks)
     for name in marks:
         check_name("mark", name, (*MARKS, MEASURES))
     options = {**scene.image_options, **_GROUNDS[ground]}
     if marks:
         chosen = {name: name in marks for name in ANNOTATIONS & {*MARKS, "compass", "time"}}
-        options["annotate"] = {**chosen, "medium": scene.medium}
+        # The bar of a projection is that of its values.
+        options["annotate"] = chosen if scene.projection else {**chosen, "medium": scene.medium}
     scene.image_options = options
     return scene
 
