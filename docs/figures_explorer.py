@@ -98,8 +98,8 @@ def views(shown: Any) -> None:
 def slices(target: Path, pixels: int) -> None:
     """A head CT with three slices, bone and brain as labels, beside its picture."""
     import numpy as np
-    import real_data
 
+    import real_data
     import voluminous as vm
 
     volume = real_data.load("cranium")
