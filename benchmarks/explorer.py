@@ -4,6 +4,7 @@
     python benchmarks/explorer.py --rate 20 --delay 40     # a link: Mbit/s, ms there and back
     python benchmarks/explorer.py --host jupyterlab        # or marimo: in a notebook's cell
     python benchmarks/explorer.py --clients 8 --minutes 10 # rates and memory, without a browser
+    python benchmarks/explorer.py --file large.npy         # voluminous view: a new process and a file
 
 Browser, kernel and encoder share the machine. A number is the time from the message of an input to
 the drawing of the first frame that shows it or a later one.
@@ -118,8 +119,11 @@ def main() -> None:
     parser.add_argument("--delay", type=float, default=0.0, help="there and back, ms")
     parser.add_argument("--clients", type=int, help="that drag at the same time, for --minutes")
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--file", help="that voluminous view opens in a new process")
     args = parser.parse_args()
-    if args.clients:
+    if args.file:
+        asyncio.run(from_the_start(args))
+    elif args.clients:
         load(args)
     else:
         one_page(args)
@@ -256,16 +260,95 @@ def _drag_all(url: str, size: int, clients: int, seconds: float) -> list[float]:
     return asyncio.run(all_of_them())
 
 
-async def _client(url: str, size: int, seconds: float) -> float:
-    from websockets.asyncio.client import connect
+async def from_the_start(args: Any) -> None:
+    """Print when the address, the first picture and the exact ones come, by wall and processor.
 
+    The hand drags from the first picture on, and once more after the exact one.
+    """
     from voluminous.viewer.frames import unpacked
+
+    start, command = time.monotonic(), [sys.executable, "-m", "voluminous", "view", args.file]
+    program = await asyncio.create_subprocess_exec(
+        *command, "--no-browser", stdout=asyncio.subprocess.PIPE
+    )
+    process = psutil.Process(program.pid)
+
+    def spent() -> tuple[float, float]:
+        times = process.cpu_times()
+        return time.monotonic() - start, times.user + times.system
+
+    def note(what: str) -> None:
+        wall, processor = spent()
+        print(f"{wall:7.2f} s, processor {processor:7.2f} s: {what}", flush=True)
+
+    url = ""
+    while "#token=" not in url:
+        url = (await program.stdout.readline()).decode().strip()
+    note("address")
+    seen: list[tuple[float, dict[str, Any]]] = []
+    async with _connected(url) as socket:
+        await socket.send(_hello(args.size))
+        while json.loads(welcome := await socket.recv())["kind"] != "welcome":
+            pass
+        camera, exact, n = json.loads(welcome)["document"]["camera"], asyncio.Event(), 0
+
+        async def answer() -> None:
+            async for block in socket:
+                if isinstance(block, bytes):
+                    head = unpacked(block)[0]
+                    if not seen or head["exact"] or (head["scale"] == 1 and head["done"] == 0):
+                        kind = "exact" if head["exact"] else "picture"
+                        note(f"{kind} of every {head['every']}, {head['width']} pixels")
+                    seen.append((time.monotonic(), head))
+                    _ = exact.set() if head["exact"] else exact.clear()
+                    await socket.send(json.dumps({"kind": "seen", "frame": head["number"]}))
+
+        answering = asyncio.create_task(answer())
+        while not seen:
+            await asyncio.sleep(0.01)
+        for _ in range(2):
+            first, sent, end = len(seen), {}, time.monotonic() + args.seconds
+            before = spent()
+            while time.monotonic() < end:
+                n += 1
+                sent[n] = time.monotonic()
+                look = {"camera": {**camera, "phi": float(n % 360)}, "moving": True}
+                await socket.send(json.dumps({"kind": "look", "n": n, **look}))
+                await asyncio.sleep(1 / 60)
+            after = spent()
+            took = [1e3 * (at - sent[m["n"]]) for at, m in seen[first:] if m["n"] in sent]
+            part = (after[1] - before[1]) / (after[0] - before[0])
+            note(
+                f"drag: {len(took) / args.seconds:.1f} frames a second, p50 "
+                f"{np.median(took):.0f} ms, p95 {np.quantile(took, 0.95):.0f} ms, {part:.2f} cores"
+            )
+            n, _ = n + 1, exact.clear()
+            await socket.send(json.dumps({"kind": "look", "n": n, **look, "moving": False}))
+            while not (exact.is_set() and seen[-1][1]["n"] == n):
+                await asyncio.sleep(0.01)
+        answering.cancel()
+    print(f"memory {process.memory_info().rss / 1e9:.2f} GB, load {psutil.getloadavg()[0]:.1f}")
+    program.terminate()
+    await program.wait()
+
+
+def _connected(url: str) -> Any:
+    from websockets.asyncio.client import connect
 
     address, _, token = url.replace("http", "ws", 1).partition("#token=")
     protocols = ["voluminous.v1", f"token.{token}"]
-    async with connect(f"{address}ws", subprotocols=protocols, max_size=None) as socket:
-        hello = {"kind": "hello", "protocol": 1, "size": [size, size], "scale": 1}
-        await socket.send(json.dumps(hello))
+    return connect(f"{address}ws", subprotocols=protocols, max_size=None)
+
+
+def _hello(size: int) -> str:
+    return json.dumps({"kind": "hello", "protocol": 1, "size": [size, size], "scale": 1})
+
+
+async def _client(url: str, size: int, seconds: float) -> float:
+    from voluminous.viewer.frames import unpacked
+
+    async with _connected(url) as socket:
+        await socket.send(_hello(size))
         welcome = json.loads(await socket.recv())
         camera = welcome["document"]["camera"]
         frames = 0
