@@ -4,7 +4,7 @@
     python benchmarks/explorer.py --rate 20 --delay 40     # a link: Mbit/s, ms there and back
     python benchmarks/explorer.py --host jupyterlab        # or marimo: in a notebook's cell
     python benchmarks/explorer.py --clients 8 --minutes 10 # rates and memory, without a browser
-    python benchmarks/explorer.py --file large.npy         # voluminous view: a new process and a file
+    python benchmarks/explorer.py --file large.npy         # a new process, voluminous view
 
 Browser, kernel and encoder share the machine. A number is the time from the message of an input to
 the drawing of the first frame that shows it or a later one.

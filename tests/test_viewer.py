@@ -1177,6 +1177,17 @@ def test_a_large_volume_turns_at_once_and_is_drawn_whole_at_rest(sampling):
     explorer.close()
 
 
+def test_a_sample_is_shown_of_what_cannot_be_drawn_chunk_by_chunk(sampling, monkeypatch):
+    monkeypatch.setattr("voluminous.viewer.painter._IN_MEMORY", 16**3)
+    explorer = Explorer(vm.io.registry.open_lazily(sampling), SHELL.replace(shading=0.5), CAMERA)
+    page = Page(explorer)
+    frame, _ = page.exact(0)
+    assert (frame["every"], frame["error"]) == (2, None)
+    notice, _ = page.wait(lambda m: m["kind"] == "notice")
+    assert notice["text"].startswith("one of 2³ cells is shown: 'grad(a).x' is computed")
+    explorer.close()
+
+
 def test_previews_do_not_wait_for_a_full_picture(explorer, monkeypatch):
     """Which reads, and measures, for seconds in calls that nothing interrupts."""
     held, free = threading.Event(), threading.Event()

@@ -154,19 +154,20 @@ export function badgeOf(head: FrameHead, newest: boolean): { words: string; stat
   if (!newest) return { words: "drawing …", state: "preview" };
   const error = head.error === null ? "" : `, error ≤ ${pretty(100 * head.error, 2)} %`;
   // How far the means of a coarser level are from all cells is not known.
-  if (head.exact && head.level > 0) return { words: `level ${head.level} of the file, error unknown`, state: "level" };
+  const cells = head.every > 1 ? `every ${head.every}${["nd", "rd"][head.every - 2] ?? "th"} cell` : "";
+  if (head.exact && (cells || head.level > 0)) return { words: `${cells || `level ${head.level} of the file`}, error unknown`, state: "level" };
   if (head.exact) return { words: `exact${error}`, state: "exact" };
-  const cells = head.every > 1 ? ` of every ${head.every}${["nd", "rd"][head.every - 2] ?? "th"} cell` : "";
+  const of = cells && ` of ${cells}`;
   if (head.scale < 1) {
     const named: Record<number, string> = { 2: "½", 3: "⅓", 4: "¼" };
     const inverse = Math.round(1 / head.scale);
-    return { words: `${named[inverse] ?? `1/${inverse}`} preview${cells}`, state: "preview" };
+    return { words: `${named[inverse] ?? `1/${inverse}`} preview${of}`, state: "preview" };
   }
   if (head.done > 0 && head.done < 1) {
-    const of = head.level > 0 ? `level ${head.level}, ` : "";
-    return { words: `${of}refining ${Math.round(100 * head.done)} %`, state: "refining" };
+    const level = head.level > 0 ? `level ${head.level}, ` : "";
+    return { words: `${level}refining ${Math.round(100 * head.done)} %`, state: "refining" };
   }
-  return { words: `preview${cells}`, state: "preview" };
+  return { words: `preview${of}`, state: "preview" };
 }
 
 function tabList(panels: [string, string, Panel][]): { element: HTMLElement; current(): Panel; show(id: string): void } {

@@ -334,40 +334,38 @@ class Painter:
         somebody else wants one.
         """
         shot = self._shot(page, page.session.size)
-        start = time.monotonic()
+        start, last = time.monotonic(), shot
         image: Image | None = None
         in_memory, quick = shot.options.get("memory") is None, self._quick(shot)
         rough = [quick] if quick is not shot else []
         rough += [shot] if in_memory and _is_controlled(shot) else []
-        with caught_warnings() as caught:
-            for one in rough:
-                options = {**one.options, **_ROUGH, "scheme": _scheme(one)}
-                one = replace(one, options=options)
-                with caught_warnings():  # which come again
-                    image = self._level(page, one, 0, image, start, (0.0, 0.0))
-                self._drew(one)
-                fine = page.session.is_near
-                self._send_image(page, one, image, start, done=0.0, fine=fine)
-            levels = _levels(shot)
-            work = np.cumsum([0.0] + [_EIGHTH**level for level in levels])
-            for k, level in enumerate(levels):
-                begun, ended = work[k : k + 2] / work[-1]
+        levels = _levels(shot)
+        work = np.cumsum([0.0] + [_EIGHTH**level for level in levels])
+        parts = zip(levels, *(work[k:][: len(levels)] / work[-1] for k in (0, 1)), strict=True)
+        steps: list[tuple[Shot, int, float, float]] = [
+            (replace(one, options={**one.options, **_ROUGH, "scheme": _scheme(one)}), 0, 0.0, 0.0)
+            for one in rough
+        ] + [(shot, *part) for part in parts]
+        for one, level, begun, ended in steps:
+            with caught_warnings() as caught:  # of a picture without error control they come again
                 try:
-                    image = self._level(page, shot, level, image, start, (begun, ended))
+                    made = self._level(page, one, level, image, start, (begun, ended))
                 except VoluminousError as error:
-                    if k == 0:
+                    if image is None:
                         raise
-                    caught.append(f"level {levels[k - 1]} of the file is shown: {error}")
+                    caught.append(f"{_cells_of(last, image)} is shown: {error}")
                     break
-                if ended < 1.0 and page.session.may_send(time.monotonic()):
-                    self._send_image(page, shot, image, start, done=float(ended))
+            image, last = made, one
+            self._drew(one)
+            if ended < 1.0 and (one is not shot or page.session.may_send(time.monotonic())):
+                fine = one is not shot and page.session.is_near
+                self._send_image(page, one, image, start, done=ended, fine=fine)
         assert image is not None
-        self._drew(shot)
         self._exposures[shot.look] = image.exposure
-        self._send_image(page, shot, image, start, done=1.0, exact=True)
+        self._send_image(page, last, image, start, done=1.0, exact=True)
         for text in caught:
             page.send({"kind": "notice", "level": "warning", "text": text})
-        if in_memory:
+        if in_memory and last is shot:
             page.drew(shot.volume)
 
     def _drew(self, shot: Shot) -> None:
@@ -444,8 +442,7 @@ class Painter:
         top = float(np.max(np.abs(np.nan_to_num(image.intensity)), initial=0.0))
         if image.error is not None and top > 0:
             options["error"] = float(np.nanmax(image.error)) / top
-        level = (image.provenance or {}).get("level", 0)
-        took = time.monotonic() - start
+        took, level = time.monotonic() - start, _level_of(shot, image)
         self._send(page, shot, image.intensity, took, level=level, **options)
 
     def _send(
@@ -476,7 +473,7 @@ class Painter:
             "scale": scale,
             "done": done,
             "error": error,
-            "level": level or shot.volume.meta.get("level", 0),
+            "level": level,
             "every": shot.volume.meta.get("every", 1),
             "ms": 1000.0 * took,
             "exposure": self._exposures[look],
@@ -520,6 +517,17 @@ def _quietly(shot: Shot, *, first_order: bool = False) -> np.ndarray:
     with caught_warnings():
         options = {**shot.options, **_ROUGH, "scheme": scheme, "progress": False}
         return render(shot.volume, shot.drawn, shot.camera, **options).intensity
+
+
+def _level_of(shot: Shot, image: Image) -> int:
+    level: int = (image.provenance or {}).get("level") or shot.volume.meta.get("level", 0)
+    return level
+
+
+def _cells_of(shot: Shot, image: Image) -> str:
+    """Return which cells a picture shows."""
+    every = shot.volume.meta.get("every", 1)
+    return f"one of {every}³ cells" if every > 1 else f"level {_level_of(shot, image)} of the file"
 
 
 def _levels(shot: Shot) -> list[int]:
