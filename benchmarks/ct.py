@@ -52,14 +52,13 @@ class Theirs:
         grid = pyvista.ImageData(dimensions=values.shape, spacing=spacing, origin=low)
         grid["ct"] = values.astype(np.int16).ravel(order="F")
         colors, opacities = vtk.vtkColorTransferFunction(), vtk.vtkPiecewiseFunction()
-        peak = float(medium.opacities.max())
         for x, color, opacity in zip(
             medium.values, medium.colors, medium.opacities[:, 0], strict=True
         ):
             shown = color / opacity if opacity else 0.0 * color
             colors.AddRGBPoint(x, *shown)
             opacities.AddPoint(x, -np.expm1(-opacity))
-        self.peak, look = peak, vtk.vtkVolumeProperty()
+        look = vtk.vtkVolumeProperty()
         look.SetColor(colors)
         look.SetScalarOpacity(opacities)
         look.SetScalarOpacityUnitDistance(float(medium.path_length))
@@ -122,8 +121,6 @@ def main() -> None:
         draws = {"VTK": theirs.draw}
         draws |= {f"{t}": (lambda t=t: ours(t)) for t in (None, 1e-2, 1e-3)}
         timed = {key: processor_time(draw) for key, draw in draws.items()}
-        for draw in timed.values():
-            draw()
         seconds = take_turns(timed, dict.fromkeys(timed, options.repeat))
         rows = []
         for key, own in seconds.items():

@@ -204,10 +204,9 @@ class Rows:
         """Return the numbers of a row."""
         found: list[Any] = []
         if self.few:
-            found, *later = self.few
-            for k, row in enumerate(later, start=1):
-                here = index >= k
-                found = [dr.select(here, b, a) for a, b in zip(found, row, strict=True)]
+            found = self.few[0]
+            for k, row in enumerate(self.few):
+                found = [dr.select(index < k, a, b) for a, b in zip(found, row, strict=True)]
             return found
         for kind, data, width in self.parts:
             got = dr.gather(kind, data, index)
@@ -228,8 +227,8 @@ class Sums:
         if self.few:
             found: list[Any] = [0.0] * len(self.few[0])
             for k, row in enumerate(self.few, start=1):
-                between = (lower < k) & (upper > k)
-                found = [a + dr.select(between, b, 0.0) for a, b in zip(found, row, strict=True)]
+                inside = (lower < k) & (upper > k)
+                found = [a + dr.select(inside, b, 0.0) for a, b in zip(found, row, strict=True)]
             return found
         (high_0, low_0), (high_1, low_1) = (
             [rows.at(k) for rows in self.parts]

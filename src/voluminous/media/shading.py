@@ -138,8 +138,7 @@ class Shade:
         where = dr.select if ops is dr else np.where
         there = (most > 0.0) & (most < math.inf)
         # Squares of gradients in g/cm⁴ underflow.
-        per_most = where(there, 1.0 / where(there, most, 1.0), 0.0)
-        g = [where(there, v * per_most, 0.0) for v in values]
+        g = [where(there, v / where(there, most, 1.0), 0.0) for v in values]
         size = ops.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
         lit = 0.0 * size
         for direction, weight in self.lights:

@@ -97,15 +97,14 @@ class Replay(Around[Source]):
 
     def _add(self, before: _Before, shown: Mask, piece: Path, where: Mask) -> None:
         with dr.resume_grad():  # type: ignore[no-untyped-call]
-            front = before.path
-            seen = over(front, dr.detach(piece)).emission
+            seen = over(before.path, dr.detach(piece)).emission
             loss: Float = 0.0
             for c, (weight, b) in enumerate(zip(self.weights, piece.emission, strict=True)):
-                k = c if len(front.transparency) > 1 else 0
+                k = c if len(piece.transparency) > 1 else 0
                 theta = piece.transparency[k]
                 behind = self.total.emission[c] - seen[c]
                 behind = behind / dr.select(theta > 0.0, dr.detach(theta), 1.0)
-                loss = loss + weight * dr.fma(front.transparency[k], b, behind * theta)
+                loss = loss + weight * dr.fma(before.path.transparency[k], b, behind * theta)
             dr.backward_from(dr.select(where & shown, loss, 0.0))
 
     def _nothing(self, source: Source) -> Path:

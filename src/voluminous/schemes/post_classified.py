@@ -158,7 +158,7 @@ def _tried(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tried) 
 def _in_detail(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tried) -> _Tried:
     """Return a panel, up to the first jump of the medium, and where it is accurate enough."""
     fields, begin, width, channels = ray.fields, ray.begin, tried.width, ray.source.channels
-    surface_only, jumps = all(channels.surfaces), channels.jumps
+    surface_only, jumps, real = all(channels.surfaces), channels.jumps, type(width)
     if records(width):  # scalars that were computed outside have no derivatives
         values = [fields.scalars(s) for s in ray.places(width)]
     nodes = [(fields.node(s)[0], own) for s, own in zip(ray.places(width), values, strict=True)]
@@ -171,14 +171,13 @@ def _in_detail(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tri
         several = count > (1 if surface_only else 0)
 
         def cut(width: Float, nodes: list[Node]) -> tuple[Float, list[Node]]:
-            behind = _BEHIND[precision_of(type(width))]
+            behind = _BEHIND[precision_of(real)]
             cut = dr.fma(first_jump(trial, jumps), width, behind)
             width = dr.select(several & (cut < width), cut, width)
             return width, [nodes[0], *map(fields.node, ray.places(width)[1:])]
 
         width, nodes = branch((width, nodes), several, cut, _as_they_are)
-    real, least = type(width), width <= _NARROWEST
-    more, less = real(2.0), real(0.5)
+    least, more, less = width <= _NARROWEST, real(2.0), real(0.5)
     if surface_only:
         solved, good = tried.path, ~uncounted | least
     else:

@@ -73,13 +73,10 @@ class FieldsAlong:
                 found[name] = self.source.lattices[name].corners(cell, self.segment.active)
         return {name: found[name] for name in names}
 
-    def at(self, s: Float) -> dict[str, Float]:
-        return self._at(s, self.source.lattices)
-
-    def _at(self, s: Float, names: Iterable[str]) -> dict[str, Float]:
+    def at(self, s: Float, names: Iterable[str] | None = None) -> dict[str, Float]:
         source, chord, real = self.source, self.chord, self.source.context.real
         cell, place = chord.at(s)
-        corners = self._corners(cell, names)
+        corners = self._corners(cell, source.lattices if names is None else names)
         fields = {name: source.in_unit(name, trilinear(c, place)) for name, c in corners.items()}
         for a in source.coordinates:
             fields["xyz"[a]] = real(dr.fma(s, chord.step[a], chord.position[a]))
@@ -90,10 +87,10 @@ class FieldsAlong:
         return within_limits(fields, source.context)
 
     def scalars(self, s: Float) -> list[Float]:
-        return self._scalars(self._at(s, self.source.in_scalars))
+        return self._scalars(self.at(s, self.source.in_scalars))
 
     def node(self, s: Float, *, culling_only: bool = False) -> Node:
-        fields = self._at(s, self.source.in_scalars if culling_only else self.source.lattices)
+        fields = self.at(s, self.source.in_scalars if culling_only else None)
         return fields if self.looks_inside else {}, self._scalars(fields)
 
     def _scalars(self, fields: dict[str, Float]) -> list[Float]:
