@@ -35,7 +35,7 @@ def test_a_brick_has_all_cells_that_affect_it(window, kind):
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.uint8, np.int16])
 def test_many_bricks_have_the_limits_of_each(kind):
     """Of one field by pieces of its range: never below interval arithmetic, and seldom above."""
-    low = RANDOM.gamma(2.0, 20.0, 80_000).astype(kind)
+    low = RANDOM.gamma(2.0, 20.0, 70_000).astype(kind)
     high = np.maximum(low, RANDOM.gamma(2.0, 30.0, low.size).astype(kind))
     low[:100], high[:100] = 0, 0  # a background
     if low.dtype.kind == "f":
@@ -57,7 +57,7 @@ def test_many_bricks_have_the_limits_of_each(kind):
     for value, limit in zip(found, exact, strict=True):
         looser = value.astype(float) > limit + 0.02 * np.nanmax(limit[limit < np.inf])
         assert looser.mean() < 0.01
-    a = np.linspace(0.0, 1.0, 50)[:, None]
+    a = np.array([0.0, 0.37, 1.0])[:, None]
     inside = low.astype(float) * (1 - a) + high.astype(float) * a
     with np.errstate(all="ignore"):
         there = shown(bound, {"a": Interval(inside)})

@@ -87,10 +87,13 @@ def stored(path: Path, offset: int, shape: Any, dtype: Any, index: Any = ...) ->
         for place in np.ndindex(part.shape[:rows]) if part.size else ():
             first = [a + i for (a, _), i in zip(ends, (*place, 0), strict=False)]
             file.seek(offset + sum(i * n for i, n in zip(first, sizes, strict=False)))
-            values = np.fromfile(file, dtype, math.prod(run))
-            if values.size < math.prod(run):
+            own = part[place]
+            # Rows that are not cut are read to their place.
+            values = own if own.shape == run else np.empty(run, dtype)
+            if file.readinto(values.reshape(-1).view(np.uint8).data) < values.nbytes:
                 raise FileFormatError(f"{path.name} is cut short: it ends at byte {file.tell()}")
-            part[place] = values.reshape(run)[inner]
+            if values is not own:
+                own[...] = values[inner]
     check_age(path)
     numbers = tuple(0 if isinstance(i, int) else slice(None) for i in given)
     return np.asarray(part[numbers])

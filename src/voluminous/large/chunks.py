@@ -133,7 +133,7 @@ class CartesianChunks(Partition):
     def source(self, job: RayJob, evaluator: CellEvaluator, faintest: bool) -> Any:
         if self.dual:
             limits = job.tolerance, faintest, True
-            return interpolated_fields(evaluator, job.cache, job.scheme, *limits, True)
+            return interpolated_fields(evaluator, job.cache, job.scheme, *limits, in_blocks=True)
         return on_ray_in_blocks(evaluator, job.cache, job.scheme)
 
     def coefficients(

@@ -22,6 +22,7 @@ from ..media.bound import Binding, BoundMedium
 from ..media.contract import Medium
 from ..media.ranges import RangeContext, largest
 from ..ranges import Ranges, sums_in
+from ..schemes.pre_integrated import PreIntegrated
 from ..volume import Volume
 from .cache import Cache
 from .empty_picture import warn_of_nothing
@@ -89,7 +90,10 @@ def _framed(
         level = measurable(volume)
         partition = None if level is not volume or partition is None else partition.alone()
         volume = level
-    scheme = None if isinstance(volume.grid, DualGrid) else "first-order"
+    # Where steps can be wide is for larger pictures (512³, four shells: 4 s of a processor).
+    scheme: Any = PreIntegrated(coarseness=0.0)
+    if not isinstance(volume.grid, DualGrid) or getattr(medium, "discrete", False):
+        scheme = "first-order"
     options = RenderOptions(scheme=scheme, tolerance=None)
 
     def draw(camera: Orthographic) -> tuple[RenderJob, RenderResult]:

@@ -63,10 +63,10 @@ class Partition:
     def source(self, job: RayJob, evaluator: CellEvaluator, faintest: bool) -> Any:
         """Return the coefficients for the scheme."""
         scheme, whole = job.scheme, job.hidden is None
-        if scheme.coefficients_at == "field":
-            limits = job.tolerance, faintest, whole
-            return interpolated_fields(evaluator, job.cache, scheme, *limits)
         steps = job.rays * cells_across(job.volume.grid)
+        if scheme.coefficients_at == "field":
+            limits = job.tolerance, faintest, whole, steps
+            return interpolated_fields(evaluator, job.cache, scheme, *limits)
         return tabulated(evaluator, job.cache, scheme, steps, whole)
 
     def tracer(self, job: RenderJob, source: Any, background: float, faintest: bool) -> RayTracer:

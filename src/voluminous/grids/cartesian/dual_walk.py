@@ -56,6 +56,13 @@ class Chord(StraightChord):
     """A segment through a dual cell."""
 
     @property
+    def index(self) -> list[Int]:
+        """Number of the dual cell along each axis."""
+        kind = self.walk.backend.Int
+        places = zip(self.walk.axes, self.track.sign, self.segment.exit.index, strict=True)
+        return [dr.select(sign < 0, axis.last_cell - kind(i), kind(i)) for axis, sign, i in places]
+
+    @property
     def corner(self) -> Int:
         """Flat number of the cell's lower corner, among the padded centres."""
         return self.walk.backend.UInt(self.segment.exit.vertex + self.track.first_corner)

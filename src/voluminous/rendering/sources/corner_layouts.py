@@ -17,7 +17,7 @@ from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
 from ...schemes.channels import unit_near
 from ..cache import Cache
-from .cells import LARGEST, SLAB, CellEvaluator, device_array
+from .cells import LARGEST, SLAB, CellEvaluator, Numbers, device_array, is_packed
 
 if TYPE_CHECKING:
     from ...grids.contract import DualGrid, Grid
@@ -92,6 +92,28 @@ class NodalValues(FieldLattice):
 
     def _value(self, index: Int, active: Mask) -> Any:
         return dr.gather(type(self.data), self.data, index, active)
+
+
+@dataclass
+class CellsInPlace(FieldLattice):
+    """The field's own array: outside of it the outermost values are repeated."""
+
+    data: Numbers
+    unit: float
+    # Along each axis the number of cells minus one, and the stride.
+    lasts: list[Any]
+    strides: list[Any]
+
+    def corners(self, chord: Any, active: Mask) -> Corners:
+        first, steps, UInt = 0, [], self.data.backend.UInt
+        for i, last, stride in zip(chord.index, self.lasts, self.strides, strict=True):
+            first = first + dr.maximum(i - 1, 0) * stride
+            steps.append(dr.select(UInt(i - 1) < last, stride, 0))  # else out of the volume
+        x, y, z = steps
+        return [
+            [[self.data.gather(first + a + b + c, active) for c in (0, z)] for b in (0, y)]
+            for a in (0, x)
+        ]
 
 
 @dataclass
@@ -188,7 +210,11 @@ def lattices_of(
         case "corners":
             return tree_lattices(grid, arrays, backend, sums)
         case "cells" | "dual vertices" as layout:
-            units = [_checked_unit(array, backend, _padded_size(array.shape)) for array in arrays]
+            sizes = [
+                0 if layout == "cells" and _in_place(array, backend) else _padded_size(array.shape)
+                for array in arrays
+            ]
+            units = [_checked_unit(a, backend, n) for a, n in zip(arrays, sizes, strict=True)]
             pairs = zip(arrays, units, strict=True)
             if layout == "cells":
                 return [_cartesian_lattice(array, backend, unit) for array, unit in pairs]
@@ -201,13 +227,25 @@ def _padded_size(shape: tuple[int, ...]) -> int:
     return math.prod(int(n) + 2 for n in shape)
 
 
-def _cartesian_lattice(
-    array: np.ndarray, backend: Backend, unit: float
-) -> FacePackets | NodalValues:
-    nx, ny, nz = (int(n) for n in array.shape)
-    size = 4 * (nx + 2) * (ny + 1) * (nz + 1) * backend.dtype.itemsize
+def _in_quads(array: np.ndarray, backend: Backend) -> bool:
+    size = 4 * _padded_size(array.shape) * backend.dtype.itemsize
+    return size <= _LARGEST_QUADS and fits(4 * size)
+
+
+def _in_place(array: np.ndarray, backend: Backend) -> bool:
+    """Return whether rays gather from the array itself; indices are signed."""
+    readable = array.dtype == backend.dtype or is_packed(array)
+    return readable and array.size < 1 << 31 and not _in_quads(array, backend)
+
+
+def _cartesian_lattice(array: np.ndarray, backend: Backend, unit: float) -> FieldLattice:
+    if unit == 1.0 and _in_place(array, backend):
+        _, ny, nz = array.shape
+        lasts = [dr.opaque(backend.UInt, n - 1) for n in array.shape]
+        strides = [dr.opaque(backend.Int, n) for n in (ny * nz, nz, 1)]
+        return CellsInPlace(Numbers(array.reshape(-1), backend), unit, lasts, strides)
     padded = np.pad(array, 1, mode="edge")
-    if size <= _LARGEST_QUADS and fits(4 * size):
+    if _in_quads(array, backend):
         return make_faces(padded, backend, unit)
     return make_nodes(padded, backend, unit)
 

@@ -20,7 +20,7 @@ from ...schemes.base import FieldScheme, Node, Scheme, Skipping, is_controlled
 from ...schemes.channels import Channels, Tolerance
 from ..cache import Cache
 from ..precision import exactness_of
-from .cells import CellEvaluator, along_sight, ray_coordinates
+from .cells import FEW_CELLS, CellEvaluator, along_sight, ray_coordinates
 from .corner_layouts import (
     KEEPS_SUMS,
     Corners,
@@ -226,6 +226,8 @@ def interpolated_fields(
     tolerance: float,
     faintest: bool,
     whole: bool,
+    steps: float = np.inf,
+    *,
     in_blocks: bool = False,
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are cached with the volume.
@@ -236,6 +238,8 @@ def interpolated_fields(
         Whether to neglect only what the precision cannot represent.
     whole : bool
         No cells are hidden.
+    steps : float
+        Estimate of the number of cells that all rays cross.
     in_blocks : bool
         Leave out the fields themselves: `Interpolated.within` takes those of parts of the volume.
     """
@@ -266,7 +270,7 @@ def interpolated_fields(
         lattices = {n: FieldLattice.of_range(*ends, backend) for n, ends in extremes.items()}
     else:
         coarseness = 0.0
-        if whole and isinstance(scheme, FieldScheme):
+        if whole and isinstance(scheme, FieldScheme) and _wide_steps_pay(evaluator, cache, steps):
             coarseness = scheme.coarseness(tolerance)
         lattices = get_lattices(evaluator, cache)  # first: bricks would take the cache's room
         skipping.bricks = get_bricks(evaluator, cache, faint, DUAL, coarseness)
@@ -276,6 +280,21 @@ def interpolated_fields(
     lost = min(_LOST_PER_EPS * float(np.finfo(backend.dtype).eps) * contrast, _MOST_LOST)
     largest = channels.in_units(evaluator.largest)
     return Interpolated(channels, context, backend, lattices, largest, grid.mirror, skipping, lost)
+
+
+def _wide_steps_pay(evaluator: CellEvaluator, cache: Cache, steps: float) -> bool:
+    """Return whether rays have crossed more cells in all pictures than there are.
+
+    In 512³ cells, 800² rays through four shells save 8 s of a processor, and those that look where
+    steps can be wide take 3.6; with 1024³ cells the latter take eight times as long.
+    """
+    medium, size = evaluator.medium, evaluator.grid.size
+    if size <= FEW_CELLS or (own := medium.visible_key()) is None:
+        return True
+    key = ("crossed", own, cache.statistics.digests(medium.names))
+    crossed: list[float] = cache.get_or_make(key, lambda: [0.0])
+    crossed[0] += steps
+    return bool(size <= crossed[0])
 
 
 def _most_paths(evaluator: CellEvaluator) -> float:

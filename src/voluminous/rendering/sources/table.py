@@ -25,7 +25,7 @@ from ...schemes.channels import Channels, ColouredShapes
 from ...volume import Volume
 from ..cache import SLABS, Cache
 from ..precision import exactness_of, in_single_range
-from .cells import LARGEST, SLAB, CellEvaluator, along_sight, device_array
+from .cells import FEW_CELLS, LARGEST, SLAB, CellEvaluator, Numbers, along_sight, is_packed
 from .empty_space import get_bricks, get_pruned_walk, pruned_walk
 
 _ADVICE = (
@@ -39,8 +39,6 @@ _FAINT = {"single": 1e-9, "double": 1e-18}
 # first four pictures, on the ray, take 2.4 s of a processor and then 0.7 s each, where the one with
 # the table took 8.2 s; those after it take 0.6 s.
 CELLS_PER_STEP = 0.125
-# A table of so few cells takes no time, and names the first cell with bad coefficients.
-_FEW_CELLS = 1 << 22
 # Shapes per cell below this, or above its inverse, are tabulated as coefficients, which have units.
 _LEAST_SHAPE = 1e-18
 
@@ -222,7 +220,7 @@ class OnRay:
         self.real = self.backend.Float if single else self.backend.Wide
         self.channels, self.skipping = evaluator.channels, skipping or Skipping()
         self.largest = self.channels.in_units(evaluator.largest)
-        self.fields: dict[str, Float] = {}
+        self.fields: dict[str, Numbers] = {}
         if read:
             self._read(evaluator)
 
@@ -231,11 +229,11 @@ class OnRay:
         for name in evaluator.medium.names:
             if name in volume:
                 array = volume.array(name)
-                if array.dtype.kind != "f":
+                if array.dtype.kind != "f" and not is_packed(array):
                     size = array.size * (4 if array.dtype.itemsize <= 2 else 8)
                     advice = "crop or coarsen the volume"
                     check_memory(size, "an integer field as floating point", advice)
-                self.fields[name] = device_array(array.reshape(-1), self.backend)
+                self.fields[name] = Numbers(array.reshape(-1), self.backend)
         evaluator.all_coordinates  # noqa: B018 (made before rays are traced)
 
     def within(self, volume: Volume, origin: tuple[int, int, int]) -> OnRay:
@@ -263,7 +261,7 @@ class OnRay:
         places = self.evaluator.coordinates(cell, active)
         fields = {name: self.real(value) for name, value in places.items()}
         for name, data in self.fields.items():
-            fields[name] = self.real(dr.gather(type(data), data, cell, active))
+            fields[name] = self.real(data.gather(self.backend.UInt(cell), active))
         if sight := self.evaluator.medium.sight:
             fields |= self._sight(segment, sight)
         values = self.evaluator.evaluate(fields, self.real)
@@ -329,9 +327,9 @@ def tabulated(
     faint = 0.0 if isinstance(scheme, Scanner) else _FAINT[backend.precision]
     everywhere = isinstance(scheme, Scanner) and scheme.everywhere
 
-    def on_ray(single: bool = False, leaps: bool = True) -> OnRay:
+    def on_ray(single: bool = False) -> OnRay:
         skipping = Skipping()
-        if leaps and not everywhere:
+        if not everywhere:
             skipping.bricks = get_bricks(evaluator, cache, faint, CELLS)
         if whole and not everywhere:
             skipping.walk = get_pruned_walk(evaluator, cache, 0.0, "cells", {})
@@ -354,11 +352,11 @@ def tabulated(
             return replace(found, channels=channels.reuse(found.channels))
     if crowded:
         return OnRay(evaluator.normalised())
-    if by_cell and not recorded and grid.size > _FEW_CELLS:
+    if by_cell and not recorded and grid.size > FEW_CELLS:
         crossed = cache.get_or_make(key and ("crossed", key), lambda: [0.0])
         crossed[0] += steps
         if grid.size > CELLS_PER_STEP * crossed[0]:
-            return on_ray(leaps=crossed[0] > steps)
+            return on_ray()
     check_memory(needed + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
     evaluator = evaluator.normalised()
     table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)

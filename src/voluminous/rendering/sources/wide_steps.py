@@ -29,7 +29,7 @@ from ...media.context import Context
 from ...media.profiles import Shaped
 from ...ranges import Ranges, sums_in
 from ..precision import plain_widths, sizes_of_coefficients
-from .cells import CellEvaluator, device_array
+from .cells import CellEvaluator, Numbers
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,8 @@ def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Deviat
 _UP = tuple(itertools.product((0, 1), repeat=3))
 # Maximum optical depth of a step: within a panel the order of several shells is unknown.
 _DEEPEST = 0.4
+# Cubes compared at once: limits the memory of temporary arrays.
+_AT_ONCE = 1 << 22
 # Fraction of steps that must become wider for this to pay, since the walk itself is slower.
 _WORTHWHILE = 0.1
 
@@ -127,10 +129,14 @@ def wide_steps(
     for step in range(WIDEST, 0, -1):
         left = visible & (steps == 0) & (most >= step)
         inside = _resized(left, BITS - step, np.any)
-        smooth, place = np.zeros(inside.shape, bool), np.nonzero(inside)
-        if len(place[0]):
-            first = [from_host(evaluator.backend.Int, p << step) for p in place]
-            smooth[place] = np.asarray(cubes.smooth(first, 1 << step))
+        smooth = np.zeros(inside.shape, bool)
+        layers = max(1, _AT_ONCE * len(inside) // inside.size)
+        for low in range(0, len(inside), layers):
+            x, y, z = np.nonzero(inside[low : low + layers])
+            if len(x):
+                place = x + low, y, z
+                first = [from_host(evaluator.backend.Int, p << step) for p in place]
+                smooth[place] = np.asarray(cubes.smooth(first, 1 << step))
         smooth = _resized(smooth, step - BITS, np.all)
         steps[left & smooth[tuple(slice(n) for n in left.shape)]] = step
     return steps if np.count_nonzero(steps) > _WORTHWHILE * np.count_nonzero(visible) else None
@@ -165,7 +171,7 @@ class _Cubes:
         volume = evaluator.volume
         self.shape = volume.grid.shape
         self.data = {
-            name: device_array(volume.array(name).reshape(-1), self.backend)
+            name: Numbers(volume.array(name).reshape(-1), self.backend)
             for name in evaluator.medium.names
         }
 
@@ -217,8 +223,7 @@ class _Cubes:
         for i, n in zip(node, self.shape, strict=True):
             flat = flat * dr.opaque(Int, n) + dr.clip(i - 1, 0, dr.opaque(Int, n - 1))
         return {
-            name: self.real(dr.gather(type(data), data, backend.UInt(flat)))
-            for name, data in self.data.items()
+            name: self.real(data.gather(backend.UInt(flat))) for name, data in self.data.items()
         }
 
     def _plane(self, expr: Expression, corners: list[dict[str, Float]]) -> list[Float]:
