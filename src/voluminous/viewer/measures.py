@@ -14,12 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.labels import Labels
 from ..cameras import Camera
 from ..errors import InputError
 from ..expressions import Expression
 from ..measuring import measure, probe
-from ..media import Coefficients, Colormap, Gaussian, Isosurface, Medium, Rectangle, Table
 from ..regions import Box
 from ..units import described, is_quantity, plain, unit_name
 from ..volume import Volume
@@ -31,8 +29,6 @@ _MOST, _LONGEST = 50, 100
 # A point of which less light comes to the observer cannot be seen.
 _HIDDEN = 0.1
 _RAY_OPTIONS = ("scheme", "precision", "device", "clip")
-# A Gaussian is at half of its maximum this many σ from its centre.
-_HALF = float(np.sqrt(2.0 * np.log(2.0)))
 
 
 def check_measures(measures: Any) -> None:
@@ -151,7 +147,7 @@ def marks_of(lines: Any, camera: Camera, volume: Volume) -> list[tuple[np.ndarra
     return marks
 
 
-def shown_where(medium: Medium, volume: Volume) -> str:
+def shown_where(medium: Any, volume: Volume) -> str:
     """Return the condition on cells that a medium shows: half of its maximum, or inside a surface.
 
     That is where the extinction is at least half of its largest value (of a medium that takes away
@@ -163,59 +159,55 @@ def shown_where(medium: Medium, volume: Volume) -> str:
     InputError
         If this kind of medium has no such condition.
     """
-    if isinstance(medium, Labels):
-        table = medium.describe()
+    table = medium.describe()
+    if "visible" in table:
         seen = [n for n, on in zip(medium.numbers, table["visible"], strict=True) if on]
-        return " or ".join(f"{medium.expr.text} == {n}" for n in seen) or "false"
-    if isinstance(medium, Colormap) and medium.range.is_open:
+        return " or ".join(f"{table['expr']} == {n}" for n in seen) or "false"
+    if "extinction" in table:
+        return _strong(table, volume)
+    if any(f.colors is not None and f.colors.is_open for f in medium.features()):
         medium = medium.calibrated(volume)
-    if isinstance(medium, (Gaussian, Rectangle)):
-        half = medium.width * (_HALF if isinstance(medium, Gaussian) else 1.0)
-        ends = [(medium.center - half, medium.center + half)]
-    elif isinstance(medium, Isosurface):
-        ends = [(min(medium.levels), None)]
-    elif isinstance(medium, Table):
-        ends = _at_half(medium)
-    elif isinstance(medium, Coefficients):
-        return _strong(medium, volume)
+    expr = Expression(table["expr"]) if "expr" in table else None
+    unit = None if expr is None else volume.expression_unit(expr)
+    if "level" in table:
+        ends = [(min(plain(one, unit, "level") for one in medium.levels), None)]
+    elif (profile := medium.profile(unit, lambda: (-np.inf, np.inf))) is not None:
+        ends = _at_half(*profile)
     else:
         raise InputError(
             f"what {type(medium).__name__} shows has no limit to measure at; give a condition, "
             "such as 'density > 1'"
         )
-    x, unit = medium.expr.text, volume.expression_unit(medium.expr)
+    x = table["expr"]
     x = x if re.fullmatch(r"\w+(\([^()]*\))?", x) else f"({x})"
-    numbers = [[e if e is None else f"{plain(e, unit, x):.6g}" for e in pair] for pair in ends]
+    numbers = [[e if e is None else f"{e:.6g}" for e in pair] for pair in ends]
     sides = [
         f"{low} <= {x} <= {high}" if low and high else f"{x} >= {low}" if low else f"{x} <= {high}"
         for low, high in numbers
         if low or high
     ]
-    parts = [" or ".join(sides), medium.describe().get("where") or ""]
+    parts = [" or ".join(sides), table.get("where") or ""]
     several = all(parts)
     return " and ".join(f"({part})" if several else part for part in parts if part)
 
 
-def _at_half(medium: Table) -> list[tuple[Any, Any]]:
-    """Return between which values a table is at half of its maximum or above it."""
-    heights = medium.opacities.max(axis=1)
-    if not heights.any():
-        heights = np.abs(medium.colors).max(axis=1)
-    values, half = medium.values, 0.5 * heights.max()
-    above, unit = heights >= half, 1.0 if medium.unit is None else medium.unit
+def _at_half(values: np.ndarray, heights: np.ndarray) -> list[tuple[Any, Any]]:
+    """Return between which values a profile, zero outside, is at half of its maximum or above."""
+    values, heights = np.pad(values, 1, mode="edge"), np.pad(heights, 1)
+    half = 0.5 * heights.max()
     turns = [
-        (values[k] + (half - a) / (b - a) * (values[k + 1] - values[k])) * unit
+        values[k] + (half - a) / (b - a) * step
+        if np.isfinite(step := values[k + 1] - values[k])
+        else None
         for k, (a, b) in enumerate(pairwise(heights))
-        if above[k] != above[k + 1]
+        if (a >= half) != (b >= half)
     ]
-    turns = [None] * bool(above[0]) + turns + [None] * bool(above[-1])
     return list(zip(turns[::2], turns[1::2], strict=True))
 
 
-def _strong(medium: Coefficients, volume: Volume) -> str:
-    told = medium.describe()
+def _strong(table: dict[str, Any], volume: Volume) -> str:
     for name in ("extinction", "emissivity"):
-        expr = told[name]
+        expr = table[name]
         if isinstance(expr, str) and Expression(expr).names:
             largest = measure(volume, {"x": expr}).maxima["x"]
             return f"({expr}) >= {described(0.5 * largest)}"
