@@ -30,6 +30,7 @@ export function navigate(stage: Stage, overlay: Overlay, highlight: Highlight, s
   }
 
   const self = {
+    follows,
     /** Send a view that waits for the next frame of the screen. */
     flush: send,
     /** A trackball, or else a turntable. */

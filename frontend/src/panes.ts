@@ -70,7 +70,7 @@ export const placeIn = (axis: number, width: number, cell: number[]): number => 
 export type Panes = ReturnType<typeof panesOf>;
 
 /** @param pointed is called when a click has chosen a point */
-export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, "stage" | "store" | "server" | "notices" | "overlay">, pointed: (point: Vec3) => void) {
+export function panesOf({ stage, store, server, notices, overlay, navigation }: Pick<Parts, "stage" | "store" | "server" | "notices" | "overlay" | "navigation">, pointed: (point: Vec3) => void) {
   const state = (): Table => store.document.slices ?? {};
   const expr = (): string => state().expr ?? mainExpr(store.document.medium ?? [], server.info?.fields ?? []);
   const bounds = () => server.info?.bounds ?? [[0, 1], [0, 1], [0, 1]];
@@ -105,7 +105,12 @@ export function panesOf({ stage, store, server, notices, overlay }: Pick<Parts, 
     const [low, high] = state().window ?? (isCT() ? [-160, 240] : limits);
     return low < high ? [low, high] : [low, low + 1];
   };
-  const set = (what: Table, label: string, moving = false) => store.set(Object.entries(what).map(([key, value]) => [`slices.${key}`, value]), label, moving);
+  const set = (what: Table, label: string, moving = false) => {
+    const patch = Object.entries(what).map(([key, value]) => [`slices.${key}`, value] as [string, any]);
+    // Who only watches has slices of this page alone.
+    if (navigation.follows) store.show(patch);
+    else store.set(patch, label, moving);
+  };
 
   /** Go to a point of the volume. */
   function go(point: number[], moving = false): void {
