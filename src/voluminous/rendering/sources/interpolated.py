@@ -171,9 +171,10 @@ class Interpolated:
 
     @functools.cached_property
     def in_scalars(self) -> list[str]:
-        """The fields that the medium's scalars use."""
+        """The fields that the medium's scalars use; of lines, which are shifted, all."""
         used = {name for expr in self.channels.scalars for name in expr.names}
-        return [name for name in self.lattices if name in used]
+        every = self.channels.medium.sight or not used
+        return [name for name in self.lattices if name in used or every]
 
     @functools.cached_property
     def coordinates(self) -> list[int]:
