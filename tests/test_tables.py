@@ -112,7 +112,7 @@ def test_tables_are_used_again_and_never_stale(scheme):
 
 def test_a_large_lattice_leaves_room_for_pictures_in_turns(monkeypatch):
     """What a picture uses itself counts for nothing: bricks of 1e-3 do not drop those of None."""
-    monkeypatch.setattr("voluminous.rendering.cache.LIMIT", 1 << 20)
+    monkeypatch.setattr(Cache, "limit", 1 << 20)
     volume = vm.models.prestellar_core(40)  # packets of 4 × 40³ numbers are as large
     for tolerance in (None, 1e-3, None):
         vm.render(volume, vm.Gaussian("density", 1e4, 1e3, 1.0, 0.3, 1e17), tolerance=tolerance)

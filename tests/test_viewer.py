@@ -12,6 +12,7 @@ import time
 import warnings
 import zipfile
 import zlib
+from functools import partial
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from voluminous.viewer import frames
 from voluminous.viewer.document import Document
 from voluminous.viewer.explorer import Explorer
 from voluminous.viewer.measures import shown_where
-from voluminous.viewer.painter import caught_warnings, sampled
+from voluminous.viewer.painter import at_hand, caught_warnings, sampled
 from voluminous.viewer.script import IN_MEMORY, keyframes_of, python_of, shortened
 from voluminous.viewer.session import QUIET, SIZES, Session
 from voluminous.viewer.share import tables_of
@@ -1132,10 +1133,16 @@ def test_a_sample_is_every_kth_cell_between_the_same_walls(tmp_path):
     assert sampled(read, 9000) is sampled(read, 9000)
 
 
+def few_at_hand(monkeypatch):
+    """Let at most 16³ cells be at hand."""
+    for room in ("explorer", "painter", "questions", "slices"):
+        monkeypatch.setattr(f"voluminous.viewer.{room}.at_hand", partial(at_hand, most=16**3))
+
+
 @pytest.fixture
 def sampling(tmp_path, monkeypatch):
     """Return a file of 32³ cells of which 16³ are at hand."""
-    monkeypatch.setattr("voluminous.viewer.painter._AT_HAND", 16**3)
+    few_at_hand(monkeypatch)
     axis = (np.arange(32) - 15) / 16  # the highest is in no sample
     values = np.exp(-sum(np.meshgrid(axis**2, axis**2, axis**2, indexing="ij")))
     np.save(tmp_path / "a.npy", values.astype(np.float32))
@@ -1178,7 +1185,7 @@ def test_a_large_volume_turns_at_once_and_is_drawn_whole_at_rest(sampling):
 
 
 def test_a_sample_is_shown_of_what_cannot_be_drawn_chunk_by_chunk(sampling, monkeypatch):
-    monkeypatch.setattr("voluminous.viewer.painter._IN_MEMORY", 16**3)
+    monkeypatch.setattr("voluminous.viewer.explorer.is_drawn_in_blocks", lambda _: True)
     explorer = Explorer(vm.io.registry.open_lazily(sampling), SHELL.replace(shading=0.5), CAMERA)
     page = Page(explorer)
     frame, _ = page.exact(0)
@@ -1191,14 +1198,14 @@ def test_a_sample_is_shown_of_what_cannot_be_drawn_chunk_by_chunk(sampling, monk
 def test_previews_do_not_wait_for_a_full_picture(explorer, monkeypatch):
     """Which reads, and measures, for seconds in calls that nothing interrupts."""
     held, free = threading.Event(), threading.Event()
-    level = explorer.painter._level
+    level = explorer.painter.draw_level
 
     def slow(*args):
         held.set()
         assert free.wait(60)
         return level(*args)
 
-    monkeypatch.setattr(explorer.painter, "_level", slow)
+    monkeypatch.setattr(explorer.painter, "draw_level", slow)
     page = Page(explorer)
     assert held.wait(60)
     camera = {**explorer.document.settings["camera"], "phi": 77.0}
@@ -1223,7 +1230,7 @@ def large(tmp_path, monkeypatch):
     # As if 16³ cells were the most that memory holds.
     samples = "voluminous.calibration.samples"
     monkeypatch.setattr(f"{samples}.level_within", lambda v, _: level_within(v, 16**3))
-    monkeypatch.setattr("voluminous.viewer.painter._AT_HAND", 16**3)
+    few_at_hand(monkeypatch)
     return vm.io.registry.open_lazily(tmp_path / "large.zarr")
 
 

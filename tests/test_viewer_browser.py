@@ -139,7 +139,7 @@ def test_exact_is_only_what_shows_the_newest_document(tab, monkeypatch):
 
     assert badge.inner_text().startswith("exact, error ≤ 0.")
     with monkeypatch.context() as held:
-        held.setattr(tab.explorer.painter, "_pages", list)
+        held.setattr(tab.explorer.painter, "pages", list)
         client.change([("image.exposure", 2.0)], "exposure")  # which is the page's
         assert states() == ("exact", "true")
         client.change([("medium.0.opacity", 0.77)], "opacity")  # of another page
@@ -148,7 +148,7 @@ def test_exact_is_only_what_shows_the_newest_document(tab, monkeypatch):
     tab.rest()
     assert states() == ("exact", "true")
     with monkeypatch.context() as held:
-        held.setattr(tab.explorer.painter, "_pages", list)
+        held.setattr(tab.explorer.painter, "pages", list)
         tab.press("ArrowLeft")
         assert states() == ("preview", "false")
     tab.rest()
@@ -160,7 +160,7 @@ def test_exact_is_only_what_shows_the_newest_document(tab, monkeypatch):
     # A sample of a large volume is named as such.
     frame = {"scale": 0.5, "done": 0.0, "every": 2, "exact": False}
     sent = []
-    monkeypatch.setattr(client, "_send", lambda m, p, go=client._send: go(m | frame, p))
+    monkeypatch.setattr(client, "send", lambda m, p=b"", go=client.send: go(m | frame, p))
     monkeypatch.setattr(type(client), "drew", lambda *_: sent.append(1))
     tab.press("ArrowLeft")
     tab.page.wait_for_timeout(1000)

@@ -96,6 +96,8 @@ class Cache:
     this picture uses stay, and do not count.
     """
 
+    limit = LIMIT
+
     def __init__(self, volume: Volume) -> None:
         self.volume = volume
         self.statistics = VolumeStatistics(volume, self)
@@ -117,7 +119,7 @@ class Cache:
         others = [(old, size) for old, (_, size) in tables.items() if old not in self._used]
         total = sum(size for _, size in others)
         for old, size in others:
-            if total <= LIMIT and fits(SLABS):
+            if total <= self.limit and fits(SLABS):
                 break
             del tables[old]
             total -= size

@@ -126,12 +126,12 @@ class _GivenUp(Exception):
     """Nobody wants the picture that is being drawn."""
 
 
-def at_hand(volume: Volume) -> Volume:
+def at_hand(volume: Volume, most: int = _AT_HAND) -> Volume:
     """Return what quick answers look at: of a large volume a level of its file, or a sample."""
-    if volume.grid.size <= _AT_HAND:
+    if volume.grid.size <= most:
         return volume
     level = measurable(volume) if volume.waiting else volume
-    return sampled(volume, _AT_HAND) if level is volume else level
+    return sampled(volume, most) if level is volume else level
 
 
 def measured(volume: Volume) -> Volume:
@@ -146,7 +146,7 @@ def small(volume: Volume) -> Volume:
 
 def is_drawn_in_blocks(volume: Volume) -> bool:
     """Return whether pictures of a file are drawn chunk by chunk: it need not fit into memory."""
-    large = bool(volume.waiting) and volume.grid.size > _AT_HAND
+    large = bool(volume.waiting) and at_hand(volume) is not volume
     return large and (volume.grid.size > _IN_MEMORY or measurable(volume) is not volume)
 
 
@@ -252,7 +252,7 @@ class Painter:
         pages: Callable[[], list[Page]],
         shot: Callable[[Page, tuple[int, int]], Shot],
     ) -> None:
-        self._pages, self._shot = pages, shot
+        self.pages, self._shot = pages, shot
         self._woken, self._closed = threading.Condition(), False
         self._frame, self._sending = 0, threading.Lock()
         self._exposures: dict[str, float] = {}
@@ -285,7 +285,7 @@ class Painter:
         """Paint for the pages that want it, one after another."""
         turn = 0
         while not self._closed:
-            now, pages = time.monotonic(), self._pages()
+            now, pages = time.monotonic(), self.pages()
             turns = [(turn + k) % len(pages) for k in range(len(pages))]
             this = next((k for k in turns if wants(pages[k].session, now)), None)
             if paint == self._rest and any(now - p.session.changed_at < QUIET for p in pages):
@@ -349,7 +349,7 @@ class Painter:
         for one, level, begun, ended in steps:
             with caught_warnings() as caught:  # of a picture without error control they come again
                 try:
-                    made = self._level(page, one, level, image, start, (begun, ended))
+                    made = self.draw_level(page, one, level, image, start, (begun, ended))
                 except VoluminousError as error:
                     if image is None:
                         raise
@@ -373,7 +373,7 @@ class Painter:
         if shot.whole is None and shot.options.get("memory") is None:
             self._whole.add(shot.look)
 
-    def _level(
+    def draw_level(
         self,
         page: Page,
         shot: Shot,
@@ -434,7 +434,7 @@ class Painter:
     def _is_wanted_elsewhere(self, page: Page, shot: Shot, now: float) -> bool:
         if page.session.wanted != shot.wish:
             return True
-        return any(other.session.wants_preview(now) for other in self._pages())
+        return any(other.session.wants_preview(now) for other in self.pages())
 
     def _send_image(
         self, page: Page, shot: Shot, image: Image, start: float, **options: Any
