@@ -2,14 +2,15 @@
 
 A brick is a cube of 4³ cells, the same that rays leap over. Its range holds every value that the
 field takes in the brick, also where it is interpolated between cell centres. Ranges are made once
-per field (512³ numbers: 0.3 s of a processor) and kept with the volume:
-`rendering.sources.empty_space.ranges_of_field` returns them. Framing, empty space, wide steps and
-guaranteed bounds share them::
+per field (512³ numbers: 0.3 s of a processor) and kept with the volume: `ranges_of_field` returns
+them. Framing, empty space, wide steps and guaranteed bounds share them::
 
     bricks = ranges_of_field(Cache(volume), "density", DUAL)
     bricks.low.shape                # (129, 129, 129) of 512³ cells, of the field's type
     bricks.coarser(4).high          # in bricks of 16³ cells
     most_in({"density": bricks}, lambda fields: [fields["density"].size])
+
+`Numbers` and `CellsInPlace` are the fields themselves on a device, large ones without a copy.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .backend import Backend, aligned, dr
+from .backend.types import Float, Int, Mask
 from .expressions.interval import Interval
 from .grids.cartesian.leap import brick_shape
 from .grids.cartesian.walk import BRICK
@@ -32,6 +35,9 @@ _CHUNK = 1 << 18
 _QUANTILES, _EQUAL, _VALUES = 4096, 1024, 1 << 17
 # With so few bricks each is evaluated by itself.
 _FEW = 1 << 16
+
+# Small integers are packed in words if there are so many; fewer are faster as floating point.
+_LARGE = 1 << 25
 
 
 class Window(NamedTuple):
@@ -68,10 +74,6 @@ class BrickRanges:
         """Return the ranges of some bricks."""
         return Interval(self.low[part], self.high[part])
 
-    def reshaped(self, *shape: int) -> BrickRanges:
-        """Return the same bricks in another shape."""
-        return BrickRanges(self.low.reshape(shape), self.high.reshape(shape))
-
     def coarser(self, factor: int, beyond: int = 0) -> BrickRanges:
         """Return ranges of bricks that are wider by a factor; with those of so many more behind."""
         ends = []
@@ -85,6 +87,12 @@ class BrickRanges:
                 values = coarse
             ends.append(values)
         return BrickRanges(*ends)
+
+    def in_boxes(self, side: int, shape: Sequence[int]) -> BrickRanges:
+        """Return the ranges in boxes of so many cells of a volume and those beside them, flat."""
+        bricks = self.coarser(side // BRICK, 1) if side > BRICK else self
+        some = tuple(slice(-(-n // side)) for n in shape)
+        return BrickRanges(bricks.low[some].reshape(-1), bricks.high[some].reshape(-1))
 
     @functools.cached_property
     def pieces(self) -> tuple[Interval, np.ndarray, np.ndarray]:
@@ -120,6 +128,11 @@ class BrickRanges:
         return Interval(low, high), placed(self.low), placed(self.high)
 
 
+def box_side(shape: Sequence[int]) -> int:
+    """Return the side of boxes of bricks of which there are 64³ at most."""
+    return next(side for k in range(64) if 64 * (side := BRICK << k) >= max(shape))
+
+
 def field_ranges(array: np.ndarray, window: Window) -> BrickRanges:
     """Return the range of a field in and around each brick."""
     low, high = (np.empty(window.shape(array.shape), array.dtype) for _ in range(2))
@@ -130,6 +143,14 @@ def field_ranges(array: np.ndarray, window: Window) -> BrickRanges:
             plane = ufunc.reduce(layers, axis=0)
             ends[b] = _windows(_windows(plane, ufunc, window).T, ufunc, window).T
     return BrickRanges(low, high)
+
+
+def ranges_of_field(cache: Any, name: str, window: Window) -> BrickRanges:
+    """Return the ranges of a field in and around every brick; cached with the volume (`Cache`)."""
+    key = ("ranges", name, cache.statistics.digest(name), window)
+    volume, found = cache.volume, cache.get(key)
+    made: BrickRanges = found or cache.put(key, field_ranges(volume.array(name), window))
+    return made
 
 
 def _windows(plane: np.ndarray, ufunc: np.ufunc, window: Window) -> np.ndarray:
@@ -242,3 +263,81 @@ class _Maxima:
         row = level * self.count
         both = row + first, row + last - (1 << level) + 1
         return [np.maximum(*(table[place] for place in both)) for table in self.tables]
+
+
+def device_array(flat: np.ndarray, backend: Backend, *, whole_vectors: bool = False) -> Float:
+    """Return numbers on the device; integers become floating point that holds them.
+
+    Float arrays in the CPU's memory are used in place. `whole_vectors` are `backend.aligned`;
+    gathers need not be.
+    """
+    if flat.dtype.kind != "f":
+        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+    kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
+    return kind(aligned(flat) if whole_vectors else flat)
+
+
+class Numbers:
+    """A field on the device for gathers: in place, as far as kernels can read its type.
+
+    Of large fields of small integers there is no copy as floating point (1024³: 4 GiB): they are
+    parts of words of 32 bits, which devices gather.
+    """
+
+    __slots__ = ("backend", "bits", "data", "sign")  # the size of a cache's entry leaves them out
+
+    def __init__(self, flat: np.ndarray, backend: Backend) -> None:
+        self.backend, self.bits, self.sign = backend, 0, 0
+        if is_packed(flat):
+            self.bits = 8 * flat.itemsize
+            self.sign = 1 << (self.bits - 1) if flat.dtype.kind == "i" else 0
+            octets = flat.view(np.uint8)
+            octets = np.pad(octets, (0, -octets.size % 4)) if octets.size % 4 else octets
+            self.data = backend.UInt(octets.view(np.uint32))
+        else:
+            self.data = device_array(flat, backend)
+
+    def gather(self, index: Int, active: Mask = True) -> Float:
+        """Return some of the numbers, of the type that they have on the device."""
+        kind, index = type(self.data), self.backend.UInt(index)
+        if not self.bits:
+            return dr.gather(kind, self.data, index, active)
+        shift = 2 if self.bits == 8 else 1
+        word = dr.gather(kind, self.data, index >> shift, active)
+        part = (word >> ((index & ((1 << shift) - 1)) * self.bits)) & ((1 << self.bits) - 1)
+        return self.backend.Int(part ^ self.sign) - self.sign
+
+
+def is_packed(array: np.ndarray) -> bool:
+    """Return whether `Numbers` gathers parts of words."""
+    return array.dtype.kind in "iub" and array.itemsize <= 2 and array.size >= _LARGE
+
+
+@dataclass
+class CellsInPlace:
+    """The field's own array: outside of it the outermost values are repeated."""
+
+    data: Numbers
+    unit: float
+    # Along each axis the number of cells minus one, and the stride.
+    lasts: list[Any]
+    strides: list[Any]
+
+    @classmethod
+    def of(cls, array: np.ndarray, backend: Backend) -> CellsInPlace:
+        """Return a field of a Cartesian grid."""
+        _, ny, nz = array.shape
+        lasts = [dr.opaque(backend.UInt, n - 1) for n in array.shape]
+        strides = [dr.opaque(backend.Int, n) for n in (ny * nz, nz, 1)]
+        return cls(Numbers(array.reshape(-1), backend), 1.0, lasts, strides)
+
+    def corners(self, chord: Any, active: Mask) -> list[list[list[Any]]]:
+        first, steps, UInt = 0, [], self.data.backend.UInt
+        for i, last, stride in zip(chord.index, self.lasts, self.strides, strict=True):
+            first = first + dr.maximum(i - 1, 0) * stride
+            steps.append(dr.select(UInt(i - 1) < last, stride, 0))  # else out of the volume
+        x, y, z = steps
+        return [
+            [[self.data.gather(first + a + b + c, active) for c in (0, z)] for b in (0, y)]
+            for a in (0, x)
+        ]

@@ -142,7 +142,9 @@ class Cache:
 
 
 # Objects of these packages may hold arrays.
-_ROOMS = tuple(f"voluminous.{room}" for room in ("rendering", "grids", "expressions", "schemes"))
+_ROOMS = tuple(
+    f"voluminous.{r}" for r in ["rendering", "grids", "expressions", "schemes", "ranges"]
+)
 
 
 def size_of(thing: Any, seen: set[int] | None = None) -> int:

@@ -91,9 +91,8 @@ def _framed(
         partition = None if level is not volume or partition is None else partition.alone()
         volume = level
     # Where steps can be wide is for larger pictures (512³, four shells: 4 s of a processor).
-    scheme: Any = PreIntegrated(coarseness=0.0)
-    if not isinstance(volume.grid, DualGrid) or getattr(medium, "discrete", False):
-        scheme = "first-order"
+    dual = isinstance(volume.grid, DualGrid) and not getattr(medium, "discrete", False)
+    scheme = PreIntegrated(coarseness=0.0) if dual else "first-order"
     options = RenderOptions(scheme=scheme, tolerance=None)
 
     def draw(camera: Orthographic) -> tuple[RenderJob, RenderResult]:

@@ -13,13 +13,12 @@ from ..expressions import Expression
 from ..grids.cartesian.walk import BRICK
 from ..grids.contract import CellBox, cells_across
 from ..packages import REGISTERED
-from ..ranges import CELLS, DUAL, BrickRanges, Ranges
+from ..ranges import CELLS, DUAL, Ranges, box_side, ranges_of_field
 from ..volume import Volume
 from .cache import Cache
 from .job import RayJob, RenderJob
 from .missing import Completed, complete
 from .sources.cells import CellEvaluator
-from .sources.empty_space import ranges_of_field
 from .sources.interpolated import interpolated_fields
 from .sources.table import tabulated
 from .tracer import KernelCache, RayTracer
@@ -86,25 +85,14 @@ class Partition:
 
     @functools.cached_property
     def ranged(self) -> Sequence[int]:
-        """Sides of the boxes of cells of which `ranges_around` gives the ranges: 64³ at most."""
-        most = max(self.volume.grid.shape)
-        return (next(side for k in range(64) if 64 * (side := BRICK << k) >= most),) * 3
+        """Sides of the boxes of cells of which `ranges_around` gives the ranges."""
+        return (box_side(self.volume.grid.shape),) * 3
 
     def ranges_around(self, cache: Cache, names: Iterable[str]) -> Ranges:
-        """Return the ranges of fields in each box of cells and those beside it, flat.
-
-        Of large volumes those of the bricks that rays leap over.
-        """
-        side, found = self.ranged[0], Ranges()
-        for name in names:
-            if side == BRICK:
-                bricks = ranges_of_field(cache, name, CELLS)
-            else:
-                bricks = ranges_of_field(cache, name, DUAL).coarser(side // BRICK, 1)
-                some = tuple(slice(-(-n // side)) for n in cache.volume.grid.shape)
-                bricks = BrickRanges(bricks.low[some], bricks.high[some])
-            found[name] = bricks.reshaped(-1)
-        return found
+        """Return the ranges of fields in each box of cells and those beside it, flat."""
+        shape, side = cache.volume.grid.shape, self.ranged[0]
+        window = CELLS if side == BRICK else DUAL  # of large volumes those of rays' bricks
+        return {n: ranges_of_field(cache, n, window).in_boxes(side, shape) for n in names}
 
     def blocks_of(self, names: Iterable[str], per_cell: int, others: int) -> Iterator[CellBox]:
         """Yield the blocks in which fields are measured, given bytes needed besides them."""

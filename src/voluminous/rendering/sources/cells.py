@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import Backend, aligned, dr, from_host
+from ...backend import Backend, dr, from_host
 from ...backend.types import Float, Int, Mask
 from ...derivatives.vectors import sight_cosines
 from ...errors import InputError
@@ -22,6 +22,7 @@ from ...media.bound import Binding
 from ...media.context import Context, Tape
 from ...media.contract import Medium
 from ...memory import check_memory
+from ...ranges import device_array
 from ...schemes.channels import Channels, channel_groups
 from ...volume import Volume
 from ..cache import VolumeStatistics
@@ -33,8 +34,6 @@ LARGEST = 2**32 - 1
 SLAB = 1 << 19
 # What is made of so few cells takes no time; a table names the first one with bad coefficients.
 FEW_CELLS = 1 << 22
-# Small integers are packed in words if there are so many; fewer are faster as floating point.
-_LARGE = 1 << 25
 # Runs of consecutive cells in which sizes without bounds are looked up.
 _RUNS, _RUN = 8, 1 << 13
 
@@ -221,52 +220,6 @@ def check_fields(volume: Volume, medium: Medium) -> None:
     for name in medium.names:
         if name not in volume.coordinates and name not in volume:
             volume.array(name)
-
-
-def device_array(flat: np.ndarray, backend: Backend, *, whole_vectors: bool = False) -> Float:
-    """Return numbers on the device; integers become floating point that holds them.
-
-    Float arrays in the CPU's memory are used in place. `whole_vectors` are `backend.aligned`;
-    gathers need not be.
-    """
-    if flat.dtype.kind != "f":
-        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
-    kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
-    return kind(aligned(flat) if whole_vectors else flat)
-
-
-class Numbers:
-    """A field on the device for gathers: in place, as far as kernels can read its type.
-
-    Of large fields of small integers there is no copy as floating point (1024³: 4 GiB): they are
-    parts of words of 32 bits, which devices gather.
-    """
-
-    def __init__(self, flat: np.ndarray, backend: Backend) -> None:
-        self.backend, self.bits, self.sign = backend, 0, 0
-        if is_packed(flat):
-            self.bits = 8 * flat.itemsize
-            self.sign = 1 << (self.bits - 1) if flat.dtype.kind == "i" else 0
-            octets = flat.view(np.uint8)
-            octets = np.pad(octets, (0, -octets.size % 4)) if octets.size % 4 else octets
-            self.data = backend.UInt(octets.view(np.uint32))
-        else:
-            self.data = device_array(flat, backend)
-
-    def gather(self, index: Int, active: Mask = True) -> Float:
-        """Return some of the numbers, of the type that they have on the device."""
-        kind, index = type(self.data), self.backend.UInt(index)
-        if not self.bits:
-            return dr.gather(kind, self.data, index, active)
-        shift = 2 if self.bits == 8 else 1
-        word = dr.gather(kind, self.data, index >> shift, active)
-        part = (word >> ((index & ((1 << shift) - 1)) * self.bits)) & ((1 << self.bits) - 1)
-        return self.backend.Int(part ^ self.sign) - self.sign
-
-
-def is_packed(array: np.ndarray) -> bool:
-    """Return whether `Numbers` gathers parts of words."""
-    return array.dtype.kind in "iub" and array.itemsize <= 2 and array.size >= _LARGE
 
 
 _ACROSS = "sqrt(x*x + y*y)"

@@ -15,9 +15,10 @@ from ...errors import InputError
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
+from ...ranges import CellsInPlace, device_array, is_packed
 from ...schemes.channels import unit_near
 from ..cache import Cache
-from .cells import LARGEST, SLAB, CellEvaluator, Numbers, device_array, is_packed
+from .cells import LARGEST, SLAB, CellEvaluator
 
 if TYPE_CHECKING:
     from ...grids.contract import DualGrid, Grid
@@ -92,28 +93,6 @@ class NodalValues(FieldLattice):
 
     def _value(self, index: Int, active: Mask) -> Any:
         return dr.gather(type(self.data), self.data, index, active)
-
-
-@dataclass
-class CellsInPlace(FieldLattice):
-    """The field's own array: outside of it the outermost values are repeated."""
-
-    data: Numbers
-    unit: float
-    # Along each axis the number of cells minus one, and the stride.
-    lasts: list[Any]
-    strides: list[Any]
-
-    def corners(self, chord: Any, active: Mask) -> Corners:
-        first, steps, UInt = 0, [], self.data.backend.UInt
-        for i, last, stride in zip(chord.index, self.lasts, self.strides, strict=True):
-            first = first + dr.maximum(i - 1, 0) * stride
-            steps.append(dr.select(UInt(i - 1) < last, stride, 0))  # else out of the volume
-        x, y, z = steps
-        return [
-            [[self.data.gather(first + a + b + c, active) for c in (0, z)] for b in (0, y)]
-            for a in (0, x)
-        ]
 
 
 @dataclass
@@ -238,12 +217,9 @@ def _in_place(array: np.ndarray, backend: Backend) -> bool:
     return readable and array.size < 1 << 31 and not _in_quads(array, backend)
 
 
-def _cartesian_lattice(array: np.ndarray, backend: Backend, unit: float) -> FieldLattice:
+def _cartesian_lattice(array: np.ndarray, backend: Backend, unit: float) -> Any:
     if unit == 1.0 and _in_place(array, backend):
-        _, ny, nz = array.shape
-        lasts = [dr.opaque(backend.UInt, n - 1) for n in array.shape]
-        strides = [dr.opaque(backend.Int, n) for n in (ny * nz, nz, 1)]
-        return CellsInPlace(Numbers(array.reshape(-1), backend), unit, lasts, strides)
+        return CellsInPlace.of(array, backend)
     padded = np.pad(array, 1, mode="edge")
     if _in_quads(array, backend):
         return make_faces(padded, backend, unit)

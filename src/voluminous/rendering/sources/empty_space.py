@@ -15,7 +15,7 @@ from ...grids.cartesian.leap import Bricks, make_bricks
 from ...grids.trees.octree import OctreeGrid
 from ...media.bound import BoundMedium
 from ...media.ranges import RangeContext
-from ...ranges import BrickRanges, Ranges, Window, coordinate_ranges, field_ranges, sums_in
+from ...ranges import BrickRanges, Ranges, Window, coordinate_ranges, ranges_of_field, sums_in
 from ..cache import Cache
 from ..precision import exactness_of
 from .cells import CellEvaluator
@@ -30,12 +30,6 @@ if TYPE_CHECKING:
 _WORTHWHILE = 0.05
 # Leaves processed at once.
 _CHUNK = 1 << 20
-
-
-def ranges_of_field(cache: Cache, name: str, window: Window) -> BrickRanges:
-    """Return the ranges of a field in and around every brick; cached with the volume."""
-    key = ("ranges", name, cache.statistics.digest(name), window)
-    return cache.get_or_make(key, lambda: field_ranges(cache.volume.array(name), window))
 
 
 def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> Ranges:

@@ -19,13 +19,13 @@ from ...grids.structured import is_structured
 from ...grids.trees.octree import OctreeGrid
 from ...memory import check_memory, fits
 from ...progress import reporter
-from ...ranges import CELLS
+from ...ranges import CELLS, Numbers, is_packed
 from ...schemes.base import JAlpha, Scanner, Scheme, Skipping, VertexScheme, innermost
 from ...schemes.channels import Channels, ColouredShapes
 from ...volume import Volume
 from ..cache import SLABS, Cache
 from ..precision import exactness_of, in_single_range
-from .cells import FEW_CELLS, LARGEST, SLAB, CellEvaluator, Numbers, along_sight, is_packed
+from .cells import FEW_CELLS, LARGEST, SLAB, CellEvaluator, along_sight
 from .empty_space import get_bricks, get_pruned_walk, pruned_walk
 
 _ADVICE = (

@@ -27,9 +27,9 @@ from ...grids.straight_chord import trilinear
 from ...media.bound import BoundMedium
 from ...media.context import Context
 from ...media.profiles import Shaped
-from ...ranges import Ranges, sums_in
+from ...ranges import Numbers, Ranges, sums_in
 from ..precision import plain_widths, sizes_of_coefficients
-from .cells import CellEvaluator, Numbers
+from .cells import CellEvaluator
 
 
 @dataclass(frozen=True)
