@@ -142,9 +142,8 @@ class Cache:
 
 
 # Objects of these packages may hold arrays.
-_ROOMS = tuple(
-    f"voluminous.{r}" for r in ["rendering", "grids", "expressions", "schemes", "ranges"]
-)
+_NAMES = ("rendering", "grids", "expressions", "schemes", "ranges")
+_ROOMS = tuple(f"voluminous.{room}" for room in _NAMES)
 
 
 def size_of(thing: Any, seen: set[int] | None = None) -> int:
