@@ -196,10 +196,8 @@ def _at_half(values: np.ndarray, heights: np.ndarray) -> list[tuple[Any, Any]]:
     values, heights = np.pad(values, 1, mode="edge"), np.pad(heights, 1)
     half = 0.5 * heights.max()
     turns = [
-        values[k] + (half - a) / (b - a) * step
-        if np.isfinite(step := values[k + 1] - values[k])
-        else None
-        for k, (a, b) in enumerate(pairwise(heights))
+        None if np.isinf(low) or np.isinf(high) else low + (half - a) / (b - a) * (high - low)
+        for (low, high), (a, b) in zip(pairwise(values), pairwise(heights), strict=True)
         if (a >= half) != (b >= half)
     ]
     return list(zip(turns[::2], turns[1::2], strict=True))

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import sys
 from pathlib import Path
 from typing import Any
 
 from ..cameras import Camera
+from ..errors import VoluminousError
 from ..image import Image
 from ..media import Medium
 from ..progress import in_jupyter
 from ..scene import Scene
 from .explorer import Explorer
 from .page import Server
+from .painter import at_hand
 from .widget import make_widget
+
+# Pixels of the picture in a saved notebook.
+_SAVED = 400
 
 
 class View:
@@ -72,7 +79,15 @@ class View:
     def _repr_mimebundle_(self, **options: Any) -> Any:
         if self._widget is None:
             return {"text/plain": repr(self)}
-        return self._widget._repr_mimebundle_(**options)
+        made = self._widget._repr_mimebundle_(**options)
+        bundle, facts = made if isinstance(made, tuple) else (made, {})
+        with contextlib.suppress(VoluminousError):  # where no kernel runs a saved notebook shows it
+            scene = self._explorer.scene(_SAVED)
+            quick = {} if scene.projection else {"tolerance": None, "progress": False}
+            scene = Scene(scene.to_dict(), volume=at_hand(self._explorer.volume))
+            png = scene.render(**quick)._repr_png_()
+            bundle = {**bundle, "image/png": base64.b64encode(png).decode()}
+        return bundle, facts
 
     def __repr__(self) -> str:
         return f"<View at {self.url}>" if self.url else "<View in this notebook>"
