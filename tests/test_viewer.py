@@ -570,13 +570,15 @@ def decoded(head, payload):
 def test_a_projection_is_shown_exported_and_left(explorer, volume, tmp_path):
     page = Page(explorer)
     page.exact(0)
+    clip = "box((-1, -1, -1), (0.3, 1, 1))"
+    page.put("set", patch=[["render.clip", clip]])
     number = page.put("set", patch=[["project", {"quantity": "-1000 * a", "how": "min"}]])
     preview, quick = page.wait(
         lambda m: m["kind"] == "frame" and not m["exact"] and m.get("how") == "min"
     )
     head, payload = page.exact(number)
     image = explorer.scene((48, 40)).render(progress=False)
-    wanted = vm.project(volume, "-1000 * a", explorer.camera.within((48, 40)), "min")
+    wanted = vm.project(volume, "-1000 * a", explorer.camera.within((48, 40)), "min", clip=clip)
     np.testing.assert_array_equal(image.intensity, wanted.intensity)
     truth = wanted.intensity[..., 0]
     np.testing.assert_allclose(

@@ -1,6 +1,6 @@
 // Windows above everything: the list of keys, saving, and the history of changes.
 
-import { dressFields, dressOf, estimator, PLAIN } from "./dress";
+import { dressFields, dressOf, estimator, isOnBlack, PLAIN } from "./dress";
 import type { Row } from "./keys";
 import type { Mark } from "./marks";
 import type { Parts } from "./parts";
@@ -97,7 +97,7 @@ export function saveDialog(parts: Pick<Parts, "stage" | "store" | "server" | "no
   };
   const isText = () => /TOML|Python/.test(wish.format);
   const has: Record<string, () => unknown> = { letters: () => parts.server.info?.orientation, measures: () => parts.store.document.measures?.length };
-  const may = (name: string) => KINDS[wish.format] === "png" && Boolean(has[name]?.() ?? !has[name]);
+  const may = (name: string) => KINDS[wish.format] === "png" && !isOnBlack(parts.store, name) && Boolean(has[name]?.() ?? !has[name]);
   const ask = () => ({ what: KINDS[wish.format], ...dressOf(wish, may) });
   const estimate = estimator(parts.server);
   const tell = () => void estimate.show(isText() ? null : ask(), wish.width ** 2 / parts.stage.aspect);

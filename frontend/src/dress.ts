@@ -1,6 +1,7 @@
 // What saved pictures and films carry beside their pixels, and what they will take: said before.
 
 import type { Server } from "./server";
+import type { Store } from "./store";
 import { h } from "./ui/dom";
 import type { Form } from "./ui/fields";
 import { duration, fileSize } from "./ui/format";
@@ -16,6 +17,9 @@ const MARKS: [keyof Dress, string, string][] = [
   ["measures", "measures", "Distances, angles and boxes, with their numbers"],
   ["triad", "axes", "x, y and z as the camera sees them"],
 ];
+
+/** Whether a ground cannot be had: a projection is nowhere transparent. */
+export const isOnBlack = ({ document }: Store, name: string) => Boolean(document.project?.quantity) && /white|transparent/.test(name);
 
 /** Ticks for them. @param may whether one is offered now */
 export function dressFields<S extends Dress>(form: Form<S>, put: (what: Partial<S>) => void, may: (name: keyof Dress) => boolean): HTMLElement {

@@ -3,7 +3,7 @@
 import { fromSide, type View, withAngles } from "./camera";
 import type { Vec3, VolumeInfo } from "./wire";
 
-const OPPOSITE: Record<string, string> = { L: "R", R: "L", A: "P", P: "A", S: "I", I: "S" };
+export const OPPOSITE: Record<string, string> = { L: "R", R: "L", A: "P", P: "A", S: "I", I: "S" };
 /** An axis of the patient that is within 66° of a direction gives it a letter. */
 const NEAR = 0.4;
 

@@ -111,8 +111,11 @@ export class Overlay {
   private letters(info: VolumeInfo): SVGElement[] {
     const [right, up] = axesOf(this.stage.frameView!);
     const { clientWidth: w, clientHeight: h_ } = this.stage.canvas;
+    // Below the buttons, which are at the upper border.
+    const { offsetTop: top, offsetHeight: height } = this.lines.nextElementSibling as HTMLElement;
+    const below = Math.min(top + height, 0.4 * h_);
     const places: [Vec3, number, number][] = [
-      [right, w - 18, h_ / 2], [times(right, -1), 18, h_ / 2], [up, w / 2, 20], [times(up, -1), w / 2, h_ - 20],
+      [right, w - 18, h_ / 2], [times(right, -1), 18, h_ / 2], [up, w / 2, below + 16], [times(up, -1), w / 2, h_ - 20],
     ];
     return places.map(([way, x, y]) => svg("text", { class: "vlm-letter", x, y }, lettersOf(info, way)));
   }

@@ -2,7 +2,7 @@
 // picture, and moved from any. Values come as they are in the cells; the window is the page's.
 
 import { mainExpr } from "./modes";
-import { letterOf } from "./orientation";
+import { letterOf, OPPOSITE } from "./orientation";
 import type { Parts } from "./parts";
 import { ARROWS, button, h, refill, svg } from "./ui/dom";
 import { lengthIn, lengthsShownIn, pretty, suited, ticks, withUnit } from "./ui/format";
@@ -23,7 +23,6 @@ const STEP = 0.02;
 const TINT = 0.45;
 /** A cell of more pixels is shown as a square. */
 const SQUARE = 8;
-const OPPOSITE: Record<string, string> = { L: "R", R: "L", P: "A", A: "P", S: "I", I: "S" };
 /** What is to the right and up in slices across left–right, front–back and head–feet, as radiologists have them. */
 const RADIOLOGICAL: [name: string, right: string, up: string][] = [["Sagittal", "P", "S"], ["Coronal", "L", "S"], ["Axial", "L", "A"]];
 
@@ -121,6 +120,13 @@ export function panesOf({ stage, store, server, notices, overlay, navigation }: 
     if (!moving) pointed(inside);
   }
 
+  /** Values so far. */
+  function widened(low: number, high: number): void {
+    limits = [Math.min(limits[0], low), Math.max(limits[1], high)];
+    for (const one of panes) one.draw();
+    panel();
+  }
+
   /** Change width and middle of the window. */
   function widen([low, high]: [number, number], factor: number, shift: number, moving: boolean): void {
     const level = 0.5 * (low + high) + shift;
@@ -158,14 +164,14 @@ export function panesOf({ stage, store, server, notices, overlay, navigation }: 
       shown = { reply: answer, data: await valuesOf(answer), key: wish.key };
       marked = told && { reply: told, data: await valuesOf(told), key: "" };
       if (of !== wish.expr) {
-        const field = server.info?.fields.find((f) => f.name === wish.expr);
+        of = wish.expr;
+        const field = server.info?.fields.find((f) => f.name === of);
         limits = field && Number.isFinite(field.min) ? [field.min, field.max] : [Infinity, -Infinity];
+        // Of an expression one slice may show little: its window is that of all cells.
+        if (!field) void server.tried("histogram", { expr: of, bins: 1 }).then((all) => all && of === wish.expr && widened(all.edges[0], all.edges[1]));
       }
-      of = wish.expr;
       unit = answer.unit;
-      limits = [Math.min(limits[0], answer.low), Math.max(limits[1], answer.high)];
-      for (const one of panes) one.draw();
-      panel();
+      widened(answer.low, answer.high);
     });
 
     /** Where the slice is in the pane: left, top, width and height. */
@@ -264,12 +270,12 @@ export function panesOf({ stage, store, server, notices, overlay, navigation }: 
       );
       title.textContent = `${name ? `${name}  ` : ""}${"xyz"[axis]} = ${withUnit(...suited(at()[axis], info.unit), 4)}`;
       levels.style.cssText = `right:${element.clientWidth - x - w + 5}px;bottom:${element.clientHeight - y - h_ + 3}px`;
-      levels.textContent = windowWords().replace(/indow|evel/g, "");
+      levels.textContent = `${expr()}  ${windowWords().replace(/indow|evel/g, "")}`;
       // While another slice is on its way nothing is read from the old one.
       const fresh = shown?.key === asked;
       const value = fresh && shown ? shown.data[placeIn(axis, shown.reply.width, cell)] : NaN;
       const label = fresh && marked ? marked.data[placeIn(axis, marked.reply.width, cell)] : null;
-      told.textContent = !fresh ? "…" : `${withUnit(value, unit, 4)}${label === null ? "" : ` · ${nameOf(label)}`}`;
+      told.textContent = !fresh ? "…" : `${withUnit(value, unit, 4)}${label ? ` · ${nameOf(label)}` : ""}`;
       element.setAttribute("aria-label", `${title.textContent}: ${expr()} ${told.textContent}`);
       element.dataset.value = String(value);
     }

@@ -2,7 +2,7 @@
 // makes it, and this page gets the file.
 
 import { fileMaker } from "../dialogs";
-import { dressFields, dressOf, estimator, PLAIN } from "../dress";
+import { dressFields, dressOf, estimator, isOnBlack, PLAIN } from "../dress";
 import type { Parts } from "../parts";
 import { button, h } from "../ui/dom";
 import { Form } from "../ui/fields";
@@ -11,7 +11,7 @@ import type { Table } from "../wire";
 const KINDS: Record<string, string> = { MP4: "mp4", GIF: "gif", WebP: "webp", "PNG pictures (zip)": "png" };
 const DOES = "The server draws it, and this page downloads it";
 
-export function filmMaker(parts: Pick<Parts, "stage" | "server" | "notices">, cameras: () => Table[]) {
+export function filmMaker(parts: Pick<Parts, "stage" | "store" | "server" | "notices">, cameras: () => Table[]) {
   const maker = fileMaker(parts);
   const wish = { of: "orbit", frames: 120, fps: 24, width: 800, turns: 1, factor: 4, ease: "smooth", file: "MP4", series: false, ...PLAIN };
   type Wish = typeof wish;
@@ -31,7 +31,7 @@ export function filmMaker(parts: Pick<Parts, "stage" | "server" | "notices">, ca
   const only = (path: string, value: any) => (wish.of === path ? value : undefined);
 
   // Films have no alpha.
-  const may = (name: string) => (name === "transparent" ? KINDS[wish.file] === "png" : name !== "measures" && (name !== "letters" || Boolean(parts.server.info?.orientation)));
+  const may = (name: string) => !isOnBlack(parts.store, name) && (name === "transparent" ? KINDS[wish.file] === "png" : name !== "measures" && (name !== "letters" || Boolean(parts.server.info?.orientation)));
   const ask = () => ({ path: paths[wish.of](), frames: wish.frames, fps: wish.fps, what: KINDS[wish.file], ...dressOf(wish, may) });
   const estimate = estimator(parts.server);
   let touched = false;

@@ -8,7 +8,7 @@ import { titleOf as mediumTitle } from "../media";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
 import { Form } from "../ui/fields";
-import { pretty, suited, withUnit } from "../ui/format";
+import { pretty, prettyUnit, suited, withUnit } from "../ui/format";
 import { type Message, newest, type Table, type Vec3 } from "../wire";
 
 const DIGITS = 4;
@@ -143,7 +143,7 @@ export function measurePanel(
 
   function titleOf(measure: Table): string {
     if (measure.kind !== "cells") return measure.kind === "angle" ? "Angle" : "Distance";
-    return [measure.expr, measure.where ? `where ${measure.where.replace(/<=/g, "≤").replace(/>=/g, "≥")}` : "", measure.low ? "in a box" : measure.clip ? `inside ${measure.clip}` : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
+    return [measure.expr, measure.where ? `where ${measure.where.replace(/<=/g, "≤").replace(/>=/g, "≥")}` : "", measure.low ? "in a box" : measure.clip ? `inside ${measure.clip.replace(/\d+\.\d+/g, (v: string) => Number(Number(v).toPrecision(5)))}` : measure.where ? "" : "of all cells"].filter(Boolean).join(" ");
   }
 
   function wordsOf(measure: Table): string {
@@ -158,7 +158,7 @@ export function measurePanel(
     const [side, name] = suited(Math.cbrt(reply.volume), unit());
     // Of a patient: 1 cm³ is 1 ml.
     if (name === "mm" && side >= 10) return `${pretty((side / 10) ** 3, DIGITS)} cm³`;
-    return name ? `${pretty(side ** 3, DIGITS)} ${name.replace("um", "µm")}³` : pretty(reply.volume, DIGITS);
+    return name ? `${pretty(side ** 3, DIGITS)} ${prettyUnit(name)}³` : pretty(reply.volume, DIGITS);
   }
 
   function numbers(measure: Table): (HTMLElement | null)[] {

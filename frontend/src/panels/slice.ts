@@ -4,7 +4,7 @@ import type { Panes } from "../panes";
 import type { Panel, Parts } from "../parts";
 import { h } from "../ui/dom";
 import { Form } from "../ui/fields";
-import { pretty } from "../ui/format";
+import { prettyPoint } from "../ui/format";
 import type { Table } from "../wire";
 
 /** Windows of computed tomography: width and level in Hounsfield units. */
@@ -28,10 +28,10 @@ export function slicePanel({ stage, store, server, navigation, notices }: Pick<P
   const update = () => {
     form.update(panes.state());
     ofCT.hidden = !panes.isCT();
-    spot.textContent = `Point ${panes.point().map((v) => pretty(v, 4)).join(", ")} ${server.info?.unit ?? ""}`;
+    spot.textContent = `Point ${prettyPoint(panes.point(), server.info?.unit ?? "")}`;
     convention.textContent = panes.patient()
       ? "Radiological: the patient's right is at the left, as seen from the feet; coronal from the front, sagittal from the left."
-      : "How a patient lies is not known: axes as in the file, across z, y and x.";
+      : panes.isCT() ? "How the patient lies is not known: axes as in the file, across z, y and x." : "";
   };
   panes.onDrawn(update);
   const usual = Object.entries(USUAL).map(([name, [w, l]]) => h("button", { type: "button", title: `Width ${w}, level ${l} HU`, onclick: () => put(w, l) }, name));
@@ -43,11 +43,11 @@ export function slicePanel({ stage, store, server, navigation, notices }: Pick<P
       form.choice(() => panes.expr(), "Field", fields, show),
       form.text(() => (fields().includes(panes.expr()) ? "" : panes.expr()), "Expression", show, "Any expression of the fields", "as the field above"),
       h("h2", {}, "Window"),
-      form.number(() => (panes.limits[0] <= panes.limits[1] ? Number(width().toPrecision(5)) : null), "Width", "", (v) => put(v, level()), "From black to white"),
-      form.number(() => (panes.limits[0] <= panes.limits[1] ? Number(level().toPrecision(5)) : null), "Level", "", (v) => put(width(), v), "The value in the middle, grey"),
+      form.number(() => (Number.isFinite(width()) ? Number(width().toPrecision(5)) : null), "Width", "", (v) => put(v, level()), "From black to white"),
+      form.number(() => (Number.isFinite(level()) ? Number(level().toPrecision(5)) : null), "Level", "", (v) => put(width(), v), "The value in the middle, grey"),
       h(
         "div", { class: "vlm-actions" },
-        h("button", { type: "button", title: "From the least to the greatest value seen so far", onclick: () => set({ window: null }, "window") }, "All values"),
+        h("button", { type: "button", title: "From the least to the greatest value seen so far", onclick: () => set({ window: panes.isCT() ? [...panes.limits] : null }, "window") }, "All values"),
         h("button", { type: "button", title: "The same window in the picture, of a maximum, mean or minimum", onclick: () => store.set([["image.vmin", panes.window()[0]], ["image.vmax", panes.window()[1]], ["image.exposure", null]], "window") }, "Same in the picture"),
       ),
       ofCT,

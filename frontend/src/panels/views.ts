@@ -27,7 +27,7 @@ export function viewsPanel({ stage, store, server, notices, navigation }: Pick<P
   const pictures = new Map<string, string>();
   let shown = "";
   const list = h("ol", { class: "vlm-views" });
-  const film = filmMaker({ stage, server, notices }, () => kept().map((one) => one.camera));
+  const film = filmMaker({ stage, store, server, notices }, () => kept().map((one) => one.camera));
 
   const kept = (): Kept[] => store.document.bookmarks ?? [];
   const put = (list: Kept[], label: string) => store.set([["bookmarks", list]], label);

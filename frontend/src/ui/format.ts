@@ -59,7 +59,7 @@ export function prettyUnit(unit: string | null | undefined): string {
       const [, name, power] = /^(.*?)\^?\(?(-?\d*)\)?$/.exec(part)!;
       const exponent = (power ? Number(power) : 1) * (below ? -1 : 1);
       below = false;
-      return exponent === 1 ? name : name + raised(exponent);
+      return (OTHER[name] ?? name) + (exponent === 1 ? "" : raised(exponent));
     })
     .filter(Boolean)
     .join(" ");

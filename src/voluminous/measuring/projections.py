@@ -169,7 +169,7 @@ def project(
 
 
 # Options that `render` and `project` have both.
-_SHARED = ("clip", "precision", "device", "memory", "progress")
+SHARED = ("clip", "precision", "device", "memory", "progress")
 
 
 def drawn(
@@ -185,7 +185,7 @@ def drawn(
     """
     if not projection:
         return render(volume, medium, camera, **options)
-    shared = {name: options[name] for name in _SHARED if name in options}
+    shared = {name: options[name] for name in SHARED if name in options}
     made: Any = project(volume, camera=camera, **projection, **shared)
     image: Image = made
     return image

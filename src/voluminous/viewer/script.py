@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..image.lengths import readable
+from ..measuring.projections import SHARED
 from ..scene import Scene
 from ..scene.sections import build_camera
 from ..scene.settings import plain_value
@@ -41,7 +42,9 @@ def python_of(scene: Scene) -> str:
     lines += [f"volume.set_unit({name!r}, {unit!r})" for name, unit in units.items()]
     lines += [f"volume[{name!r}] = {str(text)!r}" for name, text in derived.items()]
     if scene.projection:
-        given = plain_value(scene.projection)
+        given = plain_value(scene.projection) | {
+            name: value for name, value in scene.render_options.items() if name in SHARED
+        }
         picture = f"volume, {given.pop('quantity')!r}, camera"
         drawn = _call("image = vm.project", given, picture)
     else:
