@@ -25,7 +25,7 @@ export function build(parts: Parts, legend: HTMLElement, link: { trouble: HTMLEl
   const badge = h("div", { class: "vlm-badge" }, "waiting for the first picture");
   const time = timeBar(server);
   const corner = h("div", { class: "vlm-corner" }, overlay.gizmo);
-  const units = unitChoice(server, () => (stage.redraw(), tabs.current().update()));
+  const units = unitChoice(server, () => (stage.redraw(), mode.update(), panes.update(), tabs.current().update()));
   const lower = h("div", { class: "vlm-lower" }, legend, h("div", { class: "vlm-scale" }, overlay.bar, units.element));
   const mode = modes(parts);
   const panes = panesOf(parts, (point) => void (measure.takesPoint(point) || probe.through(point)));

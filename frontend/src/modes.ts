@@ -51,7 +51,7 @@ export function modes({ store, server, stage }: Pick<Parts, "store" | "server" |
     return { how, element: button(label, words, () => choose(how)) };
   });
   const summary = h("summary", { title: "What is projected, and a slab across the view" });
-  const more = h("details", { class: "vlm-mode-of" }, summary, h(
+  const more = h("details", { class: "vlm-mode-of", hidden: true }, summary, h(
     "div", {},
     form.choice((p) => String(p.quantity), "Of", () => fields().map((f) => f.name), show),
     form.text((p) => (fields().some((f) => f.name === p.quantity) ? "" : String(p.quantity)), "Expression", show, "Any expression of the fields", "as above"),

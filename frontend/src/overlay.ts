@@ -31,6 +31,7 @@ export class Overlay {
   private stalks = new Map<string, SVGLineElement>();
   private order = "";
   private key = "";
+  private upper = 0;
 
   constructor(
     private stage: Stage,
@@ -63,7 +64,10 @@ export class Overlay {
     if (!frameView) return;
     // Lines over the whole picture are dear to draw: not anew for another exposure.
     const size = [canvas.clientWidth, canvas.clientHeight];
-    const key = JSON.stringify([frameView, this.stage.view, size, info.bounds, this.pivot, this.probed, this.shown, this.layers.map((one) => one.key()), lengthsShownIn(info.unit)]);
+    // Letters are below the buttons, which are at the upper border.
+    const { offsetTop: top, offsetHeight: height } = this.lines.nextElementSibling as HTMLElement;
+    this.upper = Math.min(top + height, 0.4 * size[1]);
+    const key = JSON.stringify([frameView, this.stage.view, size, this.upper, info.bounds, this.pivot, this.probed, this.shown, this.layers.map((one) => one.key()), lengthsShownIn(info.unit)]);
     if (key === this.key) return;
     this.key = key;
     this.lines.setAttribute("viewBox", `0 0 ${canvas.clientWidth} ${canvas.clientHeight}`);
@@ -111,11 +115,8 @@ export class Overlay {
   private letters(info: VolumeInfo): SVGElement[] {
     const [right, up] = axesOf(this.stage.frameView!);
     const { clientWidth: w, clientHeight: h_ } = this.stage.canvas;
-    // Below the buttons, which are at the upper border.
-    const { offsetTop: top, offsetHeight: height } = this.lines.nextElementSibling as HTMLElement;
-    const below = Math.min(top + height, 0.4 * h_);
     const places: [Vec3, number, number][] = [
-      [right, w - 18, h_ / 2], [times(right, -1), 18, h_ / 2], [up, w / 2, below + 16], [times(up, -1), w / 2, h_ - 20],
+      [right, w - 18, h_ / 2], [times(right, -1), 18, h_ / 2], [up, w / 2, this.upper + 16], [times(up, -1), w / 2, h_ - 20],
     ];
     return places.map(([way, x, y]) => svg("text", { class: "vlm-letter", x, y }, lettersOf(info, way)));
   }

@@ -8,7 +8,7 @@ import { titleOf as mediumTitle } from "../media";
 import type { Panel, Parts } from "../parts";
 import { button, h, refill } from "../ui/dom";
 import { Form } from "../ui/fields";
-import { pretty, prettyUnit, suited, withUnit } from "../ui/format";
+import { lengthsShownIn, pretty, prettyUnit, suited, withUnit } from "../ui/format";
 import { type Message, newest, type Table, type Vec3 } from "../wire";
 
 const DIGITS = 4;
@@ -213,7 +213,7 @@ export function measurePanel(
     if (!media()[wish.medium]) wish.medium = 0;
     form.update(wish);
     for (const measure of measures()) if (measure.kind === "cells" && !counts.has(keyOf(measure))) void ask(keyOf(measure), { measure });
-    const key = JSON.stringify([measures(), [...counts.values()], unit()]);
+    const key = JSON.stringify([measures(), [...counts.values()], lengthsShownIn(unit())]);
     if (key === shown) return;
     shown = key;
     stage.redraw();

@@ -5,7 +5,7 @@ import type { Panel, Parts } from "../parts";
 import { gradient, SAFE, stripes, vivid } from "../ui/color";
 import { button, h, icon, refill } from "../ui/dom";
 import { toggle } from "../ui/fields";
-import { pretty, prettyUnit } from "../ui/format";
+import { perLength, pretty } from "../ui/format";
 import type { Message, Table } from "../wire";
 import { coefficientCurves, Plot } from "../ui/lines";
 import { mediumEditor } from "./editor";
@@ -42,8 +42,9 @@ export function mediaPanel(parts: Pick<Parts, "stage" | "store" | "server" | "hi
     const { values, places } = histogram.across;
     const unit = server.info?.unit ?? "";
     const found = totals(media(), histogram.data?.expr, values, store.open, stage.tables, store.channels, unit);
+    const [factor, per] = perLength(unit);
     total.element.hidden = !found;
-    if (found) total.show(places, coefficientCurves(found.j, [found.alpha]), unit ? prettyUnit(`1 / ${unit}`) : "per length");
+    if (found) total.show(places, coefficientCurves(found.j, [found.alpha], factor), per || "per length");
   }
 
   const logarithmic = new Map<string, boolean>();

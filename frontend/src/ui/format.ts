@@ -171,10 +171,16 @@ export function showLengthsIn(unit: string, name: string): void {
 
 export const lengthsShownIn = (unit: string): string => SHOWN.get(unit) ?? "";
 
+/** What takes numbers per length of a volume to those per length as the page shows it, and that unit. */
+export function perLength(unit: string): [factor: number, unit: string] {
+  const name = lengthsShownIn(unit) || unit;
+  return [lengthIn(`1 ${name}`, unit) ?? 1, unit && prettyUnit(`1 / ${name}`)];
+}
+
 /** A length in the unit that suits it: the number, and the unit. */
 export function suited(length: number, unit: string): [number, string] {
   const own = sizeOf(unit);
-  if (!own || !length) return [length, unit];
+  if (!own || !length) return [length, (own && SHOWN.get(unit)) || unit];
   const [name, size] = unitFor(Math.abs(length) * own[1], unit, own[1]);
   return [(length * own[1]) / size, name];
 }

@@ -22,9 +22,10 @@ export function channelCurves(rows: number[][], name: string): Curve[] {
   return rows.map((values, c) => ({ name: c === 0 ? `${name} 1` : String(c + 1), values, color: CHANNELS[c % CHANNELS.length] }));
 }
 
-/** Emission of each channel, and extinction. */
-export function coefficientCurves(j: number[][], alpha: number[][]): Curve[] {
-  return [...channelCurves(j, "j"), ...channelCurves(alpha, "α").map((curve) => ({ ...curve, color: "#8d99a6" }))];
+/** Emission of each channel, and extinction. @param factor of their unit of lengths */
+export function coefficientCurves(j: number[][], alpha: number[][], factor: number): Curve[] {
+  const curves = [...channelCurves(j, "j"), ...channelCurves(alpha, "α").map((curve) => ({ ...curve, color: "#8d99a6" }))];
+  return curves.map((curve) => ({ ...curve, values: curve.values.map((v) => v * factor) }));
 }
 
 export class Plot {
