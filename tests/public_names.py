@@ -136,7 +136,7 @@ METHODS = {
     "image": (IMAGE, "to plot plane to_rgb replace on_sky background_replaced"),
     "cube": (CUBE, "to plot moment channel_maps spectrum_at subtract_continuum total convolve"),
     "spectrum": (SPECTRUM, "to plot replace"),
-    "volume": (VOLUME, "array evaluate field_unit set_unit slice resample unfolded"),
+    "volume": (VOLUME, "array crop evaluate field_unit set_unit slice resample unfolded"),
     "molecule": (vm.Molecule(**CO), "line partition_function"),
     "opacity": (vm.Opacity(**KAPPA), "absorption scattering extinction asymmetry"),
     "medium": (SHELL, "calibrated plot replace"),

@@ -76,7 +76,12 @@ def test_a_slab_counts_from_the_observer_and_finds_places_inside_it():
 
 @pytest.mark.parametrize(
     ("slab", "message"),
-    [(3, "distance and a thickness"), ((0, 0), "thickness > 0"), ((0, "1 g"), "pc")],
+    [
+        (3, "distance and a thickness"),
+        ((0, 0), "thickness > 0"),
+        ((0, "1 g"), "pc"),
+        ((0, 1e-9), "far less than the volume"),
+    ],
 )
 def test_what_is_no_slab_is_refused(slab, message):
     with pytest.raises(vm.VoluminousError, match=message):

@@ -300,6 +300,17 @@ def test_telescopes_see_what_is_inside():
 # --- what users give ------------------------------------------------------------------------------
 
 
+def test_the_length_of_a_normal_is_nothing():
+    """Squares of tiny and of huge numbers are 0 and infinite."""
+    volume = vm.Volume(CUBE, a=np.random.default_rng(7).uniform(0, 1, CUBE.shape))
+    for size in (1e-300, 1e200):
+        clips = [HalfSpace((0.1, 0, 0), (3 * c, 0, 4 * c)) for c in (1, size)]
+        unit, other = (vm.measure(volume, "a", clip=c)["a"] for c in clips)
+        np.testing.assert_allclose(other, unit, rtol=1e-12)
+        unit, other = (drawn(volume, c, **FIRST)[0] for c in clips)
+        np.testing.assert_allclose(other, unit, atol=1e-12)
+
+
 def test_kept_work_is_that_of_a_clip():
     """Rounds, kernels and tables are kept with a volume: another clip is another picture."""
     grid = vm.CartesianGrid.uniform(8, (-1, 1))
@@ -329,6 +340,7 @@ def test_a_region_beside_the_volume_leaves_nothing_and_says_so():
         (3, "clip must be one of vm.regions"),
         (Sphere, "clip must be one of vm.regions"),
         ("spere((0, 0, 0), 1)", "did you mean 'sphere'"),
+        ("sphere((nan, 0, 0), 1)", r"expected a number, a length or a point, got \(nan, 0, 0\)"),
         (Sphere((0, 0, 0), "1 s"), "radius is in s"),
         (vm.regions.Region(), "does not tell where rays are inside"),
         (" | ".join(f"sphere(({x / 10}, 0, 0), 0.01)" for x in range(9)), "8 stretches at most"),

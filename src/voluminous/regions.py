@@ -492,12 +492,12 @@ def region_on(given: Any, grid: Grid) -> Region:
             f"'box((0, 0, 0), (1, 1, 1))', got {given!r}"
         )
     for name, value in region.lengths():
-        on_grid(value, grid, name, across=name in ("radius", "height"))
+        on_grid(value, grid, name, across=name in ("radius", "height", "slab"))
     return region
 
 
 def _along(points: np.ndarray, origin: np.ndarray, axis: np.ndarray) -> tuple[Any, Any]:
-    away, axis = points - origin[:, None], axis / np.linalg.norm(axis)
+    away, axis = points - origin[:, None], _unit(axis)
     height = axis @ away
     return height, np.linalg.norm(away - axis[:, None] * height, axis=0)
 
@@ -522,6 +522,7 @@ def _vector(value: Any, what: str) -> np.ndarray:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
+    vector = vector / np.abs(vector).max()  # squares of tiny and huge numbers are 0 and inf
     return np.asarray(vector / np.linalg.norm(vector))
 
 
@@ -598,15 +599,20 @@ def read_shape(text: str, what: str, shapes: Mapping[str, Callable[..., Any]]) -
             for name, make in shapes.items()
         )
         kind = type(error) if isinstance(error, VoluminousError) else InputError
+        reason = str(getattr(error, "msg", error)).replace(".__init__()", "")
         raise kind(
-            f"{what} {shown!r}: {error or 'too long'}; points are in parentheses: (0, 0, 0); "
+            f"{what} {shown!r}: {reason or 'too long'}; points are in parentheses: (0, 0, 0); "
             f"there are: {known}"
         ) from None
 
 
 def _value(node: ast.expr) -> Any:
     """Return a word, a number, a text such as '0.5 pc', or a tuple of these."""
-    return node.id if isinstance(node, ast.Name) else ast.literal_eval(node)
+    try:
+        return node.id if isinstance(node, ast.Name) else ast.literal_eval(node)
+    except ValueError:
+        shown = ast.unparse(node)
+        raise ValueError(f"expected a number, a length or a point, got {shown}") from None
 
 
 def _cone(apex: Any, axis: Any, opening: Any, height: Any = None) -> DoubleCone:

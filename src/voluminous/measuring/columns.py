@@ -68,6 +68,9 @@ class Slab(Region):
         clip = region_of(clip) if isinstance(clip, str) else clip
         return cls(slab) if clip is None else cls(slab) & clip
 
+    def lengths(self) -> Iterator[tuple[str, Any]]:
+        yield "slab", self.slab[1]
+
     def numbers(self, unit: Unit) -> list[Any]:
         middle, thickness = (np.asarray(plain(one, unit, "slab")) for one in self.slab)
         one_number = middle.ndim == thickness.ndim == 0
