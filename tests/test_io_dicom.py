@@ -73,10 +73,12 @@ def test_dicom_types_hold_all_values(tmp_path, pydicom, bits, signed, slope, int
     np.testing.assert_array_equal(got, values * float(slope) + intercept)
 
 
-def test_bits_beside_the_value_are_left_out(tmp_path, pydicom):
+def test_bits_beside_the_value_are_left_out(tmp_path, pydicom, monkeypatch):
     clean = np.abs(VALUES).astype(np.uint16)
     path = series(tmp_path, clean | 0x8000, BitsStored=12, HighBit=11)
-    np.testing.assert_array_equal(vm.open(path).array("ct"), clean)
+    monkeypatch.chdir(path)
+    for directory in (path, "."):
+        np.testing.assert_array_equal(vm.open(directory).array("ct"), clean)
     negative = np.where(VALUES < 0, VALUES.astype(np.uint16) & 0x0FFF, VALUES.astype(np.uint16))
     path = series(tmp_path, negative, BitsStored=12, HighBit=11, PixelRepresentation=1)
     expected = np.where(VALUES >= 2048, VALUES - 4096, VALUES)

@@ -89,6 +89,7 @@ FSL = "1 1.0 0.0 0.2 left lung\n9 0 1 0 liver\n"
         ("a.ctbl", SLICER, 127 / 255, True),
         ("a.lut", FREESURFER, 1.0, True),
         ("a.label", SNAP, 0.5, False),
+        ("b.label", "\ufeff" + SNAP.replace("liver", "liver #2"), 0.5, False),
         ("a.lut", FSL, 1.0, True),
     ],
 )
@@ -104,7 +105,8 @@ def test_tables_of_labels(tmp_path, name, text, opacity, visible):
         "opacity": opacity,
         "visible": visible,
     }
-    assert (liver["number"], liver["name"], liver["color"]) == (9, "liver", [0.0, 1.0, 0.0])
+    seen = liver["number"], liver["name"].removesuffix(" #2"), liver["color"]
+    assert seen == (9, "liver", [0.0, 1.0, 0.0])
 
 
 def test_what_is_no_table_is_refused(tmp_path):

@@ -34,9 +34,13 @@ def read_label_table(path: Path) -> list[Label]:
     if path.stat().st_size > _LARGEST:
         raise FileFormatError(f"{path} is too long for a table of labels")
     rows = []
-    for number, line in enumerate(path.read_text("utf-8", "replace").splitlines(), start=1):
+    for number, line in enumerate(path.read_text("utf-8-sig", "replace").splitlines(), start=1):
         text = line.partition("#")[0].strip()
-        if text and (row := _row(text)) is None:
+        try:  # a name may have a "#"
+            row = _row(line.strip()) or _row(text)
+        except (ValueError, OverflowError):
+            row = None
+        if text and row is None:
             raise FileFormatError(
                 f"{path}, line {number}: expected a label's number, name and colour, such as "
                 f"'1 liver 221 130 101 255', got {line[:80]!r}"
@@ -68,7 +72,7 @@ def _label(
     return {
         "number": int(number),
         "name": name.replace("_", " ").strip(),
-        "color": [round(min(max(c, 0.0), 1.0), 4) for c in color],
+        "color": [round(min(max(0.0, c), 1.0), 4) for c in color],
         "opacity": min(opacity, 1.0),
         "visible": visible,
     }
@@ -86,7 +90,10 @@ def segments(header: Mapping[str, Any]) -> Iterator[tuple[int, Label]]:
             rgb = [float(c) for c in color] if len(color) == 3 else []
             made = _label(label, name, rgb)
             layer = int(header.get(f"{of}Layer", 0))
-        except ValueError as error:
-            raise FileFormatError(f"segment {number} of its header: {error}") from None
+        except ValueError:
+            raise FileFormatError(
+                f"segment {number} of its header: expected three numbers as Color and whole ones "
+                f"as LabelValue and Layer, got {' '.join(color)!r}, {label!r}"
+            ) from None
         yield layer, {key: value for key, value in made.items() if key != "color" or rgb}
         number += 1

@@ -135,7 +135,7 @@ class NIfTIReader(NibabelReader):
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        header = path.with_name(re.sub(r"(?i)\.img(?=$|\.gz$)", ".hdr", path.name))
+        header = path.parent / re.sub(r"(?i)\.img(?=$|\.gz$)", ".hdr", path.name)
         if header != path and header.is_file():
             head = header.read_bytes()[:_HEADER]
         start = _unpacked_start(head, _HEADER)
