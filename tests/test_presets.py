@@ -80,6 +80,7 @@ def head(slope=1.0, intercept=0.0, dtype=np.int16, name="a"):
         ({"slope": 1 / 12, "intercept": 84.0, "dtype": np.uint8, "name": "ct"}, (1 / 12, 84.0)),
         ({"slope": 1 / 12, "intercept": 84.0, "dtype": np.uint8}, None),
         ({"slope": 0.1}, None),
+        ({"slope": 1e3, "dtype": np.int32, "name": "ct"}, None),
     ],
 )
 def test_hounsfield_units_are_recognised(changes, scale):

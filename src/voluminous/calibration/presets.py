@@ -106,7 +106,7 @@ def hounsfield(volume: Volume, field: Any = None) -> tuple[float, float] | None:
     named = volume.meta.get("rescale_type") == "HU" or volume.meta.get("modality") == "CT"
     named |= re.search(r"(^|_)ct(_|\d|$)", expr.text, re.IGNORECASE) is not None
     values = sampled_values(measurable(volume), expr)
-    if not len(values) or (named and values[0] < _FAT):
+    if not len(values) or (named and values[0] < _FAT and values[-1] < _METAL):
         return (1.0, 0.0) if len(values) else None
     if _are_bytes(values):
         return _of_bytes(values) if named else None
