@@ -171,8 +171,8 @@ def _scene_of_data(
     an image stack defines; it chooses no direction if `changes` set another camera.
     """
     from ..calibration import presets, suggest_medium
+    from ..drawing.api import first_medium
     from ..rendering import framed
-    from ..rendering.framing import first_medium
     from ..scene import Scene
 
     data = data_file(args.scene, args, options)

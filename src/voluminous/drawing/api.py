@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Hashable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..bounds import guaranteed
+from ..calibration import presets, suggest_medium
 from ..errors import InputError
 from ..image import Image
 from ..image.metadata import oriented
@@ -21,8 +22,9 @@ from ..objects import SceneObject
 from ..objects.values import MANY
 from ..progress import Progress, silent, with_progress
 from ..regions import Region
+from ..rendering.cache import Cache
 from ..rendering.empty_picture import warn_of_nothing
-from ..rendering.framing import first_camera, first_medium, framed
+from ..rendering.framing import first_camera, framed
 from ..rendering.job import RenderJob
 from ..rendering.layers import with_channels
 from ..rendering.objects import channel_count, check_objects, wide_background, with_objects
@@ -316,6 +318,24 @@ def prepared(volume: Volume, medium: Medium | None, camera: Any, options: Render
     background = background_array(options.background, job.frame.pixels, job.medium.channels)
     panels = guaranteed.check_bounds(options.bounds, options.max_panels, job)
     return Drawing(job, options, whole, level, missing, objects, background, panels)
+
+
+def first_medium(volume: Volume) -> Medium:
+    """Return the preset that suits, or `suggest_medium` as cached for the last picture.
+
+    The latter takes a second for a million cells of patches, the picture itself a tenth.
+    """
+
+    def key() -> Hashable:  # fields that are not read yet do not count
+        read = [name for name in volume.fields if name not in volume.waiting]
+        return "first medium", Cache(volume).statistics.digests(read)
+
+    medium: Medium | None = Cache(volume).get(key())
+    if medium is None:
+        preset = getattr(presets, next(iter(presets.recognised(volume)[0]), ""), suggest_medium)
+        medium = preset(volume)
+        Cache(volume).put(key(), medium)  # fields may have been read only now
+    return medium
 
 
 def assembled(drawing: Drawing, planes: RenderResult) -> Image:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..calibration import calibrated, presets, suggest_medium
+from ..calibration import calibrated
 from ..calibration.samples import measurable
 from ..cameras import Orthographic
 from ..cameras.views import view_angles
@@ -256,21 +256,3 @@ def _parts(job: RenderJob, source: Any) -> Iterator[tuple[Ranges, np.ndarray, np
 
 def _rounded(value: float, size: float) -> float:
     return round(float(value), 3 - int(np.floor(np.log10(size))))
-
-
-def first_medium(volume: Volume) -> Medium:
-    """Return the preset that suits, or `suggest_medium` as cached for the last picture.
-
-    The latter takes a second for a million cells of patches, the picture itself a tenth.
-    """
-
-    def key() -> Hashable:  # fields that are not read yet do not count
-        read = [name for name in volume.fields if name not in volume.waiting]
-        return "first medium", Cache(volume).statistics.digests(read)
-
-    medium: Medium | None = Cache(volume).get(key())
-    if medium is None:
-        preset = getattr(presets, next(iter(presets.recognised(volume)[0]), ""), suggest_medium)
-        medium = preset(volume)
-        Cache(volume).put(key(), medium)  # fields may have been read only now
-    return medium

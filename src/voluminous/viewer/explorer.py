@@ -19,12 +19,12 @@ from ..calibration import presets
 from ..cameras import Camera
 from ..cameras.contract import pixel_counts
 from ..cameras.views import VIEWS, view_angles
+from ..drawing.api import first_medium
 from ..errors import InputError, VoluminousError
 from ..image.metadata import oriented
 from ..io import open as open_volume
 from ..media import Medium
 from ..rendering import framed
-from ..rendering.framing import first_medium
 from ..scene import Scene
 from ..scene.sections import build_camera, build_medium, projection, render_options
 from ..scene.settings import SECTIONS, plain_value
