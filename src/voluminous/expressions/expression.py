@@ -150,15 +150,23 @@ class Expression:
 
     def margins(self) -> tuple[Expression, ...]:
         """Return the differences of compared values; the expression may jump where one is zero."""
-        steps = self.tree.steps if isinstance(self.tree, Steps) else ()
         differences = [
             Call("subtract", sides)
             for node in self._calls("compare")
-            for sides in pairwise(in_steps(steps, side) for side in node.arguments)
+            for sides in pairwise(node.arguments)
         ]
+        return self._parts("margin", differences)
+
+    def quotients(self) -> tuple[Expression, ...]:
+        """Return the whole quotients of ``//`` and ``%``; it may jump where one changes."""
+        calls = self._calls("remainder", "floor_divide")
+        return self._parts("quotient", [Call("floor_divide", node.arguments) for node in calls])
+
+    def _parts(self, kind: str, trees: Iterable[Node]) -> tuple[Expression, ...]:
+        steps = self.tree.steps if isinstance(self.tree, Steps) else ()
         return tuple(
-            Expression.of_tree(tree, shown=f"{self.text}: margin {k}")
-            for k, tree in enumerate(differences)
+            Expression.of_tree(in_steps(steps, tree), shown=f"{self.text}: {kind} {k}")
+            for k, tree in enumerate(trees)
         )
 
     @property

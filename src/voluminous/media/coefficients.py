@@ -145,6 +145,7 @@ class BoundCoefficients(BoundMedium):
         every, self._part = (*medium.emissivity, *medium.extinction), binding.part
         self._order = 4 if all(e.smooth for e in every) else 1  # at kinks and jumps
         self._margins = tuple(margin for e in self.expressions for margin in _margins(e))
+        self._quotients = tuple(quotient for e in self.expressions for quotient in e.quotients())
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return self._scaled([context.evaluate(e, fields) for e in self.expressions], context)
@@ -199,6 +200,9 @@ class BoundCoefficients(BoundMedium):
             low, high = panel.hull(margin)
             # It is constant where the scalar is zero throughout, as ``density > 0`` in a vacuum.
             unresolved = unresolved | ((low <= 0.0) & (high >= 0.0) & (low < high))
+        for quotient in self._quotients:
+            low, high = panel.hull(quotient)
+            unresolved = unresolved | (low < high)
         return seen, unresolved | self._peaks(panel)
 
     def _peaks(self, panel: Panel) -> Mask:

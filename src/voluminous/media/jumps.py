@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..backend import Int, dr
@@ -33,7 +34,13 @@ def passes(panel: Panel, expr: Expression, level: Int) -> tuple[Float, Float]:
     nodes = panel.nodes(expr)
     shown = _sign_changes(nodes, level)
     if not may_turn(expr, panel.context) and panel.between is not None:
-        return _sign_changes(panel.controls(expr), level), shown
+        controls = panel.controls(expr)
+        possible = _sign_changes(controls, level)
+        for a, b in pairwise(controls) if expr.partial else ():
+            # Beside a negative field its root is zero before it is above the level.
+            hidden = (dr.isnan(a) ^ dr.isnan(b)) & ~((a < level) | (b < level))
+            possible += dr.select(hidden, 2, 0)
+        return possible, shown
     (low, high), (least, largest) = panel.hull(expr), panel.range(expr)
     outside = ((high >= level) & (largest < level)) | ((low <= level) & (least >= level))
     turns = (panel.beyond(expr) > 0.0) & (low <= level) & (high >= level)

@@ -17,12 +17,10 @@ import numpy as np
 from ..backend import Int, dr, from_host
 from ..backend.functions import first_true, precision_of
 from ..backend.types import Float, Mask
-from .panel import Middle
+from .panel import Middle, extremes
 
 # Nodes this close to evenly spaced ones, in spacings, are located by arithmetic and one correction.
 _EVEN = 0.4
-# Error of a mean where x bends, as a part of that by kinks of the table.
-_TOLD_BY_KINKS = 1.0
 # Rows of tables up to this long are selected from numbers in registers; longer ones are gathered (a
 # head CT at 1e-3 with eight entries: 1.24 s instead of 0.98).
 _FEW = 16
@@ -112,7 +110,9 @@ class PiecewiseLinear:
         before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
 
-    def bent_means(self, first: Place, last: Place, bow: Float) -> list[tuple[Float, Float]]:
+    def bent_means(
+        self, first: Place, last: Place, bow: Float, missed: Float
+    ) -> list[tuple[Float, Float]]:
         """Return the means of the columns where x is a parabola between two places, and errors.
 
         `bow` is the factor of s (s - 1) in x, with s from 0 to 1. Where a column is linear in x,
@@ -131,7 +131,8 @@ class PiecewiseLinear:
             kinks = dr.abs(mean - 0.5 * (a + b))
             turned = dr.abs(bow * (one - other))
             error = dr.select(gentle, dr.abs(part) * kinks, turned + kinks)
-            found.append((dr.select(moved * mean > 0.0, moved, mean), _TOLD_BY_KINKS * error))
+            error = dr.fma(missed, extremes([dr.abs(one), dr.abs(other)])[1], error)
+            found.append((dr.select(moved * mean > 0.0, moved, mean), error))
         return found
 
     def means(self, first: Place, last: Place) -> list[Float]:

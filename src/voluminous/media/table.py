@@ -45,6 +45,9 @@ _CLASS, _CLASSES = 8.0, 3
 _JUMPS = 4
 # Control points that exceed the nodes by this part of a structure's width need smaller panels.
 _DOUBT = 0.25
+# Error of x by parabolas, as a part of its fourth difference: 1/360 where it is smooth, 0.05 of a
+# root from its zero. Without it 5 to 60 % of pixels beside a vacuum were beyond their errors.
+_TOLD_BY_FOURTH = 0.06
 # Factor on that where x only just reaches a visible entry.
 _REACHED = 2.0**-8
 
@@ -288,9 +291,12 @@ class BoundTable(BoundMedium):
         one, both, other = (dr.select(dr.abs(t) > noise, 0.5 * t, 0.0) for t in turns)
         bows = [1.5 * one - 0.5 * both, 0.5 * (one + both), 0.5 * (both + other)]
         bows.append(1.5 * other - 0.5 * both)
+        fourth = dr.abs(turns[0] - 2.0 * turns[1] + turns[2])
+        missed = dr.select(fourth > 2.0 * noise, _TOLD_BY_FOURTH * fourth, 0.0)
         table = self._table(panel.context, type(a))
         quarters = [
-            table.bent_means(*ends, bow) for ends, bow in zip(pairwise(places), bows, strict=True)
+            table.bent_means(*ends, bow, missed)
+            for ends, bow in zip(pairwise(places), bows, strict=True)
         ]
         found = []
         for height, *parts in zip(self._numbers(panel.context), *quarters, strict=False):
