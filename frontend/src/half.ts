@@ -33,18 +33,21 @@ export function fromHalf(bits: number): number {
 
 /** Smallest, smallest positive and largest number of a plane. Positive halves are ordered as their bits. */
 export function limitsOf(halves: Uint16Array): [number, number, number] {
-  let [most, least, faintest, lowest] = [0, 0xffff, 0x7fff, 0];
+  let [most, least, faintest, lowest, nearest] = [0, 0xffff, 0x7fff, 0, 0xffff];
   for (const bits of halves) {
     // -∞ stands for pixels without a value.
-    if (bits & 0x8000) lowest = bits === 0xfc00 ? lowest : Math.max(lowest, bits);
-    else {
+    if (bits === 0xfc00) continue;
+    if (bits & 0x8000) {
+      lowest = Math.max(lowest, bits);
+      nearest = Math.min(nearest, bits);
+    } else {
       if (bits > most) most = bits;
       if (bits < least) least = bits;
       if (bits && bits < faintest) faintest = bits;
     }
   }
   const smallest = lowest > 0x8000 || least === 0xffff ? lowest : least;
-  return [fromHalf(smallest), fromHalf(faintest), least === 0xffff ? fromHalf(0x8000) : fromHalf(most)];
+  return [fromHalf(smallest), fromHalf(faintest), least < 0xffff ? fromHalf(most) : nearest < 0xffff ? fromHalf(nearest) : 0];
 }
 
 /** Previews: the intensity that a grey value of a JPEG means, -∞ where there is none. */

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { fromCode, fromHalf, inflate, undifference } from "../src/half";
+import { fromCode, fromHalf, inflate, limitsOf, undifference } from "../src/half";
 import { fromBase64, unpack } from "../src/wire";
 import fixtures from "./fixtures.json";
 
@@ -30,6 +30,13 @@ test("special halves", () => {
   const pairs: [number, number][] = [[0, 0], [1, 2 ** -24], [0x3c00, 1], [0xc000, -2], [0x7bff, 65504], [0x7c00, Infinity]];
   for (const [bits, value] of pairs) assert.equal(fromHalf(bits), value);
   assert.ok(Number.isNaN(fromHalf(0x7e00)));
+});
+
+test("limits of a plane, of either sign and without pixels of no value", () => {
+  const [none, minusTwo, minusOne, zero, one] = [0xfc00, 0xc000, 0xbc00, 0, 0x3c00];
+  assert.deepEqual(limitsOf(Uint16Array.of(none, minusOne, minusTwo)).filter((_, i) => i !== 1), [-2, -1]);
+  assert.deepEqual(limitsOf(Uint16Array.of(minusOne, zero, one)), [-1, 1, 1]);
+  assert.deepEqual(limitsOf(Uint16Array.of(none, one)), [1, 1, 1]);
 });
 
 test("logarithmic previews", () => {
