@@ -318,6 +318,28 @@ def test_gas_between_channels_of_a_steep_gradient_is_not_missed():
     assert np.abs(rough.intensity / peaks - 1.0).max() > 0.9
 
 
+def test_observed_lines_keep_the_tolerance_wherever_they_are_seen_from():
+    """v = H r + v_0 in fields, seen at an angle: thin profiles are sums along the ray."""
+    centers = np.array([-1e15, 0.0, 1e15])
+    grid = vm.CartesianGrid(*[np.linspace(-1.5e15, 1.5e15, 4)] * 3, unit="cm")
+    x, y, z = 2e-10 * np.stack(np.meshgrid(*[centers] * 3, indexing="ij"))
+    volume = vm.Volume(grid, n=np.full((3, 3, 3), 1e-4), v_x=x, v_y=y, v_z=z + 1e5)
+    medium = vm.Lines("n", CO, temperature=20.0, velocity="v", turbulence=5e4)
+    axis, camera = vm.channels(-4, 4, 17, rest=REST), vm.Orthographic(57, 33, resolution=1)
+    cube = vm.observe(volume, medium, camera, velocities=axis, tolerance=1e-4)
+    i, phi = np.radians([57, 33])
+    toward = np.array([np.sin(i) * np.cos(phi), np.sin(i) * np.sin(phi), np.cos(i)])
+    end = 1.5e15 / toward.max()
+    place = np.linspace(-end, end, 20001)[:, None] * toward  # fields are constant beyond centres
+    speed = (2e-10 * np.clip(place, -1e15, 1e15)) @ toward + 1e5 * toward[2]
+    width = np.sqrt(5e4**2 + 2 * CODATA.k * 20.0 / (28.0 * CODATA.proton_mass))
+    shape = np.exp(-(((axis.values[:, None] * 1e5 + speed) / width) ** 2)).mean(axis=1)
+    seen = cube.intensity[0, 0].astype(float)
+    # To v/c, by which frequencies and widths differ between channels.
+    np.testing.assert_allclose(seen / seen.max(), shape / shape.max(), rtol=0, atol=2e-4)
+    assert np.all(cube.error <= 1e-4 * seen.max())
+
+
 ROTOR = ("energies", "weights", "labels", "up", "low", "einstein_a", "frequencies")
 
 
