@@ -462,8 +462,8 @@ class BoundSurfaces(BoundMedium):
 
 
 def _between(ends: Iterable[Any], level: Any) -> Mask:
-    first, last = (x < level for x in ends)
-    return first ^ last
+    first, last = ends
+    return ((first < level) & (last >= level)) | ((first >= level) & (last < level))
 
 
 def _times(crossed: Any, shown: list[Any]) -> Factors:
