@@ -104,6 +104,7 @@ class _Bar:
     def __init__(self, label: str, wanted: bool | None) -> None:
         self.label, self.start = label, time.monotonic()
         self.bar: Any = None
+        self.cell: Any = None
         self.shown = (_is_seen() if wanted is None else wanted) is True
         self.delay = 0.0 if wanted else _DELAY
 
@@ -114,7 +115,14 @@ class _Bar:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a notebook without widgets has bars of letters
                 from tqdm.auto import tqdm
-            self.bar = tqdm(desc=self.label, total=total, unit_scale=True, leave=False)
+            options = {"desc": self.label, "total": total, "unit_scale": True, "leave": False}
+            if "notebook" in tqdm.__mro__[1].__module__:
+                from IPython.display import display
+
+                self.bar = tqdm(**options, display=False)
+                self.cell = display(self.bar.container, display_id=True)  # type: ignore[no-untyped-call]
+            else:
+                self.bar = tqdm(**options)
             self.bar.start_t -= time.monotonic() - self.start
         if total != self.bar.total or done < self.bar.n:
             self.bar.total, self.bar.n = total, min(self.bar.n, done)
@@ -123,6 +131,8 @@ class _Bar:
     def close(self) -> None:
         if self.bar is not None:
             self.bar.close()
+        if self.cell is not None:
+            self.cell.update({}, raw=True)  # nothing of it is left in a saved notebook
 
 
 def in_jupyter() -> bool:
