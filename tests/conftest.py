@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import importlib.metadata
+import signal
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,6 +12,10 @@ import pytest
 from hypothesis import settings
 
 pytest.register_assert_rewrite("contracts")
+
+# A shell lets its background jobs ignore Ctrl-C, and their children inherit that: tests send it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The first example of a kind compiles a kernel: time per example says nothing. Examples are the
 # same each time, so that a run tells of the code alone; `--hypothesis-profile search` looks for
