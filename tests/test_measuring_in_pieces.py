@@ -285,6 +285,9 @@ def probed(probe):
     """Return the numbers of a probe; hidden cells have some coefficients that do not count."""
     found = {f.name: getattr(probe, f.name) for f in fields(probe) if f.name != "provenance"}
     del found["fields"], found["scalars"]
+    points = vars(found.pop("points"))
+    found |= {f"points.{k}": v for k, v in (points | points["scalars"] | points["fields"]).items()}
+    del found["points.fields"], found["points.scalars"]
     return {**found, **probe.fields, **probe.scalars, "j": probe.j[~probe.hidden]}
 
 

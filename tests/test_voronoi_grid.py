@@ -107,7 +107,7 @@ def test_verbs_that_are_refused_in_words(volume, tmp_path):
         "bounds": lambda: vm.render(volume, MEDIUM, CAMERA, scheme="first-order", bounds=True),
         "cells that are boxes": lambda: vm.column(volume, "density", CAMERA, method="exact"),
         "needs cells that are boxes": lambda: volume.evaluate("gradmag(density)"),
-        "a region needs": lambda: vm.measure(
+        "clip= needs cells that are boxes": lambda: vm.measure(
             volume, "density", clip=vm.regions.Sphere((0, 0, 0), 0.5)
         ),
         "native file": lambda: volume.save(tmp_path / "cells.h5"),
