@@ -176,7 +176,7 @@ def _in_detail(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tri
             width = dr.select(several & (cut < width), cut, width)
             return width, [nodes[0], *map(fields.node, ray.places(width)[1:])]
 
-        width, nodes = branch((width, nodes), several, cut, _as_they_are)
+        width, nodes = branch((width, nodes), several, cut, lambda *same: same)
     least, more, less = width <= _NARROWEST, real(2.0), real(0.5)
     if surface_only:
         solved, good = tried.path, ~uncounted | least
@@ -195,10 +195,6 @@ def _in_detail(ray: _Ray, values: list[list[Float]], limits: Limits, tried: _Tri
     panel.without_jumps = bool(jumps)
     solved = _with_layer(ray, panel, good & passed, solved)
     return _Tried(width, nodes[-1][1], good, solved, dr.select(good, more, less))
-
-
-def _as_they_are(*arguments: Any) -> Any:
-    return arguments
 
 
 def next_panel(

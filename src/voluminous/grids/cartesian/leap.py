@@ -124,10 +124,6 @@ def _cube_ahead(empty: np.ndarray) -> np.ndarray:
     return size
 
 
-def _stay(index: list[Float], brick: list[Int], t: Float) -> list[Float]:
-    return index
-
-
 class BrickRays:
     """Moves rays to where they enter the next brick that is not empty; see `Walk.skipper`.
 
@@ -173,7 +169,7 @@ class BrickRays:
             args=(cursor.index, end.brick, end.t),
             cond=moved,
             true_fn=self.cells,
-            false_fn=_stay,
+            false_fn=lambda index, *_: index,
         )
         there = self.walk.at(self.track, index, end.t)
         if self.bricks.coarse:

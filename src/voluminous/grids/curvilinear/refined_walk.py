@@ -59,13 +59,7 @@ class RefinedWalk(CurvilinearWalk):
 
     grid: Any
 
-    def __init__(
-        self,
-        grid: Any,
-        edges: tuple[np.ndarray, ...],
-        backend: Backend,
-        stepped: bool = False,
-    ) -> None:
+    def __init__(self, grid: Any, edges: Any, backend: Backend, stepped: bool = False) -> None:
         super().__init__(grid, edges, backend, stepped)
         self.lookup = TreeLookup(grid.tree, backend)
 

@@ -24,21 +24,18 @@ class TreeAxis(Axis):
     """What both kinds of axis share."""
 
     def __init__(
-        self,
-        edges: np.ndarray,
-        unit: float,
-        extent: float,
-        top: Float,
-        scale: float,
-        backend: Backend,
+        self, edges: np.ndarray, extent: float, top: Float, scale: float, backend: Backend
     ) -> None:
-        super().__init__(edges, unit, scale, backend)
+        super().__init__(edges, self._unit(edges, extent, scale), scale, backend)
         self.extent, self.top = backend.opaque(extent), top
 
     def track(self, side: Side, position: Float) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
         lead = dr.select(side.parallel, NEVER, -position * side.pace)
         return self._narrowed(position, side.speed, side.pace, lead, self._table(side))
+
+    def _unit(self, edges: np.ndarray, extent: float, scale: float) -> float:
+        return scale
 
     def _table(self, side: Side) -> Int:
         return None
@@ -50,11 +47,8 @@ class TreeAxis(Axis):
 class UniformTreeAxis(TreeAxis):
     """Base cells of equal width; coordinates are counted in the unit of places."""
 
-    def __init__(
-        self, edges: np.ndarray, extent: float, top: Float, scale: float, backend: Backend
-    ) -> None:
-        unit = (edges[-1] - edges[0]) / extent
-        super().__init__(edges, unit, extent, top, scale, backend)
+    def _unit(self, edges: np.ndarray, extent: float, scale: float) -> float:
+        return float((edges[-1] - edges[0]) / extent)
 
     def first_place(self, side: Side, position: Float) -> Float:
         """Return the place at a mirrored position in or around the domain."""
@@ -88,7 +82,7 @@ class RectilinearTreeAxis(TreeAxis):
     def __init__(
         self, edges: np.ndarray, extent: float, top: Float, scale: float, backend: Backend
     ) -> None:
-        super().__init__(edges, scale, extent, top, scale, backend)
+        super().__init__(edges, extent, top, scale, backend)
         self.per_base = backend.opaque(extent / self.count)
         self.bases = backend.opaque(self.count / extent)
         # Less than any cell: what lifts a wall's place into the base cell above, though rounded.

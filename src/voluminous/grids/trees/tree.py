@@ -345,7 +345,7 @@ class TreeLookup:
 
         if len(self.tree.units) == 2:
             # A branch: vectors of rays are often all in leaf entries.
-            return if_else((entry, level), is_node(entry, level), down, _unchanged)
+            return if_else((entry, level), is_node(entry, level), down, lambda *same: same)
         # A loop may not change what all lanes share.
         level = dr.select(active, level, 0)
         return loop((entry, level), is_node, down, label="descent")
@@ -353,7 +353,3 @@ class TreeLookup:
 
 def _same(cell: Cell) -> Cell:
     return cell
-
-
-def _unchanged(entry: Int, level: Int) -> tuple[Int, Int]:
-    return entry, level
