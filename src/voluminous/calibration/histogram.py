@@ -10,7 +10,7 @@ import numpy as np
 from ..expressions import Expression
 from ..grids.cartesian.grid import CartesianGrid
 from ..volume import Volume
-from .samples import BUDGET, cell_runs
+from .samples import BUDGET, Run, cell_runs, of_runs
 
 _BINS = 1024
 # Quantiles of the values between which the histogram extends, so that outliers do not coarsen it.
@@ -75,14 +75,18 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
     low, high = (float(values[k]) for k in (math.ceil(_LEAST * last), int(_GREATEST * last)))
     if is_constant(low, high):  # all but a few are equal
         low, high = float(values[0]), float(values[-1])
-    cells, steep, total = np.zeros(_BINS), np.zeros(_BINS), 0.0
-    for run in cell_runs(volume, expr):
+
+    def counted(run: Run) -> tuple[np.ndarray, np.ndarray, float]:
         inside = (run.x >= low) & (run.x <= high)
         size = np.broadcast_to(run.volume, inside.shape)
-        total += float(size.sum())
-        x, size = run.x[inside], size[inside]
-        cells += np.histogram(x, _BINS, (low, high), weights=size)[0]
-        steep += np.histogram(x, _BINS, (low, high), weights=run.slope[inside] * size)[0]
+        x, weights = run.x[inside], size[inside]
+        both = weights, run.slope[inside] * weights
+        cells, steep = (np.histogram(x, _BINS, (low, high), weights=w)[0] for w in both)
+        return cells, steep, float(size.sum())
+
+    cells, steep, total = np.zeros(_BINS), np.zeros(_BINS), 0.0
+    for some, some_steep, size in of_runs(counted, volume, expr):
+        cells, steep, total = cells + some, steep + some_steep, total + size
     grid = volume.grid
     sides = np.ptp(grid.bounds, axis=1) / grid.scale
     domain = (

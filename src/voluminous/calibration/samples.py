@@ -5,10 +5,14 @@ Lengths are in units of the grid's scale.
 
 from __future__ import annotations
 
+import contextvars
 import functools
-from collections.abc import Iterator, Sequence
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -23,6 +27,8 @@ from ..volume import Volume
 BUDGET = 1 << 22
 # They are taken in so many batches: their temporary arrays take some tens of MiB.
 _BATCHES = 8
+# Threads that look at batches: each has such arrays.
+_THREADS = 4
 # On trees consecutive cells are neighbours: of large trees many short runs are sampled, and a run
 # has many of them, since one is too short for more than one thread (four times as fast).
 _RUN, _RUNS = 1 << 12, 64
@@ -30,6 +36,10 @@ _RUN, _RUNS = 1 << 12, 64
 _SEARCH = 16
 # Lines through the domain along each axis, and points on each.
 _LINES, _POINTS = 32, 256
+
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 
 @dataclass
@@ -193,6 +203,32 @@ def cell_runs(
     runs = _runs(grid.size, _RUN, _SEARCH * grid.size / budget)
     for first in range(0, len(runs), _RUNS):
         yield CellRuns(cells, volumes, runs[first : first + _RUNS])
+
+
+def of_runs(
+    work: Callable[[GridLayers | CellRuns], Made],
+    volume: Volume,
+    expr: Expression,
+    budget: float = BUDGET,
+) -> Iterator[Made]:
+    """Yield what `work` returns of each of the `cell_runs`, several of large arrays at a time."""
+    runs, grid = cell_runs(volume, expr, budget), volume.grid
+    many = isinstance(grid, CartesianGrid) and grid.size > BUDGET // _BATCHES
+    return side_by_side(work, runs) if many else map(work, runs)
+
+
+def side_by_side(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made]:
+    """Yield what `work` returns of items, in order; NumPy's loops run beside each other."""
+    allowed = getattr(os, "sched_getaffinity", None)  # Linux
+    threads = min(len(allowed(0)) if allowed else os.cpu_count() or 1, _THREADS)
+    pending: deque[Future[Made]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        for item in items:
+            pending.append(pool.submit(contextvars.copy_context().run, work, item))
+            if len(pending) > threads:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
 
 
 def _runs(size: int, length: int, excess: float) -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..grids.cartesian.grid import CartesianGrid
 from ..volume import Volume
-from .samples import BUDGET, Run, between_centers, cell_runs, lines
+from .samples import BUDGET, Run, between_centers, lines, of_runs
 
 # A profile is evaluated at a single value in cells whose values differ by less than this part of
 # its effective width.
@@ -21,6 +21,8 @@ _NARROW = 1e-3
 _NOTICEABLE = 0.01
 # A line has met a shell where it sees this part of its median thickness.
 _MET = 0.3
+# Of more values a histogram of so many bins brackets the median: a sixth of the time of sorting.
+_MANY, _BINS = 1 << 16, 256
 
 
 class Profile:
@@ -52,7 +54,8 @@ class Profile:
         wide = reach > _NARROW * self.width
         half = np.where(wide, reach, 1.0)  # twice as much may overflow
         means = 0.5 * (self._integral(x + reach) - self._integral(x - reach)) / half
-        out[near] = np.where(wide, means, np.interp(x, self.nodes, self.heights))
+        means[~wide] = np.interp(x[~wide], self.nodes, self.heights)
+        out[near] = means
         return out
 
     def _integral(self, x: np.ndarray) -> np.ndarray:
@@ -89,11 +92,17 @@ class _Shell:
     def area(self) -> float:
         return float(sum(areas.sum() for areas in self.areas))
 
-    def see(self, samples: Run, mean: np.ndarray | None = None) -> None:
-        mean = self.profile.mean(samples.x, samples.reach) if mean is None else mean
+    def see(self, samples: Run) -> None:
+        mean = self.profile.mean(samples.x, samples.reach)
         self.seen += [seen[seen > 0] for seen in samples.lengths_along_lines(mean)]
 
-    def add(self, samples: Run) -> None:
+    def add(self, lengths: np.ndarray, areas: np.ndarray, seen: list[np.ndarray]) -> None:
+        self.lengths.append(lengths)
+        self.areas.append(areas)
+        self.seen += seen
+
+    def part(self, samples: Run) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Return the thicknesses of some cells, their areas, and the lengths that lines see."""
         width, mean = self.profile.width, self.profile.mean(samples.x, samples.reach)
         # The largest possible mean, where a cell is steeper than the shell is wide.
         most = width / np.maximum(width, 2 * samples.reach)
@@ -102,9 +111,8 @@ class _Shell:
         thin = slope * self.thickest > width
         length = np.divide(width, slope, out=np.full(len(slope), self.thickest), where=thin)
         volume = np.broadcast_to(samples.volume, mean.shape)[inside]
-        self.lengths.append(length)
-        self.areas.append(mean[inside] * volume / length)
-        self.see(samples, mean)
+        seen = [seen[seen > 0] for seen in samples.lengths_along_lines(mean)]
+        return length, mean[inside] * volume / length, seen
 
     def measured(self, scale: float) -> Thickness:
         if not self.area:
@@ -143,7 +151,7 @@ def thicknesses(
     missed = [shell for shell in missed if not shell.area]
     for samples in between_centers(volume, expr) if missed else ():
         for shell in missed:
-            shell.add(samples)
+            shell.add(*shell.part(samples))
     measured = [shell.measured(grid.scale) for shell in shells]
     if not all(0.0 < shell.length < np.inf for shell in measured):
         raise InputError(
@@ -155,9 +163,12 @@ def thicknesses(
 
 
 def _measure(volume: Volume, expr: Expression, shells: Sequence[_Shell], budget: float) -> None:
-    for run in cell_runs(volume, expr, budget):
-        for shell in shells:
-            shell.add(run)
+    def measured(run: Run) -> list[tuple[np.ndarray, np.ndarray, list[np.ndarray]]]:
+        return [shell.part(run) for shell in shells]
+
+    for parts in of_runs(measured, volume, expr, budget):
+        for shell, part in zip(shells, parts, strict=True):
+            shell.add(*part)
     if shells and not isinstance(volume.grid, CartesianGrid):
         along = lines(volume, expr)
         for shell in shells:
@@ -166,6 +177,15 @@ def _measure(volume: Volume, expr: Expression, shells: Sequence[_Shell], budget:
 
 def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     """Return the least value that, with all below it, has at least half of the weight."""
+    below, total = 0.0, None
+    if len(values) > _MANY:  # only those near it are sorted
+        total = float(weights.sum())
+        amounts, edges = np.histogram(values, _BINS, weights=weights)
+        k = min(int(np.searchsorted(np.cumsum(amounts), 0.5 * total)), _BINS - 1)
+        below = float(weights[values < edges[k]].sum())
+        near = (values >= edges[k]) & (values <= edges[k + 1])
+        values, weights = values[near], weights[near]
     order = np.argsort(values, kind="stable")
-    reached = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(reached, 0.5 * reached[-1])]])
+    reached = below + np.cumsum(weights[order])
+    half = 0.5 * (reached[-1] if total is None else total)
+    return float(values[order[min(np.searchsorted(reached, half), len(order) - 1)]])

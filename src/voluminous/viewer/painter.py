@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..calibration.samples import BUDGET, measurable
+from ..calibration.samples import BUDGET, measurable, side_by_side
 from ..cameras import Camera, Panorama, Perspective
 from ..cameras.contract import vector
 from ..deferred import Deferred
@@ -192,11 +192,12 @@ def _every(volume: Callable[[], Volume | None], name: str, step: int) -> np.ndar
     pieces = whole._fields.pieces(name)
     thick = ((pieces and pieces.chunks) or (16,))[0]
     thick = -(-thick // step) * step
-    slabs = (
-        whole.store.read(name, (low, 0, 0), (min(low + thick, nx), *others))
-        for low in range(0, nx, thick)
-    )
-    return np.concatenate([slab[tuple(slices)] for slab in slabs])
+
+    def some(low: int) -> np.ndarray:
+        slab = whole.store.read(name, (low, 0, 0), (min(low + thick, nx), *others))
+        return np.array(slab[tuple(slices)])
+
+    return np.concatenate(list(side_by_side(some, range(0, nx, thick))))
 
 
 _collected: dict[int, list[str]] = {}
