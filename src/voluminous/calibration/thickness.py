@@ -177,7 +177,7 @@ def _measure(volume: Volume, expr: Expression, shells: Sequence[_Shell], budget:
 
 def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     """Return the least value that, with all below it, has at least half of the weight."""
-    below, total = 0.0, None
+    below, total = 0.0, 0.0
     if len(values) > _MANY:  # only those near it are sorted
         total = float(weights.sum())
         amounts, edges = np.histogram(values, _BINS, weights=weights)
@@ -187,5 +187,5 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
         values, weights = values[near], weights[near]
     order = np.argsort(values, kind="stable")
     reached = below + np.cumsum(weights[order])
-    half = 0.5 * (reached[-1] if total is None else total)
-    return float(values[order[min(np.searchsorted(reached, half), len(order) - 1)]])
+    place = np.searchsorted(reached, 0.5 * (total or reached[-1]))
+    return float(values[order[min(int(place), len(order) - 1)]])
