@@ -157,6 +157,30 @@ def close(found, exact, slack):
     assert wrong <= slack * float(np.abs(exact).max())
 
 
+LINEAR = np.array([-0.1, 2.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("medium", "expected"),
+    [
+        # Between two centres w = 2.1 s - 0.1, before them -0.1 and behind them 2.
+        (vm.Table("sqrt(w + 0.1)", [0, 3], [0, 1.0], 0, 1.0), 2.1**0.5 * (2 / 3 + 1.5) / 3),
+        (vm.Table("w % 1.5", [0, 2], [0, 1.0], 0, 1.0), 0.5 * (0.7 + 1.395 / 2.1 + 0.75)),
+        (vm.Coefficients("w % 1.5", 0), 0.7 + 1.395 / 2.1 + 0.75),
+        (vm.Coefficients("where(sqrt(w) < 0.7, 1, 0)", 0), 0.49 / 2.1),
+        (vm.Isosurface("sqrt(w)", 0.7, 1e6, 1e-6), 1.0),
+    ],
+)
+def test_what_bends_jumps_or_is_undefined_within_a_cell(medium, expected):
+    """Roots beside a vacuum, remainders, and what ends where it has no value."""
+    edges = [np.array([0.0, 1.0])] * 2
+    volume = vm.Volume(vm.CartesianGrid(*edges, np.arange(4.0)), w=LINEAR.reshape(1, 1, 3))
+    camera = vm.Orthographic(0, width=0.5, resolution=1)
+    image = vm.render(volume, medium, camera, precision="double")
+    assert abs(image.intensity.item() - expected) <= image.error.item() + 1e-5 * expected
+    assert image.error.item() <= 1e-3 * expected
+
+
 @pytest.mark.parametrize("depth", [1e-8, 1e-3, 1.0, 30.0, 1e4])
 def test_a_thin_shell_in_a_linear_field_is_exact(depth):
     """Seen along the gradient: S (1 - exp(-τ)) with τ = √(2π) σ α / slope, whatever σ."""

@@ -291,8 +291,11 @@ class BoundTable(BoundMedium):
         one, both, other = (dr.select(dr.abs(t) > noise, 0.5 * t, 0.0) for t in turns)
         bows = [1.5 * one - 0.5 * both, 0.5 * (one + both), 0.5 * (both + other)]
         bows.append(1.5 * other - 0.5 * both)
+        thirds = [dr.abs(b - a) for a, b in pairwise(turns)]
+        # Fourth differences of two jumps may cancel.
         fourth = dr.abs(turns[0] - 2.0 * turns[1] + turns[2])
-        missed = dr.select(fourth > 2.0 * noise, _TOLD_BY_FOURTH * fourth, 0.0)
+        bent = fourth if self.expr.smooth else 2.0 * (thirds[0] + thirds[1])
+        missed = dr.select(bent > 2.0 * noise, _TOLD_BY_FOURTH * bent, 0.0)
         table = self._table(panel.context, type(a))
         quarters = [
             table.bent_means(*ends, bow, missed)
