@@ -77,7 +77,7 @@ def apply(name: str, *values: Any) -> Any:
     if any(isinstance(value, np.ndarray) for value in values):
 
         def one(*parts: Any) -> Any:
-            return (apply if is_symbolic(*parts) else _of_numbers)(name, *parts)
+            return apply(name, *parts) if is_symbolic(*parts) else getattr(np, name)(*parts)
 
         objects = (np.asarray(value, dtype=object) for value in values)
         return np.frompyfunc(one, len(values), 1)(*objects)
@@ -102,10 +102,6 @@ def read(
         return Expression.of_tree(tree, names)
 
     return result, expression
-
-
-def _of_numbers(name: str, *values: Any) -> Any:
-    return getattr(np, name)(*values)
 
 
 def _node(value: Any) -> Node:

@@ -326,7 +326,8 @@ class BoundShaped(BoundMedium):
             seen = self._seen(*extremes(nodes), context)
             found = branch((nodes,), seen, halves, _none)
             # Where the scalar has kinks, at walls of cells or in the expression, nodes show them.
-            kinks = extremes([dr.abs(a - 2.0 * b + c) for a, b, c in _triples(nodes)])[1]
+            triples = zip(nodes, nodes[1:], nodes[2:], strict=False)
+            kinks = extremes([dr.abs(a - 2.0 * b + c) for a, b, c in triples])[1]
             mean, kinked = 0.5 * (found[0] + found[1]), panel.many | (not self.expr.smooth)
             found[2] = found[2] + dr.select(kinked, _KINKS * kinks * mean, 0.0)
             # Where there is no value there is nothing; beside that panels are narrow.
@@ -400,10 +401,6 @@ class BoundShaped(BoundMedium):
 
 def _nothing(first: Float, last: Float) -> Float:
     return type(first)(0.0)
-
-
-def _triples(values: list[Float]) -> Iterable[tuple[Float, Float, Float]]:
-    return zip(values, values[1:], values[2:], strict=False)
 
 
 def _none(offsets: list[Float]) -> list[Float]:

@@ -125,7 +125,7 @@ def in_error_unit(background: float, channels: Channels) -> Any:
 
 def _brightness(tracer: RayTracer, paths: Paths, background: float) -> np.ndarray:
     channels: Channels = tracer.source.channels
-    brightest = channels.brightest_channel(paths.emission)
+    brightest = functools.reduce(np.maximum, map(np.abs, paths.emission))
     through = functools.reduce(np.maximum, paths.transparency)
     total: np.ndarray = brightest + through * in_error_unit(background, channels)
     # A picture without net emission is compared with the sum of magnitudes along the ray.

@@ -297,11 +297,6 @@ class Channels:
         """Return the intensity (…, channel) from the integrated emissions."""
         return in_units_of(self.unit, channels_last(emission))
 
-    @staticmethod
-    def brightest_channel(emission: list[np.ndarray]) -> np.ndarray:
-        """Return the magnitude in the brightest channel, in the kernel's unit."""
-        return functools.reduce(np.maximum, map(np.abs, emission))
-
 
 def _usable(sample: MediumSample) -> JAlpha:
     # Unphysical values become NaN and reach the picture, which is checked afterwards.

@@ -91,10 +91,7 @@ def begin_values(
     for value in carried[1:]:
         unknown |= dr.isnan(value)
 
-    def fresh(before: list[Float]) -> list[Float]:
-        return fields.scalars(begin)
-
-    return list(branch((carried,), unknown, fresh, last_argument))
+    return list(branch((carried,), unknown, lambda before: fields.scalars(begin), last_argument))
 
 
 def solve_means(means: JAlpha, length: Float) -> Path:
