@@ -292,6 +292,8 @@ class Painter:
             if paint == self._rest and any(now - p.session.changed_at < QUIET for p in pages):
                 this = None
             if this is None:
+                if paint == self._rest:
+                    self._read_ahead(pages)
                 with self._woken:
                     self._woken.wait(QUIET / 4)
                 continue
@@ -302,6 +304,18 @@ class Painter:
                 continue
             except Exception as error:
                 self._tell(pages[this], error)
+
+    def _read_ahead(self, pages: list[Page]) -> None:
+        """Read what full pictures need while a hand drags the first one."""
+        for page in pages:
+            if not page.session.shown or page.session.ahead:
+                continue
+            page.session.ahead = True
+            with contextlib.suppress(Exception):  # the full picture tells of it
+                shot = self._shot(page, page.session.size)
+                if shot.options.get("memory") is None and self._quick(shot) is not shot:
+                    for name in shot.volume.given(shot.drawn.names):
+                        shot.volume.array(name)
 
     def _tell(self, page: Page, error: Exception) -> None:
         session = page.session

@@ -45,6 +45,8 @@ class Session:
         Even the smallest preview takes too long with the usual scheme.
     changed_at : float
         When the last input came.
+    ahead : bool
+        What a full picture needs of a large file was read, or tried.
     """
 
     camera: dict[str, Any]
@@ -60,6 +62,7 @@ class Session:
     revision: int = -1
     level: int = 1
     first_order: bool = False
+    ahead: bool = False
     _good: int = 0
     _in_flight: deque[tuple[int, float]] = field(default_factory=deque)
     _way: float = 0.0
