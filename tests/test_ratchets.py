@@ -24,8 +24,8 @@ CORE = (
     *("deferred.py", "errors.py", "evaluation.py", "fields.py", "geometry.py", "levels.py"),
     *("store.py", "units.py", "value.py", "volume.py"),
 )
-LINES = {"src": 80_300, "core": 31_275}
-FILES = {"src": 389, "core": 139}
+LINES = {"src": 81_700, "core": 31_275}
+FILES = {"src": 391, "core": 139}
 # Public members of the contracts.
 MEMBERS = {
     "media/contract.py:Medium": 7,

@@ -314,7 +314,6 @@ class CellSlopes:
             yield self.towards(part, place, active)
 
     def towards(self, part: TreeCellsPart, place: list[Float], active: Mask) -> Neighbour:
-        """Return the cells at `place` as neighbours of the cells of a part."""
         cell, there = self.around.cell_at(place, active)
         corner, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]

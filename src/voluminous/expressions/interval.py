@@ -171,16 +171,13 @@ class Interval:
 
     @property
     def smallest(self) -> Array:
-        """The smallest absolute value."""
         return self.ends.positive(self.ends.larger(self.lo, -self.hi))
 
     @property
     def infinite(self) -> Array:
-        """Where an infinity is among the values."""
         return (self.lo == -np.inf) | (self.hi == np.inf)
 
     def contains(self, number: Any) -> Array:
-        """Return where a number is among the values."""
         return (self.lo <= number) & (number <= self.hi)
 
     def unknown_where(self: Own, condition: Array, nan: Array) -> Own:

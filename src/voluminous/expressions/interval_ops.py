@@ -41,7 +41,6 @@ class IntervalOps(Ops):
         self._at: Ops = NumpyOps()
 
     def of(self, value: Any) -> Interval:
-        """Return a value as an interval."""
         return Interval.of(value)
 
     def prepare(self, values: Mapping[str, Value]) -> tuple[Ops, dict[str, Value]]:

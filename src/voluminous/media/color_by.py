@@ -102,7 +102,6 @@ class ColorScale(Colors):
         return {name: measured[name] if end is None else end for name, end in ends.items()}
 
     def key(self) -> tuple[Any, ...]:
-        """Return all numbers."""
         self.measured()
         return (self.values.tobytes(), self.rows.tobytes(), str(self.unit))
 

@@ -45,7 +45,6 @@ class Tape:
         self._requests = before
 
     def number(self, kind: Any, value: float) -> Float:
-        """Return the array of a number."""
         key = (kind, value, *self._requests)
         if self._requests:
             self._requests[1] += 1
@@ -188,7 +187,6 @@ class Context:
         return number if isinstance(number, kind) else self.opaque(kind, value)
 
     def evaluate(self, expression: Expression, fields: dict[str, Float]) -> Float:
-        """Return the value of an expression of the fields."""
         if self.tape is None or self.tape.is_counting:
             return self.real(expression.evaluate(self.ops, fields))
         with self.tape.requests_of(expression.text):

@@ -54,11 +54,9 @@ class Colors:
 
     @property
     def unit(self) -> Unit:
-        """The unit of the values, if they have one."""
         return unit_of_value(self.values)
 
     def values_in(self, unit: Unit) -> np.ndarray:
-        """Return the values as numbers in a unit."""
         return np.asarray(plain(self.values, unit, "values"))
 
     def closed(self, low: float, high: float, unit: Unit) -> dict[str, Any]:
@@ -137,7 +135,6 @@ class Details(Value):
     # --- what follows from the features ---------------------------------------------------------
 
     def known_features(self) -> tuple[Feature, ...]:
-        """Return the features of all components."""
         return tuple(feature for part in self.components() for feature in part.features())
 
     def scalars(self) -> tuple[Expression, ...]:

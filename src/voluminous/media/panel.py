@@ -106,7 +106,6 @@ class Panel:
         return [self.scalar(expr, s) for s in self.where]
 
     def ends(self, expr: Expression) -> tuple[Float, Float]:
-        """Return an expression at both ends."""
         return self.scalar(expr, 0.0), self.scalar(expr, 1.0)
 
     def set_scalar(self, expr: Expression, s: float, value: Float) -> None:

@@ -202,7 +202,6 @@ class Rows:
             start += width
 
     def at(self, index: Int) -> list[Float]:
-        """Return the numbers of a row."""
         found: list[Any] = []
         if self.few:
             found = self.few[0]

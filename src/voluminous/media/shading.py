@@ -196,7 +196,6 @@ class Lamp:
         return 1.0 - share + share * self._cosine(fields, panel)
 
     def panel_light(self, panel: EnclosedPanel, context: EnclosureContext) -> TracedInterval:
-        """Return an interval of the light factor on a panel."""
         one: TracedInterval = context.number(1.0)
         if self.shading == 0:
             return one

@@ -43,7 +43,6 @@ class VolumeStatistics:
         self._extremes: dict[str, tuple[float, float]] = {}
 
     def digest(self, name: str) -> bytes:
-        """Return a hash of a field's contents."""
         if name not in self._digests:
             self._digests[name] = self.volume.digest(name)
         return self._digests[name]
@@ -104,7 +103,6 @@ class Cache:
         self._used: set[Hashable] = set()
 
     def get(self, key: Hashable) -> Any:
-        """Return the entry of a key, or None."""
         if key not in self.volume.tables:
             return None
         self._used.add(key)

@@ -39,7 +39,6 @@ class Lanes:
 
     @property
     def there(self) -> Mask:
-        """The lanes that are rays."""
         return self.target != _NOBODY
 
     @property

@@ -244,7 +244,6 @@ class Marcher:
         self.tolerance = Tolerance(first, last, weights)
 
     def limited(self, source: Any) -> Any:
-        """Return a source with the tolerance."""
         if self.tolerance is not None:
             source = copy.copy(source)
             source.tolerance = self.tolerance

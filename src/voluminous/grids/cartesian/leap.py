@@ -181,7 +181,6 @@ class BrickRays:
         )
 
     def brick(self, axis: int, index: Int) -> Float:
-        """Return the brick of a cell."""
         return dr.floor((index + self.lacking[axis]) * (1.0 / self.side))
 
     def wall(self, axis: int, brick: Int) -> Float:
@@ -210,7 +209,6 @@ class BrickRays:
         return Search(brick, t, self.code(brick, t < self.track.leave))
 
     def leave(self, state: Search) -> Float:
-        """Return the distance where rays leave the brick that they are in."""
         t = least(self._distances([b + 1.0 for b in state.brick]))
         # A brick is always entered, even if rounding puts its far wall where the ray is.
         return dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)

@@ -159,7 +159,6 @@ class Arithmetic:
     """
 
     def length(self, x: Float, y: Float, z: Float = None) -> Float:
-        """Return the length of a vector."""
         square = y * y if z is None else dr.fma(y, y, z * z)
         return dr.sqrt(dr.fma(x, x, square))
 
@@ -255,7 +254,6 @@ class Surfaces:
         return list(dr.gather(self.backend.packet(2), self.table, self.backend.UInt(slot)))
 
     def per_width(self, cell: Int) -> Float:
-        """Return one over the width of a cell."""
         return dr.gather(self.backend.Float, self.inverse_width, self.backend.UInt(cell))
 
     @property

@@ -59,7 +59,6 @@ class LeavesWithGhosts:
 
     @functools.cached_property
     def levels(self) -> np.ndarray:
-        """Levels of all leaves."""
         own = self.whole.levels[self.first : self.first + self.own]
         return np.concatenate([own, self.whole.levels[self.ghosts]])
 

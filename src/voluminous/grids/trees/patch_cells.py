@@ -77,7 +77,6 @@ class Patches:
 
     @functools.cached_property
     def tree(self) -> Tree:
-        """From places to cells."""
         entries = self._entries
         numbering = PatchNumbering(self)
         tree = Tree(self.extent, entries.units, entries.entries, numbering, True, entries.clusters)

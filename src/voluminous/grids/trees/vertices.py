@@ -150,7 +150,6 @@ class VertexNumbers:
 
     @property
     def count(self) -> int:
-        """How many vertices there are."""
         return int(self.first[-1])
 
     def places(self, first: int, last: int, backend: Backend) -> list[Float]:
@@ -228,7 +227,6 @@ class LeafGrid(BoxGrid, VertexGrid, DualGrid):
 
     @functools.cached_property
     def vertex_numbers(self) -> VertexNumbers:
-        """Numbers of the vertices of all cells."""
         raise NotImplementedError
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -259,7 +257,6 @@ class LeafGrid(BoxGrid, VertexGrid, DualGrid):
 
     @functools.cached_property
     def cells_per_level(self) -> tuple[int, ...]:
-        """Number of cells of each level."""
         return tuple(int(n) for n in np.bincount(self.levels))
 
     @property

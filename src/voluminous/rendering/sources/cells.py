@@ -153,7 +153,6 @@ class CellEvaluator:
         )
 
     def coordinates(self, cell: Int, active: Mask) -> dict[str, Float]:
-        """Return the coordinates of any cells (traced)."""
         if self._traced:
             return self._centers(cell)
         Wide, whole = self.backend.Wide, self.all_coordinates

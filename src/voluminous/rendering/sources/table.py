@@ -101,7 +101,6 @@ class CoefficientTable:
             self.highest[k] = max(self.highest[k], float(dr.max(v)[0]))
 
     def gather(self, index: Int, active: Mask) -> list[Float]:
-        """Return all values at a flat index."""
         values: list[Float] = []
         mode = dr.ReduceMode.Auto
         if self.backend.derivatives and self.backend.device == "cpu":
