@@ -111,7 +111,7 @@ class PiecewiseLinear:
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
 
     def bent_means(
-        self, first: Place, last: Place, bow: Float, missed: Float
+        self, first: Place, last: Place, bow: Float, missed: Float | None
     ) -> list[tuple[Float, Float]]:
         """Return the means of the columns where x is a parabola between two places, and errors.
 
@@ -131,7 +131,8 @@ class PiecewiseLinear:
             kinks = dr.abs(mean - 0.5 * (a + b))
             turned = dr.abs(bow * (one - other))
             error = dr.select(gentle, dr.abs(part) * kinks, turned + kinks)
-            error = dr.fma(missed, extremes([dr.abs(one), dr.abs(other)])[1], error)
+            if missed is not None:
+                error = dr.fma(missed, extremes([dr.abs(one), dr.abs(other)])[1], error)
             found.append((dr.select(moved * mean > 0.0, moved, mean), error))
         return found
 
