@@ -117,10 +117,11 @@ class _Bar:
                 from tqdm.auto import tqdm
             options = {"desc": self.label, "total": total, "unit_scale": True, "leave": False}
             if "notebook" in tqdm.__mro__[1].__module__:
-                from IPython.display import display
+                from IPython import display
 
+                show: Any = display.display  # untyped where there is IPython
                 self.bar = tqdm(**options, display=False)
-                self.cell = display(self.bar.container, display_id=True)  # type: ignore[no-untyped-call]
+                self.cell = show(self.bar.container, display_id=True)
             else:
                 self.bar = tqdm(**options)
             self.bar.start_t -= time.monotonic() - self.start
