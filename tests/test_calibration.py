@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.calibration.open_numbers import extent_of
 from voluminous.calibration.samples import cell_runs
-from voluminous.calibration.thickness import Profile, thicknesses
+from voluminous.calibration.thickness import Profile, thicknesses, weighted_median
 from voluminous.expressions import Expression
 
 SQRT_2PI = np.sqrt(2 * np.pi)
@@ -234,3 +234,14 @@ def test_pictures_of_a_volume_measure_once(monkeypatch):
     seen(vm.Colormap("a", "viridis", 10.0, 60.0, 0.1), vm.Colormap("a", "magma", 10.0, 60.0, 0.1))
     assert found == [2, 1, 1]  # both are as wide
     assert shells[0].calibrated(volume).path_length == pytest.approx(SQRT_2PI / 3.0)
+
+
+@pytest.mark.parametrize("spread", [0.1, 3.0])
+def test_the_median_of_many_values_is_that_of_all_of_them_sorted(spread):
+    rng = np.random.default_rng(5)
+    values = np.minimum(rng.lognormal(0.0, spread, 100_000), 4.0)  # many are equal
+    weights = rng.random(values.size)
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weights[order])
+    median = values[order[np.searchsorted(reached, 0.5 * reached[-1])]]
+    assert weighted_median(values, weights) == median
