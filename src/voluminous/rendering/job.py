@@ -76,7 +76,6 @@ class RayJob:
         return min(DEFAULT_ERROR, 0.1 * self.tolerance) if self.controlled else DEFAULT_ERROR
 
     def source(self, faintest: bool = False) -> Any:
-        """Return the coefficients for the scheme."""
         known = self.backend, self.cache.statistics, self.tape
         evaluator = CellEvaluator(self.volume, self.medium, *known)
         return self.partition.source(self, evaluator, faintest)

@@ -31,7 +31,6 @@ class Cutoff:
     least: Float
 
     def reached(self, path: Path) -> Mask:
-        """Return the lanes that may stop."""
         if len(self.behind) > 1:
             return self._every(path)
         brightest, enough = most(path.transparency), self.least

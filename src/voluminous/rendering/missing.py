@@ -42,7 +42,6 @@ class HiddenCells:
         self.words = np.pad(packed, (0, -len(packed) % 4)).view("<u4")
 
     def on(self, backend: Backend) -> Int:
-        """Return the bits as a device array."""
         return backend.UInt(np.ascontiguousarray(self.words, np.uint32))
 
 
