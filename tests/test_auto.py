@@ -7,10 +7,10 @@ import pytest
 
 import real_data
 import voluminous as vm
-from voluminous import rendering
 from voluminous.calibration.histogram import histogram, sampled_values
 from voluminous.calibration.suggest import is_wide, labels_of, main_scalar, noise_of
 from voluminous.cli import main
+from voluminous.drawing import api
 from voluminous.expressions import Expression
 
 CAMERA = vm.Orthographic(60, 30, resolution=100)
@@ -260,10 +260,8 @@ def test_a_first_picture_needs_a_volume_only():
 
 def test_the_medium_of_first_pictures_is_found_once_and_anew_where_a_field_has_changed(monkeypatch):
     counted = []
-    found = rendering.framing.suggest_medium
-    monkeypatch.setattr(
-        rendering.framing, "suggest_medium", lambda volume: counted.append(1) or found(volume)
-    )
+    found = api.suggest_medium
+    monkeypatch.setattr(api, "suggest_medium", lambda volume: counted.append(1) or found(volume))
     values = cube(boundary(0.5, (0.0, 1.0)), 24).array("a").copy()
     volume = vm.Volume(vm.CartesianGrid.uniform(24, (-1, 1)), a=values)
     first = vm.render(volume)

@@ -72,14 +72,14 @@ def letters(page):
 
 def test_letters_and_views_follow_the_patient(tab):
     view, page, volume = tab
-    assert letters(page) == ["L", "R", "S", "I"]
+    until(page, lambda: letters(page) == ["L", "R", "S", "I"])
     for key, name, seen in (
         ("L", "left", ["P", "A", "S", "I"]),
         ("S", "superior", ["R", "L", "A", "P"]),
         ("Y", "anterior", ["L", "R", "S", "I"]),  # the end of an axis has its letter
     ):
         press(view, page, key)
-        assert letters(page) == seen
+        until(page, lambda seen=seen: letters(page) == seen)
         camera, wanted = view.camera, view_angles(volume.meta, name)
         found = {angle: getattr(camera, angle) for angle in wanted}
         assert found == pytest.approx(wanted, abs=1e-6)

@@ -80,7 +80,7 @@ def test_tables_are_exact_where_they_are_linear():
         x += bow[:, None] * FINE * (FINE - 1)
         exact = 0.5 * sum(halves(np.interp(x, [0, 1, 2], [0, 3, 1])))
         places = [table.at(v) for v in arrays(ends)]
-        ((mean, told),) = table.bent_means(*places, Float64(bow) * table.unit)
+        ((mean, told),) = table.bent_means(*places, Float64(bow) * table.unit, None)
         wrong = np.abs(mean.numpy() - exact)
         if high < 1.0:
             np.testing.assert_allclose(mean.numpy(), exact, rtol=1e-6)
