@@ -385,7 +385,7 @@ class DoubleCone(_Solid):
         return np.asarray(beyond)
 
 
-# Traced: where rays are inside. Each stretch is a loop of its own in the kernel.
+# Traced: where rays are inside. Each stretch is another loop in the kernel.
 _TINY, _MOST = 1e-37, 8
 
 

@@ -27,7 +27,7 @@ _LARGEST = 1 << 16
 _EXACT = 1 << 53
 # Cells of a slab, whose numbers are counted at once.
 _AT_ONCE = 1 << 22
-# Of the cells that are no background so many have the same number as the next one.
+# So large a part of the cells beside the background has the same number as the next cell.
 _SAME = 0.5
 # Optical depth of a path length of opacity 1: a cell of a volume hides what is behind it.
 _OPAQUE = 100.0

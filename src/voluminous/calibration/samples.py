@@ -27,7 +27,7 @@ from ..volume import Volume
 BUDGET = 1 << 22
 # They are taken in so many batches: their temporary arrays take some tens of MiB.
 _BATCHES = 8
-# Threads that look at batches: each has such arrays.
+# Threads that measure batches: each has such arrays.
 _THREADS = 4
 # On trees consecutive cells are neighbours: of large trees many short runs are sampled, and a run
 # has many of them, since one is too short for more than one thread (four times as fast).

@@ -24,7 +24,7 @@ from .scanners.voxels import stem
 
 # Walls that differ by less, in cells, are the same: headers have few digits.
 _SAME = 0.01
-# Cells along each axis that are looked at to find whether volumes overlap.
+# Places along each axis at which volumes are compared to find whether they overlap.
 _FEW = 24
 
 
@@ -157,7 +157,7 @@ def _sides(volume: Volume) -> str:
 
 
 def _resampled(whole: Volume, other: Volume, name: str, nearest: bool, dtype: Any) -> np.ndarray:
-    """Return a field on another grid; outside of its own 0 if `nearest`, else NaN."""
+    """Return a field on another grid; outside of that 0 if `nearest`, else NaN."""
     from scipy.ndimage import map_coordinates
 
     values, middles = other.array(name), [0.5 * (e[1:] + e[:-1]) for e in whole.grid.edges]

@@ -96,7 +96,7 @@ def movie(
         annotations, are the same in all frames: by default those that suit the whole film.
     project : dict, optional
         Arguments of `project`, such as ``{"quantity": "density", "how": "max"}``: every frame is
-        this projection, and `medium` is not looked at. Grey without a colormap.
+        this projection, and `medium` does not count. Grey without a colormap.
     finish : callable, optional
         Makes another image of each before it is saved: ``lambda image: image.anaglyph()``. It
         is identified by its code and by all values that it reads, not by files that it opens.

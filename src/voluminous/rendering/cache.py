@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
 Made = TypeVar("Made")
-# Maximum bytes of a volume's cache, besides the entries that the current picture uses.
-LIMIT = 512 << 20
 # Minimum size counted for an entry; limits the number of small ones.
 _LEAST = 1 << 18
 # Memory left free for temporary arrays while the next entry is computed.
@@ -91,11 +89,11 @@ class VolumeStatistics:
 class Cache:
     """Access to `Volume.tables` for one picture.
 
-    The oldest entries are dropped where they exceed `LIMIT` bytes, or memory is short; those that
+    The oldest entries are dropped where they exceed `limit` bytes, or memory is short; those that
     this picture uses stay, and do not count.
     """
 
-    limit = LIMIT
+    limit = 512 << 20
 
     def __init__(self, volume: Volume) -> None:
         self.volume = volume
@@ -131,6 +129,12 @@ class Cache:
             return self.put(key, make())
         made: Made = self.get(key)
         return made
+
+    def crossed(self, key: Hashable, steps: float) -> float:
+        """Return how many cells the rays of all pictures with a key crossed; None: of this one."""
+        total: list[float] = self.get_or_make(key and ("crossed", key), lambda: [0.0])
+        total[0] += steps
+        return total[0]
 
     def measurements(self, *exprs: Expression) -> dict[Any, Any]:
         """Return the mutable cache of measurements of expressions, for the current fields."""

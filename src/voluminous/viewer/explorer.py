@@ -217,8 +217,9 @@ class Explorer:
         options = render_options(settings.get("render", {}))
         editing = time.monotonic() - self.edited_at < _EDITED
         how = projection(settings.get("project", {}))
-        how |= {"window": window_of(settings.get("image", {}))} if how else {}
-        return Shot(volume, medium, camera, options, wish, number, revision, table, editing, how)
+        window = window_of(settings.get("image", {}))
+        made = volume, medium, camera, options, wish, number, revision, table
+        return Shot(*made, editing, how, window)
 
     def changed(self, by: Client | None, *, moving: bool = False) -> None:
         """Tell all pages of the new document, and paint it."""

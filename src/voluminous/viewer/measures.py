@@ -32,7 +32,7 @@ _RAY_OPTIONS = ("scheme", "precision", "device", "clip")
 
 
 def check_measures(measures: Any) -> None:
-    """Refuse what is no list of measures."""
+    """Check a list of measures."""
     for k, one in enumerate(measures if isinstance(measures, list) else [measures, None]):
         good = isinstance(one, dict) and k < _MOST
         if good and one.get("kind") == "cells":

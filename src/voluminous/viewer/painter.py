@@ -83,7 +83,9 @@ class Shot:
     editing : bool
         The medium is being changed: what is only computed once per medium does not pay.
     projection : dict
-        Arguments of `project`, if the picture is no rendering, and the window that is shown.
+        Arguments of `project`, if the picture is no rendering.
+    window : (low, high), optional
+        Of the values of a projection, which the page shows.
     whole : Volume, optional
         Of which `volume` is at hand.
     """
@@ -98,6 +100,7 @@ class Shot:
     table: dict[str, Any]
     editing: bool = False
     projection: dict[str, Any] = field(default_factory=dict)
+    window: tuple[float, float] | None = None
     whole: Volume | None = None
 
     @property
@@ -117,9 +120,8 @@ class Shot:
 
     def projected(self, progress: Any) -> Image:
         """Return the projection."""
-        how = {key: value for key, value in self.projection.items() if key != "window"}
         options = {**self.options, "progress": progress}
-        return drawn(self.volume, self.drawn, self.camera, how, **options)
+        return drawn(self.volume, self.drawn, self.camera, self.projection, **options)
 
 
 class _GivenUp(Exception):
@@ -127,7 +129,7 @@ class _GivenUp(Exception):
 
 
 def at_hand(volume: Volume, most: int = _AT_HAND) -> Volume:
-    """Return what quick answers look at: of a large volume a level of its file, or a sample."""
+    """Return the cells of quick answers: of a large volume a level of its file, or a sample."""
     if volume.grid.size <= most:
         return volume
     level = measurable(volume) if volume.waiting else volume
@@ -577,7 +579,7 @@ def _coded(shot: Shot, intensity: np.ndarray, exact: bool) -> tuple[dict[str, An
     if exact:
         more, payload = float16(intensity, missing=-np.inf)
     else:
-        more, payload = linear_jpeg(intensity, shot.projection["window"])
+        more, payload = linear_jpeg(intensity, shot.window)
     return head | more, payload
 
 

@@ -114,9 +114,8 @@ def ask_probe(page: Client, message: Answer, progress: Progress) -> Answer:
 
 def _extreme(shot: Shot, x: int, y: int) -> list[float | None] | None:
     """Return the place of the cell that a pixel of a maximum or minimum shows; None beside all."""
-    how = {key: value for key, value in shot.projection.items() if key != "window"}
     volume = measured(shot.volume)
-    how |= {"clip": shot.options.get("clip"), "progress": False}
+    how = {**shot.projection, "clip": shot.options.get("clip"), "progress": False}
     both: Any = project(volume, camera=shot.camera, **how, depth=True)
     _, depth = both
     away = depth.intensity[y, x, 0]

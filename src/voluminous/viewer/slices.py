@@ -24,12 +24,12 @@ _KINDS: dict[str, Kind] = {
 _LENGTHS = {"at": 3, "window": 2}
 # Types of whole numbers, which are sent as they are.
 _WHOLE = ("u1", "<i2", "<u2")
-# Values that are looked at first: most that are no whole numbers are so among these.
+# Values compared first: where fractions occur, most often one is among these.
 _FIRST = 1000
 
 
 def check_slices(slices: Any) -> None:
-    """Refuse what is no description of the three panes.
+    """Check a description of the three panes.
 
     ``expr`` is shown, ``window`` (least and largest value) in a ``colormap``, at the point ``at``,
     with the field ``labels`` above; ``shown`` opens the panes.

@@ -288,10 +288,7 @@ def _wide_steps_pay(evaluator: CellEvaluator, cache: Cache, steps: float) -> boo
     medium, size = evaluator.medium, evaluator.grid.size
     if size <= FEW_CELLS or (own := medium.visible_key()) is None:
         return True
-    key = ("crossed", own, cache.statistics.digests(medium.names))
-    crossed: list[float] = cache.get_or_make(key, lambda: [0.0])
-    crossed[0] += steps
-    return bool(size <= crossed[0])
+    return bool(size <= cache.crossed((own, cache.statistics.digests(medium.names)), steps))
 
 
 def _most_paths(evaluator: CellEvaluator) -> float:

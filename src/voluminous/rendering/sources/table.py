@@ -351,11 +351,9 @@ def tabulated(
             return replace(found, channels=channels.reuse(found.channels))
     if crowded:
         return OnRay(evaluator.normalised())
-    if by_cell and not recorded and grid.size > FEW_CELLS:
-        crossed = cache.get_or_make(key and ("crossed", key), lambda: [0.0])
-        crossed[0] += steps
-        if grid.size > CELLS_PER_STEP * crossed[0]:
-            return on_ray()
+    large = by_cell and not recorded and grid.size > FEW_CELLS
+    if large and grid.size > CELLS_PER_STEP * cache.crossed(key, steps):
+        return on_ray()
     check_memory(needed + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
     evaluator = evaluator.normalised()
     table = cell_table(evaluator, 0, grid.size) if by_cell else vertex_table(evaluator)
