@@ -182,3 +182,17 @@ def test_no_module_switches_on_the_class_of_a_medium():
             found[name] = classes_switched_on(path) & names
     assert {name for name, switched in found.items() if switched} <= set(KNOW_SHAPES)
     assert not [path.name for path in source.rglob("*.py") if "singledispatch" in path.read_text()]
+
+
+def test_no_module_gives_a_name_twice():
+    """The second constant of a name would change what code above it reads."""
+    for path in (ROOT / "src/voluminous").rglob("*.py"):
+        names = []
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            targets += [node.target] if isinstance(node, ast.AnnAssign) else []
+            parts = [part for target in targets for part in ast.walk(target)]
+            names += [
+                p.id for p in parts if isinstance(p, ast.Name) and isinstance(p.ctx, ast.Store)
+            ]
+        assert not {name for name in names if names.count(name) > 1}, path

@@ -162,6 +162,18 @@ def test_plot_uses_pyplot_where_the_user_does():
     plt.close(figure)
 
 
+def test_a_scale_bar_is_within_the_picture():
+    centres = np.linspace(-1.0, 1.0, 11)
+    image = Image(np.eye(11), x=centres, y=centres, unit="pc")
+    axes = image.plot(scale_bar=True)
+    left, right, bottom, top = image.extent
+    (bar,) = (line for line in axes.lines if line.get_gid() == "scale-bar")
+    x, y = bar.get_data()
+    assert left < min(x) < max(x) < left + 0.5 * (right - left)
+    assert bottom < y[0] < bottom + 0.1 * (top - bottom)
+    assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx(image.extent)
+
+
 @pytest.mark.parametrize(
     ("width", "unit", "length", "text"),
     [(0.25, "pc", 0.05, "0.05 pc"), (4e17, "cm", 1e17, "$10^{17}$ cm"), (8.4, "", 2, "2")],

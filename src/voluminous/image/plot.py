@@ -157,7 +157,7 @@ def add_scale_bar(
 
 Extent = tuple[float, float, float, float]  # left, right, bottom, top
 
-_PANEL, _MARGIN = 1.9, 1.0  # inches
+_MAP, _AROUND = 1.9, 1.0  # inches
 # From a corner to the middle of the beam, in its width.
 _BESIDE = 0.7
 # North is up if a pixel to the right is so many pixels north, at most.
@@ -263,9 +263,9 @@ def _panels(cube: Cube, ax: Any) -> NDArray[Any]:
     columns = count if count <= _IN_A_ROW else math.ceil(math.sqrt(_FLAT * count))
     rows = -(-count // columns)
     left, right, bottom, top = cube.extent
-    height = _PANEL * min(3.0, max(1.0 / 3.0, abs((top - bottom) / (right - left))))
+    height = _MAP * min(3.0, max(1.0 / 3.0, abs((top - bottom) / (right - left))))
     figure = new_figure()
-    figure.set_size_inches(_PANEL * columns + 2 * _MARGIN, height * rows + _MARGIN)
+    figure.set_size_inches(_MAP * columns + 2 * _AROUND, height * rows + _AROUND)
     figure.get_layout_engine().set(wspace=0.0, hspace=0.0, w_pad=0.01, h_pad=0.01)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for spare in grid[count:]:
