@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+
 import numpy as np
 import pytest
 
@@ -173,3 +176,29 @@ def test_cutoff_is_a_transparency():
         # It stops within two cells, of optical depth 0.1, of where it is told to.
         left = 1 - 20 * image.intensity.item()
         assert cutoff * np.exp(-0.25) < left <= cutoff
+
+
+def test_pictures_of_two_threads_share_a_cache(monkeypatch):
+    """Each looks through the entries, and drops some, while the other does."""
+    monkeypatch.setattr(Cache, "limit", 1 << 27)
+    volume, failed, interval = core(shape=(3, 3, 3)), [], sys.getswitchinterval()
+
+    def draw(first):
+        try:
+            for k in range(600):
+                cache = Cache(volume)
+                assert cache.get_or_make(("kept", k % 7), lambda k=k: k % 7) == k % 7
+                cache.put(("small", first, k), k)
+        except BaseException as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=draw, args=(k,)) for k in range(3)]
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert not failed

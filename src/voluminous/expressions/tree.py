@@ -38,7 +38,6 @@ class Node:
         raise NotImplementedError
 
     def number(self, ops: Ops, fields: Fields) -> Value:
-        """Return the value as numbers: true is 1, false is 0."""
         return ops.number(self.evaluate(ops, fields))
 
     def mask(self, ops: Ops, fields: Fields) -> Value:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
 Made = TypeVar("Made")
+# Pictures that several threads draw of a volume share its tables.
+_TOGETHER = threading.Lock()
 # Minimum size counted for an entry; limits the number of small ones.
 _LEAST = 1 << 18
 # Memory left free for temporary arrays while the next entry is computed.
@@ -100,35 +103,38 @@ class Cache:
         self.statistics = VolumeStatistics(volume, self)
         self._used: set[Hashable] = set()
 
+    def _entry(self, key: Hashable) -> Any:
+        with _TOGETHER:
+            if (entry := self.volume.tables.get(key)) is not None:
+                self._used.add(key)
+                self.volume.tables.move_to_end(key)
+        return entry
+
     def get(self, key: Hashable) -> Any:
-        if key not in self.volume.tables:
-            return None
-        self._used.add(key)
-        self.volume.tables.move_to_end(key)
-        return self.volume.tables[key][0]
+        entry = self._entry(key)
+        return entry and entry[0]
 
     def put(self, key: Hashable, thing: Made) -> Made:
         """Add an entry; drop the oldest ones if necessary."""
-        tables = self.volume.tables
-        self._used.add(key)
-        tables[key] = thing, max(size_of(thing), _LEAST)
-        others = [(old, size) for old, (_, size) in tables.items() if old not in self._used]
-        total = sum(size for _, size in others)
-        for old, size in others:
-            if total <= self.limit and fits(SLABS):
-                break
-            del tables[old]
-            total -= size
+        tables, size = self.volume.tables, max(size_of(thing), _LEAST)
+        with _TOGETHER:
+            self._used.add(key)
+            tables[key] = thing, size
+            others = [(old, size) for old, (_, size) in tables.items() if old not in self._used]
+            total = sum(size for _, size in others)
+            for old, size in others:
+                if total <= self.limit and fits(SLABS):
+                    break
+                del tables[old]
+                total -= size
         return thing
 
     def get_or_make(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Return the entry of a key, computing it if necessary; always without a key (None)."""
         if key is None:
             return make()
-        if key not in self.volume.tables:
-            return self.put(key, make())
-        made: Made = self.get(key)
-        return made
+        entry = self._entry(key)
+        return self.put(key, make()) if entry is None else entry[0]
 
     def crossed(self, key: Hashable, steps: float) -> float:
         """Return how many cells the rays of all pictures with a key crossed; None: of this one."""

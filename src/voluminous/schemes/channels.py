@@ -294,7 +294,6 @@ class Channels:
     # --- pictures -------------------------------------------------------------------------------
 
     def intensity(self, emission: list[np.ndarray]) -> np.ndarray:
-        """Return the intensity (…, channel) from the integrated emissions."""
         return in_units_of(self.unit, channels_last(emission))
 
 
@@ -374,7 +373,6 @@ class Tolerance:
     weights: list[Float]
 
     def seen(self, factors: list[Float]) -> Tolerance:
-        """Return the tolerance with a factor on the brightness of each channel."""
         pairs = zip(self.weights, factors, strict=True) if self.weights else ()
         return replace(self, weights=[w * f for w, f in pairs] or factors)
 

@@ -188,7 +188,6 @@ class BrickRays:
         return dr.fma(brick, self.side, -self.lacking[axis])
 
     def cell(self, axis: int, brick: Int, t: Float) -> Int:
-        """Return the cell in a brick where the ray is at distance `t`."""
         low = self.wall(axis, brick)
         low, high = dr.select(low > 0.0, low, 0.0), low + (self.side - 1.0)
         high = lesser(high, self.lasts[axis])

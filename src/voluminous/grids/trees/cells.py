@@ -92,7 +92,6 @@ class TreeCells(LeafGrid):
 
     @property
     def cell_volumes(self) -> np.ndarray:
-        """Volumes of the cells, shape (n,)."""
         if all(is_uniform(e) for e in self.base_edges):  # a tenth of the time
             finest = np.ptp(self.bounds, axis=1) / self.extent
             volumes: np.ndarray = np.prod(finest * self.level_sizes, axis=1)[self.levels]
